@@ -124,4 +124,3 @@ def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | N
     turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
     reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
     return Shake(speed, np.sqrt(step * torque.sum(axis=0)), reversed_)
-

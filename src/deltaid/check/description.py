@@ -24,21 +24,17 @@ def checked_friction(robot: RobotDescription) -> Iterable[Verdict]:
         seen = f"described of {listed(robot.friction_joints)}"
         yield Verdict("friction-missing", Grade.GOOD, seen)
         return
-    laws = {drive: _law(robot, drive) for drive in missing}
-    changes = tuple(
-        (f"friction.{drive}.{key}", value)
-        for drive, law in laws.items()
-        for key, value in law.items()
-    )
+    laws = ((drive, *law) for drive in missing for law in _law(robot, drive).items())
+    changes = tuple((f"friction.{drive}.{key}", value) for drive, key, value in laws)
     yield Verdict(
         "friction-missing",
         Grade.DOUBTFUL,
         f"no friction is described of {listed(missing)}",
-        subject=listed(missing),
-        cause="left out of the description; a fit then puts the friction there is into masses and "
+        listed(missing),
+        "left out of the description; a fit then puts the friction there is into masses and "
         "inertias",
-        cure="describe it; its size is only a start, as the recording decides it",
-        proposals=(Proposal("robot", changes),),
+        "describe it; its size is only a start, as the recording decides it",
+        (Proposal("robot", changes),),
         number=float(len(missing)),
         unit="drives",
     )
@@ -47,33 +43,29 @@ def checked_friction(robot: RobotDescription) -> Iterable[Verdict]:
 def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
     """Whether limits are given, and what acts where they are not."""
     defaults = [key for key in _DEFAULTS if key not in robot.model_fields_set]
-    free = [
-        d for d in robot.drives if d not in robot.drive_limits or not robot.drive_limits[d].effort
-    ]
+    limits = robot.drive_limits
+    free = [drive for drive in robot.drives if drive not in limits or not limits[drive].effort]
     seen = [
         f"{key} is not given: {getattr(robot, key):g} {_DEFAULTS[key]} acts" for key in defaults
     ]
     if free:
         words = {robot.units(drive).effort for drive in free}
         seen.append(f"no {' or '.join(sorted(words))} limit of {listed(free)}")
-    if seen:
-        yield Verdict(
-            "limits-missing",
-            Grade.DOUBTFUL,
-            "; ".join(seen),
-            subject=listed(defaults + ["drive_limits"] * bool(free)),
-            cause="left out of the description",
-            cure="give what the machine may do before `deltaid excite` plans a motion: it goes to "
-            "the limits that it knows; identification does not depend on them",
-            number=float(len(seen)),
-            unit="limits",
-        )
+    if not seen:
+        speed, acceleration = robot.platform_speed, robot.platform_acceleration
+        words = f"platform {speed:g} m/s, {acceleration:g} m/s²; effort of all drives"
+        yield Verdict("limits-missing", Grade.GOOD, words)
         return
     yield Verdict(
         "limits-missing",
-        Grade.GOOD,
-        f"platform {robot.platform_speed:g} m/s, {robot.platform_acceleration:g} m/s²; effort of "
-        "all drives",
+        Grade.DOUBTFUL,
+        "; ".join(seen),
+        listed(defaults + ["drive_limits"] * bool(free)),
+        "left out of the description",
+        "give what the machine may do before `deltaid excite` plans a motion: it goes to the "
+        "limits that it knows; identification does not depend on them",
+        number=float(len(seen)),
+        unit="limits",
     )
 
 

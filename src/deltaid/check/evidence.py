@@ -30,12 +30,8 @@ _MOST = 1 << 18
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Consecutive rows as the mapping makes them, before any check.
-
-    Attributes:
-        time: s.
-        q, qd, qdd, tau: (rows, drives) in SI units; without columns where not recorded.
-    """
+    """Consecutive rows as the mapping makes them, before any check, in SI units; q̇, q̈ and τ are
+    without columns where not recorded."""
 
     time: Float[np.ndarray, " rows"]
     q: Float[np.ndarray, "rows drives"]
@@ -51,12 +47,9 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A robot and one recording of it.
+    """A robot as described and one recording of it, with its mapping as given.
 
     Attributes:
-        dynamics: of the robot as described.
-        table, columns: the log and what of it is what.
-        source, mapping: as given.
         settings: of the fit that verdicts on the fit rest on.
         made: that fit, where it has been made already.
     """
@@ -86,7 +79,16 @@ class Evidence:
         Raises:
             RecordingError: it cannot be read at all.
         """
-        return _rows(self.table, self.columns, _MOST)
+        columns, parts, held = self.columns, list[np.ndarray](), 0
+        for batch in read_batches(self.table, columns):
+            parts.append(batch.values[: _MOST - held])
+            held += len(parts[-1])
+            if held >= _MOST:
+                break
+        values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
+        counts = np.cumsum([len(columns.position), len(columns.velocity)])
+        q, qd, qdd = np.split(values[:, columns.motion_places], counts, axis=1)
+        return Rows(values[:, 0], q, qd, qdd, values[:, columns.torque_places])
 
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:
@@ -97,13 +99,9 @@ class Evidence:
     def _setup(self) -> Setup | RecordingError:
         """The recording, without the torques of what it is declared to hold."""
         try:
-            opened = open_recordings(
-                self.source,
-                self.kinematics,
-                self.mapping,
-                self.settings.cutoff,
-                keep_all=self.settings.keep_all,
-            )
+            keep, cutoff = self.settings.keep_all, self.settings.cutoff
+            where = self.source, self.kinematics, self.mapping
+            opened = open_recordings(*where, cutoff, keep_all=keep)
             return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
         except RecordingError as error:
             return error
@@ -164,21 +162,3 @@ def with_fit(
     if study is not None:
         vars(known).update(study=study)
     return known
-
-
-def changed(rows: Rows, **values: np.ndarray) -> Rows:
-    """The rows with some of them replaced."""
-    return replace(rows, **values)
-
-
-def _rows(table: Table, columns: Columns, most: int) -> Rows:
-    parts, held = [], 0
-    for batch in read_batches(table, columns):
-        parts.append(batch.values[: most - held])
-        held += len(parts[-1])
-        if held >= most:
-            break
-    values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
-    counts = [len(c) for c in (columns.position, columns.velocity, columns.acceleration)]
-    q, qd, qdd = np.split(values[:, columns.motion_places], np.cumsum(counts)[:2], axis=1)
-    return Rows(values[:, 0], q, qd, qdd, values[:, columns.torque_places])

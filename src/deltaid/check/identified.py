@@ -1,6 +1,6 @@
 """The identification between its checks: what is wrong is refused before, what is doubtful said."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,10 +11,8 @@ from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_rob
 from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
-from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
-from deltaid.model.corrections import Correction
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import KEYS, Grade, Verdict
 from deltaid.posterior.intervals import with_posterior_intervals
@@ -38,11 +36,8 @@ _EXPLAIN_A_FIT = {
 
 @dataclass(frozen=True, repr=False)
 class Judged(Identification):
-    """An identification with the verdicts that it began and ended with.
-
-    Attributes:
-        verdicts: as of `deltaid check` but for the workspace, good ones included.
-    """
+    """An identification with the verdicts that it began and ended with: those of `deltaid check`
+    but for the workspace, good ones included."""
 
     verdicts: Verdicts = field(default_factory=Verdicts)
 
@@ -118,12 +113,7 @@ def _judged(
     result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
     progress("judging what it tells")
     for one, said, recording in zip(opened, wired, result.recordings, strict=True):
-        said = _done(said, recording, result.model.corrections)
-        if any(one.kind == "gain" for one in result.model.corrections):
-            # The drives were off and not the sensor, and have been put right.
-            said = tuple(verdict for verdict in said if verdict.key != "sensor-gain")
-        kept = (v for v in said if not _mended(v, result.problem, recording, description))
-        found += named(one, kept, several=len(sources) > 1)
+        found += named(one, _still(said, recording, result, description), several=len(sources) > 1)
     found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
     poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_others(result, found)))
@@ -134,27 +124,27 @@ def _judged(
     return Judged(model, result.problem, result.recordings, result.studies, judged)
 
 
-def _mended(
-    verdict: Verdict, problem: FittedProblem, recording: Recording, described: RobotDescription
-) -> bool:
-    """Whether zeros and gravity, doubted before the fit, go with what it has put right."""
-    doubted = verdict.key == "homing-or-tilt" and verdict.grade is Grade.DOUBTFUL
-    return doubted and not still_seen(problem, recording, described)
-
-
-def _done(
-    said: Iterable[Verdict], recording: Recording, corrections: Iterable[Correction]
-) -> tuple[Verdict, ...]:
-    """Verdicts on a recording's columns, in other words where these have been left out since."""
-    log = recording.path.name
-    left = any(one.kind == "velocity" and one.log == log for one in corrections)
-    words = "which has been corrected: they are left out, and positions differentiated"
-    return tuple(
-        replace(one, grade=Grade.GOOD, seen=f"{one.seen}, {words}", cause="", cure="")
-        if left and one.key == "velocity" and one.grade is Grade.DOUBTFUL
-        else one
-        for one in said
-    )
+def _still(
+    said: Iterable[Verdict],
+    recording: Recording,
+    result: Identification,
+    described: RobotDescription,
+) -> Iterator[Verdict]:
+    """Verdicts on a recording's columns that still hold after the fit, or how they were met."""
+    corrections, log = result.model.corrections, recording.path.name
+    gains = any(one.kind == "gain" for one in corrections)
+    left_out = any(one.kind == "velocity" and one.log == log for one in corrections)
+    for one in said:
+        doubtful = one.grade is Grade.DOUBTFUL
+        if gains and one.key == "sensor-gain":
+            continue  # the drives were off and not the sensor, and have been put right
+        if left_out and doubtful and one.key == "velocity":
+            words = "which has been corrected: they are left out, and positions differentiated"
+            yield replace(one, grade=Grade.GOOD, seen=f"{one.seen}, {words}", cause="", cure="")
+        elif not (doubtful and one.key == "homing-or-tilt") or still_seen(
+            result.problem, recording, described
+        ):
+            yield one
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:
@@ -176,17 +166,7 @@ def _refuse(
     kind: type[DeltaidError],
     of: RobotDescription | Evidence,
 ) -> None:
-    """Refuse the first thing that is wrong.
-
-    Args:
-        found: verdicts.
-        where: what they are on.
-        kind: of error.
-        of: what they are on; its files get the lines that are proposed.
-
-    Raises:
-        DeltaidError: of that kind.
-    """
+    """Refuse the first thing that is wrong, with the lines that its files should get."""
     for verdict in found:
         if verdict.grade is Grade.WRONG:
             lines = "".join(_lines(verdict, file, of) for file in files_of([verdict]))

@@ -11,21 +11,23 @@ for both together: G adds up. The motion that leaves least open is the one to re
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.motions import Candidate, candidates
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
-from deltaid.estimation.base_parameters import BaseParameters, base_parameters
+from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information, merge
+from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed
+from deltaid.motion.random_motion import random_motion
 
 # A base parameter is identifiable when the recording leaves less than this share of the prior's
 # standard deviation open, and not identifiable when it leaves more than the other.
@@ -38,35 +40,57 @@ _SHOWN = 4
 _RESTING = 0.01
 # Noise of torques as a share of their largest.
 _USUAL_NOISE = 0.02
+# Samples and period [s] of motions that a recording is compared with, how much slower the slow one
+# is, and random motions that together are what is usual.
+_SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """Standard deviations of the base parameters, as shares of what the prior leaves open.
+class _Motion:
+    """A motion within a robot's limits.
 
     Attributes:
-        base: the base parameters of a generic motion.
-        recorded: after the recording alone.
-        usual: after a usual motion within limits, of as many samples and the same noise.
-        together: after the recording and each candidate, of as many samples again.
-        motions: the candidates, in that order.
+        words: what to record, as a cure says it.
+        information: what it tells, without torques.
+        ranges: of the drive coordinates along it [rad or m].
+        largest: torque of each drive, by the prior [N m or N].
     """
 
-    base: BaseParameters
+    words: str
+    information: Information
+    ranges: Float[np.ndarray, " dof"]
+    largest: Float[np.ndarray, " dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """Standard deviations of the base parameters of a generic motion, as shares of what the prior
+    leaves open.
+
+    Attributes:
+        names: the parameters that stand for the groups.
+        recorded: after the recording alone.
+        usual: after a usual motion within limits, of as many samples and the same noise.
+        best: words of the motion that narrows each most together with the recording.
+    """
+
+    names: tuple[str, ...]
     recorded: Float[np.ndarray, " base"]
     usual: Float[np.ndarray, " base"]
-    together: Float[np.ndarray, "candidates base"]
-    motions: tuple[Candidate, ...]
+    best: tuple[str, ...]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters that stand for the groups."""
-        layout = self.base.layout
-        return tuple(layout.names[group.representative] for group in self.base.groups)
+    def named(self, which: Int[np.ndarray, " some"]) -> str:
+        """The first of some parameters, and how many more there are."""
+        more = f" and {len(which) - _SHOWN} more" if len(which) > _SHOWN else ""
+        return ", ".join(self.names[k] for k in which[:_SHOWN]) + more
 
-    def best(self, k: int) -> Candidate:
-        """The motion that narrows base parameter k most."""
-        return self.motions[int(np.argmin(self.together[:, k]))]
+    def cure(self, which: Int[np.ndarray, " some"]) -> str:
+        """What to record, most asked for first."""
+        asked = [self.best[k] for k in which]
+        order = sorted(dict.fromkeys(asked), key=lambda words: -asked.count(words))
+        own = [which[[one == words for one in asked]] for words in order[:2]]
+        texts = [f"{words} (shows {self.named(k)})" for words, k in zip(order, own, strict=False)]
+        return "also record " + "; and ".join(texts)
 
 
 def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -99,7 +123,7 @@ def judged_information(
         moved: how far each drive goes in each of them [rad or m].
     """
     try:
-        told, still = told_by(dynamics, information), _still(dynamics, np.max(moved, axis=0))
+        motions = _motions(dynamics)
     except KinematicsError as error:
         cannot = Verdict(
             "base-parameters",
@@ -109,129 +133,32 @@ def judged_information(
             cure=error.cure,
         )
         return (cannot,)
+    told = _told_by(dynamics, information, motions)
+    rests = (np.max(moved, axis=0) < _RESTING * motions[0].ranges).tolist()
+    still = [drive for drive, is_so in zip(dynamics.robot.drives, rests, strict=True) if is_so]
     return _parameters(told), _excitation(told, still)
 
 
-def told_by(dynamics: Dynamics, information: Information) -> Told:
+def _told_by(dynamics: Dynamics, information: Information, motions: Sequence[_Motion]) -> _Told:
     """How certain the base parameters are after a recording, and would be after other motions, by
-    torques alone.
-
-    Raises:
-        KinematicsError: the description's limits leave no room for a motion.
-    """
-    motions, information = candidates(dynamics), information.of_drives
-    usual = motions[0].information
-    base = base_parameters(merge([one.information for one in motions]), dynamics.layout)
+    torques alone."""
+    information, usual = information.of_drives, motions[0]
+    base = base_parameters(merge([motion.information for motion in motions]), dynamics.layout)
     representatives = [group.representative for group in base.groups]
-    scale = _left_open(base)
-    weights = _weights(information, motions[0].largest)
+    prior = np.array([parameter.std for parameter in base.layout.parameters])
+    scale = np.linalg.norm(base.combination() * prior, axis=1)
+    weights = _weights(information, usual.largest)
     samples = np.where(information.samples > 0, information.samples, information.mean_samples)
 
     def factor(of: Information) -> Float[np.ndarray, "rows base"]:
         share = samples / np.where(of.samples > 0, of.samples, samples)
-        at = np.searchsorted(of.columns, representatives)
-        return of.weighted(weights * share)[:, at] * scale
+        columns = np.searchsorted(of.columns, representatives)
+        return of.weighted(weights * share)[:, columns] * scale
 
-    own = factor(information)
-    return Told(
-        base,
-        _stds(own),
-        _stds(factor(usual)),
-        np.array([_stds(np.vstack([own, factor(one.information)])) for one in motions]),
-        motions,
-    )
-
-
-def _parameters(told: Told) -> Verdict:
-    """Which base parameters the recording tells, and which motion would show the others."""
-    share = told.recorded
-    weak = np.flatnonzero((share > _WELL) & (share <= _NOT))
-    hidden = np.flatnonzero(share > _NOT)
-    missed = [k for k in np.flatnonzero(share > _WELL) if told.usual[k] < 0.5 * _WELL]
-    well = len(share) - len(weak) - len(hidden)
-    seen = f"{well} of {len(share)} are identifiable"
-    for words, which in (("weak", weak), ("not identifiable", hidden)):
-        if which.size:
-            seen += f"; {words}: {_named(told, which)}"
-    lost = [k for k in missed if share[k] > _NOT]
-    if not lost:
-        if not missed and len(share) > well:
-            seen += "; no motion within the limits shows them much better"
-        number = float(well)
-        return Verdict("base-parameters", Grade.GOOD, seen, number=number, unit="base parameters")
-    return Verdict(
-        "base-parameters",
-        Grade.DOUBTFUL,
-        seen,
-        subject=told.names[lost[0]],
-        cause="the recorded motion does not move what they act on, or not fast enough",
-        cure=_cure(told, np.array(lost)),
-        number=float(well),
-        unit="base parameters",
-    )
-
-
-def _excitation(told: Told, still: tuple[str, ...]) -> Verdict:
-    """Whether the motion is as informative as the robot's limits allow."""
-    ratio = told.recorded / told.usual
-    poor = float(np.quantile(ratio, 0.75, method="higher"))
-    typical = float(np.median(ratio))
-    if still:
-        moves = "moves" if len(still) == 1 else "move"
-        return Verdict(
-            "excitation",
-            Grade.DOUBTFUL,
-            f"{listed(still)} hardly {moves} in what is recorded",
-            subject=listed(still),
-            cause="a motion of single drives, or none",
-            cure="record a motion of all drives, such as `deltaid excite` plans",
-            number=float(len(still)),
-            unit="drives",
-        )
-    if poor <= _POOR:
-        return Verdict(
-            "excitation",
-            Grade.GOOD,
-            f"standard deviations are {typical:.2g} times those of a usual motion within limits",
-            number=poor,
-            unit="times less certain",
-        )
-    k = np.flatnonzero(ratio >= poor)
-    return Verdict(
-        "excitation",
-        Grade.DOUBTFUL,
-        f"a quarter of the base parameters are at least {poor:.2g} times less certain than after a "
-        f"motion of the same length that uses the limits",
-        subject=_named(told, k),
-        cause="the motion is slow, or uses little of the workspace",
-        cure=_cure(told, k),
-        number=poor,
-        unit="times less certain",
-    )
-
-
-def _cure(told: Told, which: np.ndarray) -> str:
-    """What to record, most asked for first."""
-    asked = [told.best(int(k)).words for k in which]
-    order = sorted(dict.fromkeys(asked), key=lambda words: -asked.count(words))
-    texts = []
-    for words in order[:2]:
-        own = [told.names[k] for k, one in zip(which, asked, strict=True) if one == words]
-        more = f" and {len(own) - _SHOWN} more" if len(own) > _SHOWN else ""
-        texts.append(f"{words} (shows {', '.join(own[:_SHOWN])}{more})")
-    return "also record " + "; and ".join(texts)
-
-
-def _named(told: Told, which: np.ndarray) -> str:
-    names = [told.names[int(k)] for k in which]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
-
-
-def _left_open(base: BaseParameters) -> Float[np.ndarray, " base"]:
-    """Standard deviation of each base parameter by the prior alone."""
-    prior = np.array([parameter.std for parameter in base.layout.parameters])
-    return np.linalg.norm(base.combination() * prior, axis=1)
+    own, others = factor(information), [factor(motion.information) for motion in motions]
+    together = np.argmin([_stds(np.vstack([own, other])) for other in others], axis=0)
+    names = tuple(base.layout.names[k] for k in representatives)
+    return _Told(names, _stds(own), _stds(others[0]), tuple(motions[k].words for k in together))
 
 
 def _weights(
@@ -241,15 +168,13 @@ def _weights(
 
     Of a drive that rests nothing is known; it gets a usual share of its usual torque.
     """
-    found = []
-    for i in range(len(information.factors)):
-        samples, largest = information.samples[i], information.torque_max[i]
-        if not samples or not largest:
-            found.append((_USUAL_NOISE * max(float(usual[i]), np.finfo(float).tiny)) ** -2.0)
-            continue
-        rms = np.linalg.norm(information.problem_of(i).residual) / np.sqrt(samples)
-        found.append(max(float(rms), NOISE_FLOOR * largest) ** -2.0)
-    return np.array(found)
+    noise = _USUAL_NOISE * np.maximum(usual, np.finfo(float).tiny)
+    known = zip(information.samples, information.torque_max, strict=True)
+    for i, (samples, largest) in enumerate(known):
+        if samples and largest:
+            rms = np.linalg.norm(information.problem_of(i).residual) / np.sqrt(samples)
+            noise[i] = max(float(rms), NOISE_FLOOR * largest)
+    return noise**-2.0
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
@@ -258,8 +183,95 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
     return np.linalg.norm(Vt.T / s, axis=1)
 
 
-def _still(dynamics: Dynamics, moved: Float[np.ndarray, " drives"]) -> tuple[str, ...]:
-    """Drives that hardly move, beside what a usual motion does."""
-    usual = np.ptp(candidates(dynamics)[0].q, axis=0)
-    near = (moved < _RESTING * usual).tolist()
-    return tuple(drive for drive, still in zip(dynamics.robot.drives, near, strict=True) if still)
+def _parameters(told: _Told) -> Verdict:
+    """Which base parameters the recording tells, and which motion would show the others."""
+    share, key, unit = told.recorded, "base-parameters", "base parameters"
+    weak, hidden = (share > _WELL) & (share <= _NOT), share > _NOT
+    well = int(np.sum(~weak & ~hidden))
+    seen = f"{well} of {len(share)} are identifiable"
+    for words, which in (("weak", weak), ("not identifiable", hidden)):
+        if which.any():
+            seen += f"; {words}: {told.named(np.flatnonzero(which))}"
+    missed = (share > _WELL) & (told.usual < 0.5 * _WELL)
+    lost = np.flatnonzero(missed & hidden)
+    if not lost.size:
+        if not missed.any() and len(share) > well:
+            seen += "; no motion within the limits shows them much better"
+        return Verdict(key, Grade.GOOD, seen, number=float(well), unit=unit)
+    return Verdict(
+        key,
+        Grade.DOUBTFUL,
+        seen,
+        told.names[lost[0]],
+        "the recorded motion does not move what they act on, or not fast enough",
+        told.cure(lost),
+        number=float(well),
+        unit=unit,
+    )
+
+
+def _excitation(told: _Told, still: Sequence[str]) -> Verdict:
+    """Whether the motion is as informative as the robot's limits allow."""
+    ratio, key, unit = told.recorded / told.usual, "excitation", "times less certain"
+    poor = float(np.quantile(ratio, 0.75, method="higher"))
+    if still:
+        return Verdict(
+            key,
+            Grade.DOUBTFUL,
+            f"{listed(still)} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded",
+            listed(still),
+            "a motion of single drives, or none",
+            "record a motion of all drives, such as `deltaid excite` plans",
+            number=float(len(still)),
+            unit="drives",
+        )
+    if poor <= _POOR:
+        typical = float(np.median(ratio))
+        seen = f"standard deviations are {typical:.2g} times those of a usual motion within limits"
+        return Verdict(key, Grade.GOOD, seen, number=poor, unit=unit)
+    weak = np.flatnonzero(ratio >= poor)
+    return Verdict(
+        key,
+        Grade.DOUBTFUL,
+        f"a quarter of the base parameters are at least {poor:.2g} times less certain than after a "
+        "motion of the same length that uses the limits",
+        told.named(weak),
+        "the motion is slow, or uses little of the workspace",
+        told.cure(weak),
+        number=poor,
+        unit=unit,
+    )
+
+
+@lru_cache(maxsize=8)
+def _motions(dynamics: Dynamics) -> tuple[_Motion, ...]:
+    """The usual motion of all coordinates, as fast as limits allow; then special ones.
+
+    Raises:
+        KinematicsError: the description's limits leave no room for a motion.
+    """
+    task, kinematics, every = dynamics.robot.task, dynamics.kinematics, range(dynamics.dof)
+    rng, time = np.random.default_rng(0), np.linspace(0.0, _PERIOD, _SAMPLES)
+    runs = [random_motion(kinematics, rng, period=_PERIOD) for _ in range(_USUAL)]
+    states = [run.evaluate(time) for run in runs]
+    z, zd, zdd = (np.concatenate(parts) for parts in zip(*states, strict=True))
+
+    def only(words: str, chosen: Sequence[int], pace: float = 1.0) -> _Motion:
+        """Some of the coordinates move, the others rest in the middle."""
+        moving = np.isin(every, chosen)
+        place = np.where(moving, z, kinematics.home)
+        q, qd, qdd = kinematics.drive_motion(place, zd * moving * pace, zdd * moving * pace**2)
+        tau = dynamics.torque(place, qd, qdd, prior_parameters(dynamics.robot))
+        information = gather_samples(dynamics, place, qd, qdd, tau)
+        return _Motion(words, information, np.ptp(q, axis=0), np.abs(tau).max(axis=0))
+
+    found = [
+        only("motions of all drives as fast as the limits allow", every),
+        only("a slow motion through poses all over the workspace", every, 1 / _SLOWER),
+    ]
+    if len(task.axes) > 1:
+        names = "fast strokes along x", "fast strokes along y", "fast strokes up and down"
+        found += [only(names[axis], [k]) for k, axis in enumerate(task.axes)]
+    if task.turn is not None and task.axes:
+        found.append(only("fast turns of the tool while the platform rests", [task.turn]))
+    return tuple(found)

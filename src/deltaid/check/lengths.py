@@ -4,7 +4,7 @@ Works on the plain data of a description, because most robots in millimetres are
 description may be, and so are refused when their file is loaded.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from deltaid.model.verdict import Grade, Proposal, Verdict
@@ -13,7 +13,6 @@ from deltaid.model.verdict import Grade, Proposal, Verdict
 _GIANT, _DWARF = 10.0, 0.005
 # No part of a robot is so many times as long as a limb, none that counts so many times shorter.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
-_MILLI = 1e-3
 
 # Keys of lengths, by the part of the description that holds them; '' is a shape of a body.
 _LIMBS = (
@@ -27,9 +26,7 @@ _OTHERS = {
 }
 _SHAPE = ("length", "outer_radius", "inner_radius", "centre")
 
-# Path and number; and the factor that mends it.
-Length = tuple[str, float]
-Wrong = tuple[str, float, float]
+Length = tuple[str, float]  # path and number
 
 
 def checked_lengths(data: dict[str, Any]) -> Verdict:
@@ -43,38 +40,32 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     groups = [group for group in _groups(data) if _longest(group) > 0]
     space = _numbers(data.get("workspace"), _OTHERS["workspace"], "workspace")
     size = _limb(limbs) or _longest(space)  # a mechanism of the user's own names no limbs
-    groups += [[one] for one in limbs]
-    if size < _DWARF:
-        size /= _MILLI
-        return _verdict(_scaled(groups, 1 / _MILLI, lambda most: most < size / _SMALL), size)
-    size *= _MILLI if size > _GIANT else 1.0
-    return _verdict(_scaled(groups, _MILLI, lambda most: most > _OUT_OF_SCALE * size), size)
-
-
-def _scaled(
-    groups: list[list[Length]], factor: float, wrong: Callable[[float], bool]
-) -> list[Wrong]:
-    """All numbers, with their cure, of the groups whose longest one is wrong."""
-    found = [group for group in groups if wrong(_longest(group))]
-    return [(path, value, factor) for group in found for path, value in group]
-
-
-def _verdict(wrong: list[Wrong], size: float) -> Verdict:
+    groups += [[length] for length in limbs]
+    small = size < _DWARF
+    factor, unit = 1e-3, "in millimetres"
+    if small:
+        factor, unit = 1e3, "divided by 1000 once too often"
+    size *= factor if small or size > _GIANT else 1.0
+    wrong = [
+        length
+        for group in groups
+        if (_longest(group) < size / _SMALL if small else _longest(group) > _OUT_OF_SCALE * size)
+        for length in group
+    ]
     if not wrong:
         seen = f"limbs of {size:.3g} m; all lengths go with it"
         return Verdict("millimetres", Grade.GOOD, seen, number=size, unit="m")
-    path, value, factor = max(wrong, key=lambda one: abs(one[1]))
+    path, value = max(wrong, key=lambda length: abs(length[1]))
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-    unit = "in millimetres" if factor < 1 else "divided by 1000 once too often"
-    changes = tuple((place, float(f"{x * by:.12g}")) for place, x, by in wrong if x)
+    changes = tuple((place, float(f"{x * factor:.12g}")) for place, x in wrong if x)
     return Verdict(
         "millimetres",
         Grade.WRONG,
         f"{path} is {value:g} m{others}, where limbs of about {size:.3g} m are likely",
-        subject=path.partition(".")[0],
-        cause=f"lengths {unit}; those of a description are in metres",
-        cure=f"multiply these lengths by {factor:g}",
-        proposals=(Proposal("robot", changes),),
+        path.partition(".")[0],
+        f"lengths {unit}; those of a description are in metres",
+        f"multiply these lengths by {factor:g}",
+        (Proposal("robot", changes),),
         number=abs(value),
         unit="m",
     )

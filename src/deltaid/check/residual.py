@@ -11,10 +11,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.resonance import resonances
-from deltaid.check.spectra import bandwidth
-from deltaid.check.torque_lag import lag_verdicts
-from deltaid.check.unexplained import largest_torques, longest, unexplained, white_share
+from deltaid.check.resonance import largest_torques, resonance, white_share
+from deltaid.check.torque_lag import lag_verdict
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import Effect
@@ -40,36 +38,20 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     if study is None or isinstance(recording, RecordingError):
         return
     added = () if evidence.made is None else evidence.made.additions
-    yield from lag_verdicts(
-        study, unknown=any(isinstance(one, UnknownLag) and one.is_of(recording) for one in added)
-    )
-    ringing = tuple(_of_resonance(study))
-    yield from ringing
-    rings = any(v.grade is not Grade.GOOD for v in ringing)
-    yield from _of_effects(study, recording, rings=rings)
-
-
-def _of_resonance(study: Study) -> Iterator[Verdict]:
-    trace = study.fit.trace
-    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
-    return resonances(
-        unexplained(study), rate, bandwidth(q, rate), largest_torques(study), study.fit.drives
-    )
-
-
-def _of_effects(study: Study, recording: Recording, *, rings: bool) -> Iterator[Verdict]:
-    """The causes that count; where there is none, whether more is left than noise.
-
-    Args:
-        recording: what was looked at.
-        rings: whether a resonance explains what is left.
-    """
+    unknown = any(isinstance(one, UnknownLag) and one.is_of(recording) for one in added)
+    yield lag_verdict(study, unknown=unknown)
+    ringing = resonance(study)
+    yield ringing
     causes, effects = causes_of(study.fit, study.account), {one.kind: one for one in EFFECTS}
     for cause in causes:
         if effects[cause.kind].is_described:
             yield _verdict(effects[cause.kind], cause, recording)
-    if causes:
-        return
+    if not causes:
+        yield _rest(study, rings=ringing.grade is not Grade.GOOD)
+
+
+def _rest(study: Study, *, rings: bool) -> Verdict:
+    """Whether more is left than noise where no cause counts, and no resonance explains it."""
     left = study.fit.rows.of_drives(study.account.left)
     rms = np.sqrt(np.mean(left**2, axis=1))
     noise, largest = white_share(study), largest_torques(study)
@@ -78,23 +60,22 @@ def _of_effects(study: Study, recording: Recording, *, rings: bool) -> Iterator[
     number, drive = float(times[worst]), study.fit.drives[worst]
     if rings or number < _FAR or rms[worst] < _SEEN * largest[worst]:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
-        yield Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
-        return
+        return Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
     short = np.sort(left[worst] ** 2)[-max(len(left[worst]) // 10, 1) :].sum()
-    bursts = short > _BURSTS * np.sum(left[worst] ** 2)
-    yield Verdict(
+    words = "and it follows neither speed, place, time nor load"
+    cause = "something that the model has no words for, such as compliance, backlash or cables"
+    cure = "; check play and stiffness of the gears"
+    if short > _BURSTS * np.sum(left[worst] ** 2):
+        words, cure = "in short bursts", ", and leave out what was no free motion"
+        cause = "knocks: contact with something, backlash that closes, or stops"
+    return Verdict(
         "residual",
         Grade.DOUBTFUL,
         f"the fit leaves {number:.3g} times the noise of {drive}'s torque, "
-        f"{percent(rms[worst] / largest[worst])} of its largest, "
-        + ("in short bursts" if bursts else "and it follows neither speed, place, time nor load"),
-        subject=drive,
-        cause="knocks: contact with something, backlash that closes, or stops"
-        if bursts
-        else "something that the model has no words for, such as compliance, backlash or cables",
-        cure="look at the residual over time in the report, and leave out what was no free motion"
-        if bursts
-        else "look at the residual over time in the report; check play and stiffness of the gears",
+        f"{percent(rms[worst] / largest[worst])} of its largest, {words}",
+        drive,
+        cause,
+        f"look at the residual over time in the report{cure}",
         number=number,
         unit="times the noise",
     )

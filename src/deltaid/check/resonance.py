@@ -1,13 +1,13 @@
 """A structure that rings: a narrow line in the spectrum of what the model leaves of the torques."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.spectra import density
+from deltaid.check.spectra import bandwidth, density, white_noise
+from deltaid.identification.study import Study
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
+from deltaid.recording.windows import Samples
 
 # Lines are looked for above so many times the motion's fastest part, and above so many Hz: below,
 # what a model lacks has lines of its own.
@@ -19,72 +19,73 @@ _STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
 _SECONDS, _SEGMENTS = 2.0, 6
 
 
-def resonances(
-    left: Float[np.ndarray, "rows dof"],
-    rate: float,
-    fastest: float,
-    largest: Float[np.ndarray, " dof"],
-    drives: tuple[str, ...],
-) -> Iterator[Verdict]:
-    """The highest line of all drives; drives that show it are named.
+def largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
+    """Of the model, each drive's."""
+    return np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
 
-    Args:
-        left: torques less those of the model, at the full rate.
-        rate: Hz.
-        fastest: of the motion [Hz].
-        largest: torque of each drive.
-        drives: their names.
-    """
+
+def white_share(study: Study) -> Float[np.ndarray, " dof"]:
+    """What white noise of the torques would leave after the filter."""
+    low_pass = study.fit.trace.low_pass
+    return white_noise(_unexplained(study), low_pass.rate) * low_pass.noise_gain
+
+
+def _longest(study: Study) -> Samples:
+    """The longest stretch without a gap."""
+    return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
+
+
+def _unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
+    """Torques less those of the model, of this stretch, nothing put back or filtered."""
+    w, dynamics = _longest(study), study.fit.trace.dynamics
+    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
+    return np.where(w.weights > 0, left, 0.0)
+
+
+def resonance(study: Study) -> Verdict:
+    """The highest line of all drives; drives that show it are named."""
+    trace, drives, left = study.fit.trace, study.fit.drives, _unexplained(study)
+    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(_longest(study).z)
     length = int(min(_SECONDS * rate, 2 * len(left) / (_SEGMENTS + 1)))
     frequency, power = density(left, rate, max(length, 16))
-    lines = [_line(frequency, p, max(_ABOVE * fastest, _LOWEST)) for p in power.T]
-    shares = [
-        np.sqrt(line[1]) / top if line else 0.0 for line, top in zip(lines, largest, strict=True)
-    ]
+    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
+    lines = np.array([_line(frequency, own, lowest) for own in power.T])
+    shares = np.sqrt(lines[:, 1]) / largest_torques(study)
     k = int(np.argmax(shares))
-    line = lines[k]
-    if line is None or shares[k] < _LEAST:
-        yield Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
-        return
-    same = [
-        i
-        for i, other in enumerate(lines)
-        if other and shares[i] >= _LEAST and abs(other[0] / line[0] - 1) < _NARROW
-    ]
-    yield Verdict(
+    if shares[k] < _LEAST:
+        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
+    at = float(lines[k, 0])
+    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / at - 1) < _NARROW)
+    return Verdict(
         "resonance",
         Grade.DOUBTFUL,
-        f"a line at {line[0]:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
-        subject=listed([drives[i] for i in same]) if len(same) < len(drives) else "",
-        cause="struts, gears or frame ring there, or the drive's control loop does",
-        cure="excite less near it and take a --cutoff below it; look for play and loose screws, or "
+        f"a line at {at:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
+        "" if same.all() else listed([drives[i] for i in np.flatnonzero(same)]),
+        "struts, gears or frame ring there, or the drive's control loop does",
+        "excite less near it and take a --cutoff below it; look for play and loose screws, or "
         "lower the gain of the control loop",
-        number=float(line[0]),
+        number=at,
         unit="Hz",
     )
 
 
 def _line(
     frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
-) -> tuple[float, float] | None:
-    """Frequency and power of the line that stands out most; None if none does."""
+) -> tuple[float, float]:
+    """Frequency and power of the line that stands out most; zeros if none does."""
     inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
     peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
     for i in peaks[np.argsort(-power[peaks])]:
         near = np.abs(frequency / frequency[i] - 1) < _NEAR
-        level = _median(power[near])
+        x = power[near]
+        middle = [(len(x) - 1) // 2, len(x) // 2]  # of np.median, whose checks take longer
+        level = float(np.partition(x, middle)[middle].mean())
         if power[i] < max(_STANDS * level, 1e-300):
             continue
-        high = np.flatnonzero(near & (power > 0.5 * power[i]))
-        if frequency[high[-1]] - frequency[high[0]] > _NARROW * frequency[i] + 2 * frequency[1]:
+        high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
+        if frequency[high[-1]] - frequency[high[0]] > wide + 2 * frequency[1]:
             continue
-        band = np.abs(frequency - frequency[i]) <= 0.5 * _NARROW * frequency[i] + 2 * frequency[1]
+        band = np.abs(frequency - frequency[i]) <= 0.5 * wide + 2 * frequency[1]
         total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
         return float(frequency[i]), total
-    return None
-
-
-def _median(x: Float[np.ndarray, " values"]) -> float:
-    """`np.median` of some finite values, whose checks take longer than its work."""
-    middle = [(len(x) - 1) // 2, len(x) // 2]
-    return float(np.partition(x, middle)[middle].mean())
+    return 0.0, 0.0

@@ -2,20 +2,17 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.check.closed_loop import checked_feedback
 from deltaid.check.description import checked_friction, checked_limits
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
-from deltaid.check.measured import checked_measured
 from deltaid.check.mended import in_metres
-from deltaid.check.priors import checked_priors
+from deltaid.check.priors import checked_measured, checked_priors
 from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
@@ -27,37 +24,27 @@ from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.estimation.information import Information, merge
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
-from deltaid.progress import Progress, Watch, watched
-from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
-from deltaid.recording.memory import Recording, RecordingLike, as_sources
+from deltaid.progress import Watch, watched
+from deltaid.recording.mapping import ColumnMappings, mapping_each
+from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
 Needs = Literal["rows", "survey", "fit"]
 OfRobot = Callable[[RobotDescription], Iterable[Verdict]]
 OfRecording = Callable[[Evidence], Iterable[Verdict]]
-Told = tuple[Information, Float[np.ndarray, " drives"]]  # and how far each drive goes
 
 
 @dataclass(frozen=True)
 class Family:
-    """Checks of one sort on one recording.
-
-    Attributes:
-        check: gives a verdict for whatever it looked at, a good one too.
-        first: whether `identify` asks it before it fits, and refuses what it calls wrong; what
-            others say of a fit is said beside it.
-        needs: 'rows' looks at data whatever is wrong with it; 'survey' is asked of recordings that
-            can be computed with and in which nothing has been found wrong; 'fit' if there also is
-            a fit.
-        alone: whether it judges each of several recordings; if not, one may tell what another
-            leaves open, and they are judged together.
-    """
+    """Checks of one sort on one recording, with a verdict for whatever they looked at."""
 
     check: OfRecording
-    first: bool = False
+    first: bool = False  # whether `identify` refuses what it calls wrong, before it fits
+    # 'rows': whatever is wrong with the data; 'survey': of recordings that can be computed with and
+    # in which nothing has been found wrong; 'fit': if there also is one.
     needs: Needs = "rows"
-    alone: bool = True
+    alone: bool = True  # else one recording may tell what another leaves open: judged together
 
 
 # One entry a family, in the order of the table of verdicts.
@@ -115,36 +102,23 @@ def verdicts(
             if (verdict := in_metres(robot)) is None:
                 raise
             return Verdicts((verdict,))
-        sources = as_sources(logs)
-        mappings = mapping_each(columns, len(sources))
-        found = _verdicts(description, sources, mappings, settings_of(settings), say)
+        sources, found = as_sources(logs), list(of_robot(description))
+        mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings)
+        known, moved, several = list[Information](), list[np.ndarray](), len(sources) > 1
+        families = [family for family in OF_RECORDING if family.alone or not several]
+        for source, mapping in zip(sources, mappings, strict=True):
+            say(f"checking {source}")
+            one = evidence(description, source, mapping, fitting)
+            _ = one.rows  # what cannot be read at all is an error and no verdict
+            said = of_recording(one, families)
+            found += named(one, said, several=several)
+            if several and worst(said) is not Grade.WRONG and (told := information_of(one)):
+                known.append(told)
+                moved.append(one.moved)
+        if several and len(known) == len(sources):
+            say("checking what they tell together")
+            found += judged_information(compiled(description), merge(known), moved)
         return Verdicts(found, description, sources, mappings)
-
-
-def _verdicts(
-    description: RobotDescription,
-    sources: Sequence[Path | Recording],
-    mappings: Sequence[ColumnMapping | None],
-    settings: Settings,
-    progress: Progress,
-) -> Sequence[Verdict]:
-    """On a description and on recordings that are there."""
-    found = list(of_robot(description))
-    told, several = list[Told](), len(sources) > 1
-    families = [family for family in OF_RECORDING if family.alone or not several]
-    for source, mapping in zip(sources, mappings, strict=True):
-        progress(f"checking {source}")
-        one = evidence(description, source, mapping, settings)
-        _ = one.rows  # what cannot be read at all is an error and no verdict
-        said = of_recording(one, families)
-        found += named(one, said, several=several)
-        if several and worst(said) is not Grade.WRONG and (known := information_of(one)):
-            told.append((known, one.moved))
-    if several and len(told) == len(sources):
-        progress("checking what they tell together")
-        known, moved = zip(*told, strict=True)
-        found += judged_information(compiled(description), merge(known), moved)
-    return found
 
 
 def of_robot(
@@ -168,19 +142,14 @@ def of_recording(one: Evidence, families: Iterable[Family] = OF_RECORDING) -> tu
         found += asked(one, families, "survey")
     if worst(found) is Grade.WRONG:  # what rests on it would only repeat it
         return found
-    if isinstance(one.fitted, DeltaidError):
-        return (*found, refused(one.fitted))
+    if isinstance(error := one.fitted, DeltaidError):
+        return (*found, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
     return found + asked(one, families, "fit")
 
 
 def asked(one: Evidence, families: Iterable[Family], needs: Needs) -> tuple[Verdict, ...]:
     """The verdicts of those families that need this."""
     return tuple(v for family in families if family.needs == needs for v in family.check(one))
-
-
-def refused(error: DeltaidError) -> Verdict:
-    """An error of the survey or of the fit as a verdict."""
-    return Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure)
 
 
 def named(one: Evidence, found: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:

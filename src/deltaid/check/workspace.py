@@ -1,5 +1,6 @@
 """Whether a robot reaches its workspace, keeps its limits there, and can hold itself."""
 
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -24,12 +25,10 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     try:
         robot = AtRest(dynamics, prior_parameters(dynamics.robot))
     except KinematicsError as error:
-        yield Verdict(
-            "workspace-cut", Grade.WRONG,
-            f"the robot cannot stand in the middle of its workspace: {error.what}",
-            subject="workspace", cause="workspace, lengths or working mode do not go together",
-            cure=error.cure, number=0.0, unit="share",
-        )  # fmt: skip
+        seen = f"the robot cannot stand in the middle of its workspace: {error.what}"
+        cause = "workspace, lengths or working mode do not go together"
+        key, where, unit = "workspace-cut", "workspace", "share"
+        yield Verdict(key, Grade.WRONG, seen, where, cause, error.cure, number=0.0, unit=unit)
         return
     poses = robot(_points(dynamics))
     yield _cut(robot, poses)
@@ -52,7 +51,8 @@ def _points(dynamics: Dynamics) -> Float[np.ndarray, "points dof"]:
 def _cut(robot: AtRest, poses: Poses) -> Verdict:
     """Which share of the workspace the robot reaches and its limits of pose leave."""
     own = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
-    names = [_kind(name) for name in robot.limits[own]]
+    # Without the number of the drive or strut.
+    names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[own]]
     broken = poses.shares[:, own] > 1.0  # not so where NaN: not reached
     reached = float(np.mean(poses.stands))
     left = float(np.mean(poses.stands & ~np.any(broken, axis=1)))
@@ -65,39 +65,31 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
     }
     parts["out of reach are"] = 1 - reached
     worst = sorted((name for name in parts if parts[name] > 0), key=lambda name: -parts[name])
-    needed = _needed(robot, poses)
     return Verdict(
         "workspace-cut",
         Grade.DOUBTFUL,
         f"{percent(1 - left)} of the workspace cannot be used: "
         + "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3]),
-        subject="workspace",
-        cause="a workspace that is larger than what the machine can do, or a limit, a zero or a "
-        "length that is wrong",
-        cure=f"shrink the workspace or widen the limits{needed}, and check the lengths",
+        "workspace",
+        "a workspace that is larger than what the machine can do, or a limit, a zero or a length "
+        "that is wrong",
+        f"shrink the workspace or widen the limits{_needed(robot, poses)}, and check the lengths",
         number=1 - left,
         unit="share",
     )
 
 
-def _kind(limit: str) -> str:
-    """A limit's name without the number of its drive or strut."""
-    return " ".join(limit.translate(str.maketrans("", "", "0123456789")).split())
-
-
 def _needed(robot: AtRest, poses: Poses) -> str:
     """The ranges of drives that the workspace asks for and the limits do not give."""
-    texts = []
-    q = poses.q[poses.stands]
-    for i, drive in enumerate(robot.robot.drives):
-        limits = robot.robot.drive_limits.get(drive)
-        if limits is None or limits.range is None or not len(q):
+    texts, described = [], robot.robot
+    for drive, q in zip(described.drives, poses.q[poses.stands].T, strict=True):
+        limits = described.drive_limits.get(drive)
+        if limits is None or limits.range is None or not q.size:
             continue
-        low, high = float(q[:, i].min()), float(q[:, i].max())
-        if low < limits.range[0] or high > limits.range[1]:
-            linear = robot.robot.is_linear(drive)
-            shown = (low, high) if linear else np.rad2deg([low, high])
-            texts.append(f"{drive} {shown[0]:.3g} … {shown[1]:.3g}{' m' if linear else '°'}")
+        if q.min() < limits.range[0] or q.max() > limits.range[1]:
+            linear = described.is_linear(drive)
+            low, high = (x if linear else np.rad2deg(x) for x in (q.min(), q.max()))
+            texts.append(f"{drive} {low:.3g} … {high:.3g}{' m' if linear else '°'}")
     return f" (it needs {', '.join(texts)})" if texts else ""
 
 
@@ -124,10 +116,10 @@ def _held(dynamics: Dynamics, poses: Poses) -> Iterable[Verdict]:
         f"{first} must hold up to {torque[:, k].max():.3g} {units.force} at rest, by the prior, "
         f"and may do {largest[k]:.3g} {units.force}; in {percent(float(np.mean(above)))} of the "
         "workspace the robot would sink",
-        subject=listed(weak),
-        cause=f"a {units.effort} limit of the motor's side of the gear or in another unit, or "
-        "masses that are too large",
-        cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
+        listed(weak),
+        f"a {units.effort} limit of the motor's side of the gear or in another unit, or masses "
+        "that are too large",
+        f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
         number=float(use[k]),
         unit="of the limit",
     )
