@@ -64,7 +64,6 @@ class Evidence:
 
     @property
     def robot(self) -> RobotDescription:
-        """The description."""
         return self.dynamics.robot
 
     @property

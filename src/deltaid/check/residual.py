@@ -5,23 +5,24 @@ prior and consistency. What is left and is more than chance is given to the caus
 explain it best; the next cause gets what that one leaves.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.resonance import largest_torques, resonance, white_share
-from deltaid.check.torque_lag import lag_verdict
+from deltaid.check.spectra import bandwidth, density, white_noise
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
-from deltaid.identification.study import Study
+from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.model.words import percent
+from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
@@ -29,6 +30,24 @@ _MUCH = 0.1
 # torque; it comes in bursts when a tenth of the time has so much of it.
 _FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
 _FLOOR = 1e-5  # least noise, as a share of the largest torque
+# Lines are looked for above so many times the motion's fastest part, and above so many Hz: below,
+# what a model lacks has lines of its own.
+_ABOVE, _LOWEST = 3.0, 6.0
+# A line stands so many times above its neighbours within a quarter of its frequency, is narrower
+# than a tenth of it, and makes this share of the largest torque.
+_STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
+# Seconds of a spectrum's segment; segments at least.
+_SECONDS, _SEGMENTS = 2.0, 6
+# A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
+_SPOILT = 0.05
+# A smaller lag [s] that spoils no inertia by this share is left unsaid.
+_LARGE, _HARMS = 2e-4, 0.003
+# Nothing is said of a lag whose interval is wider than the one [s], and of one that is wider than
+# the other only where it is so many times as large: a slow motion shows a lag at its reversals
+# alone, where encoders and friction near rest play in.
+_UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
+# Lags of drives differ by more than this at least [ms].
+_APART = 0.3
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -39,8 +58,8 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
         return
     added = () if evidence.made is None else evidence.made.additions
     unknown = any(isinstance(one, UnknownLag) and one.is_of(recording) for one in added)
-    yield lag_verdict(study, unknown=unknown)
-    ringing = resonance(study)
+    yield _lag(study, unknown=unknown)
+    ringing = _resonance(study)
     yield ringing
     causes, effects = causes_of(study.fit, study.account), {one.kind: one for one in EFFECTS}
     for cause in causes:
@@ -54,7 +73,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     """Whether more is left than noise where no cause counts, and no resonance explains it."""
     left = study.fit.rows.of_drives(study.account.left)
     rms = np.sqrt(np.mean(left**2, axis=1))
-    noise, largest = white_share(study), largest_torques(study)
+    noise, largest = _white_share(study), _largest_torques(study)
     times = rms / np.maximum(noise, _FLOOR * largest)
     worst = int(np.argmax(np.where(rms > _SEEN * largest, times, 0.0)))
     number, drive = float(times[worst]), study.fit.drives[worst]
@@ -97,3 +116,158 @@ def _verdict(effect: Effect, cause: Cause, recording: Recording) -> Verdict:
         unit=unit,
         proposals=effect.proposals(cause, recording),
     )
+
+
+def _largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
+    """Of the model, each drive's."""
+    return np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+
+
+def _white_share(study: Study) -> Float[np.ndarray, " dof"]:
+    """What white noise of the torques would leave after the filter."""
+    low_pass = study.fit.trace.low_pass
+    return white_noise(_unexplained(study), low_pass.rate) * low_pass.noise_gain
+
+
+def _longest(study: Study) -> Samples:
+    """The longest stretch without a gap."""
+    return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
+
+
+def _unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
+    """Torques less those of the model, of this stretch, nothing put back or filtered."""
+    w, dynamics = _longest(study), study.fit.trace.dynamics
+    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
+    return np.where(w.weights > 0, left, 0.0)
+
+
+def _resonance(study: Study) -> Verdict:
+    """The highest line of all drives; drives that show it are named."""
+    trace, drives, left = study.fit.trace, study.fit.drives, _unexplained(study)
+    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(_longest(study).z)
+    length = int(min(_SECONDS * rate, 2 * len(left) / (_SEGMENTS + 1)))
+    frequency, power = density(left, rate, max(length, 16))
+    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
+    lines = np.array([_line(frequency, own, lowest) for own in power.T])
+    shares = np.sqrt(lines[:, 1]) / _largest_torques(study)
+    k = int(np.argmax(shares))
+    if shares[k] < _LEAST:
+        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
+    at = float(lines[k, 0])
+    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / at - 1) < _NARROW)
+    return Verdict(
+        "resonance",
+        Grade.DOUBTFUL,
+        f"a line at {at:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
+        "" if same.all() else listed([drives[i] for i in np.flatnonzero(same)]),
+        "struts, gears or frame ring there, or the drive's control loop does",
+        "excite less near it and take a --cutoff below it; look for play and loose screws, or "
+        "lower the gain of the control loop",
+        number=at,
+        unit="Hz",
+    )
+
+
+def _line(
+    frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
+) -> tuple[float, float]:
+    """Frequency and power of the line that stands out most; zeros if none does."""
+    inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
+    peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
+    for i in peaks[np.argsort(-power[peaks])]:
+        near = np.abs(frequency / frequency[i] - 1) < _NEAR
+        x = power[near]
+        middle = [(len(x) - 1) // 2, len(x) // 2]  # of np.median, whose checks take longer
+        level = float(np.partition(x, middle)[middle].mean())
+        if power[i] < max(_STANDS * level, 1e-300):
+            continue
+        high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
+        if frequency[high[-1]] - frequency[high[0]] > wide + 2 * frequency[1]:
+            continue
+        band = np.abs(frequency - frequency[i]) <= 0.5 * wide + 2 * frequency[1]
+        total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
+        return float(frequency[i]), total
+    return 0.0, 0.0
+
+
+def _lag(study: Study, *, unknown: bool = False) -> Verdict:
+    """Whether torques and positions are of the same instant, as far as that can be told.
+
+    Args:
+        unknown: whether the fit had to leave a lag open.
+    """
+    key, unit, drives = "torque-lag", "ms", study.fit.drives
+    lag, half = (float(1e3 * x[0]) for x in (study.common.values, study.common.interval))
+    if study.hidden:
+        seen = f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but another cause "
+        seen += "explains more of what that leaves"
+        cause = "a lag beside the causes below, or these alone, which imitate one"
+        cure = "mend the causes below first, and check again"
+        return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=lag, unit=unit)
+    harm = spoilt(study, study.fit.p)
+    if not study.late or not _matters(study, harm):
+        if unknown:
+            seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
+            seen += "; none has been put right, and intervals allow for it"
+            cause = "noise that a controller feeds back, or gears that wind up, hide the steps of "
+            cause += "friction that tell a lag best"
+            cure = "give the lag if it is known (--lag), or record with lower gains"
+        elif half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+            seen = f"the lag of torques behind positions is known to ±{half:.2g} ms only"
+            cause = "the motion is too slow, or the torque too noisy, to see it"
+            cure = "record a faster motion with more reversals"
+        else:
+            return Verdict(key, Grade.GOOD, _agreement(study), number=lag, unit=unit)
+        return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=half, unit=unit)
+    worst = int(np.argmax(np.abs(harm)))
+    grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
+    words = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
+    words += "too large" if harm[worst] > 0 else "too small"
+    if study.alike:
+        rows = 1e-3 * lag * study.fit.trace.low_pass.rate
+        seen = f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions{words}"
+        cause = "torque and position are not of the same instant: a filter in the torque's way, a "
+        cause += "bus cycle, or two clocks"
+        cure = "record both in the same cycle of the controller and without filter, or shift the "
+        cure += f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)"
+        return Verdict(key, grade, seen, "", cause, cure, number=lag, unit=unit)
+    values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
+    told = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
+    seen = f"torques and positions do not agree in time, and drives differ: {_of(drives, told)}"
+    apart = np.abs(values - lag) > np.maximum(halves, _APART)
+    odd = "" if apart.all() else listed([drives[i] for i in np.flatnonzero(apart)])
+    cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong friction "
+    cause += "law or torque constant, which a lag imitates"
+    cure = "set the torque filters of all drives alike and record in one cycle; check the friction "
+    cure += "law and torque constant of those that differ"
+    number = float(values[int(np.argmax(np.abs(values)))])
+    return Verdict(key, grade, seen + words, odd, cause, cure, number=number, unit=unit)
+
+
+def _agreement(study: Study) -> str:
+    """That torques and positions agree in time, perhaps after a lag has been put right."""
+    left = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
+    applied = study.fit.trace.recording.repairs.delay
+    if not any(applied):
+        return f"torques and positions agree in time: {left}"
+    told = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
+    said = told[0] if len(set(applied)) == 1 else _of(study.fit.drives, told)
+    return f"torques came {said} against positions, which has been corrected: {left} are left"
+
+
+def _of(drives: Sequence[str], told: Sequence[str]) -> str:
+    """Each drive with what is told of it, if anything is."""
+    return ", ".join(f"{drive} {x}" for drive, x in zip(drives, told, strict=True) if x)
+
+
+def _matters(study: Study, harm: Float[np.ndarray, " dof"]) -> bool:
+    """Whether a lag is clear of its interval, and large or harmful."""
+    lag = study.common if study.alike else study.each
+    size = np.abs(lag.values)
+    clear = size > lag.interval * np.where(lag.interval > _WIDE, _CLEAR, 1.0)
+    largest = np.max(size, where=clear, initial=0.0)
+    return bool(largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS))
+
+
+def _late(value: float) -> str:
+    return "late" if value > 0 else "early"

@@ -42,7 +42,6 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
 
     @property
     def grade(self) -> Grade:
-        """The most severe one."""
         return worst(self)
 
     @property

@@ -56,7 +56,6 @@ class Misfit:
 
     @cached_property
     def counts(self) -> float:
-        """Of the samples."""
         return float(self.shown.counts.sum())
 
     @cached_property
@@ -90,7 +89,6 @@ class Misfit:
 
     @cached_property
     def by_torques(self) -> Float[np.ndarray, " theta"]:
-        """θ̂."""
         return np.linalg.solve(*self._known)
 
     @cached_property
@@ -160,7 +158,6 @@ class Misfit:
         return Found(Q, x[:size], x[size:], np.sqrt(variance * max(Q, 1e-6)))
 
     def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:
-        """What it should show."""
         return np.einsum("kin,i->kn", self.signal.X, theta)
 
     def left(self, found: Found) -> Float[np.ndarray, " channels"]:

@@ -49,7 +49,6 @@ class Signal:
 
     @property
     def name(self) -> str:
-        """As in the description."""
         return self.rows.name
 
 

@@ -62,7 +62,6 @@ class Candidate:
 
     @property
     def map(self) -> Map:
-        """Of the positions."""
         return self.residual.map
 
     @property
@@ -128,6 +127,17 @@ def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
     return 1 if odd == len(factors) and np.ptp(factors) == 0 else odd
 
 
+def residuals(
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
+) -> Iterator[Residual]:
+    """Least squares under those maps whose loops close at so many of the samples."""
+    for map in maps:
+        if closed_share(dynamics, motion, map) >= least:
+            found = residual(dynamics, motion, map)
+            if found is not None:
+                yield found
+
+
 def closed_share(dynamics: Dynamics, motion: Motion, map: Map) -> float:
     """Share of the samples whose loops close, by a few of them."""
     few = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
@@ -149,12 +159,7 @@ def tried(
         as_is: whether torque columns stay in their order.
     """
     plain = tuple(range(dynamics.dof))
-    for map in maps:
-        if closed_share(dynamics, motion, map) < least:
-            continue
-        found = residual(dynamics, motion, map)
-        if found is None:
-            continue
+    for found in residuals(dynamics, motion, maps, least):
         best = as_mapped = assigned(found, plain)
         if not as_is:
             orders = (assigned(found, order) for order in permutations(plain))

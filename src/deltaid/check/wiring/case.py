@@ -38,12 +38,10 @@ class Case:
 
     @property
     def best(self) -> Candidate:
-        """The simplest one."""
         return self.good[0]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the drives."""
         return self.evidence.robot.drives
 
     @property
@@ -91,7 +89,6 @@ class Case:
         return map
 
     def linear(self, drive: int) -> bool:
-        """Whether a drive slides."""
         return self.evidence.robot.is_linear(self.names[drive])
 
     def named(self, drive: int) -> dict[float, str]:

@@ -52,11 +52,9 @@ class Entries:
         )
 
     def name(self, quantity: Quantity, drive: int) -> str:
-        """The column's name."""
         return getattr(self._evidence.columns, quantity)[drive].column
 
     def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
-        """With the other sign."""
         return {"sign": -self.of(quantity, drive).sign}
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:

@@ -74,7 +74,6 @@ class Shifts:
 
     @property
     def offsets(self) -> list[int]:
-        """Columns of constant torques."""
         first = self.drives + self.angles
         return list(range(first, first + self.drives))
 
@@ -150,7 +149,6 @@ def _slopes(
         return np.where(good[:, None], dynamics.torque(z, qd, qdd, p), 0.0)
 
     def moment(z: np.ndarray) -> np.ndarray:
-        """Σ m r"""
         total = np.zeros((len(z), 3))
         for own, body in zip(kinematics.poses(z), kinematics.mechanism.bodies, strict=True):
             m = p[dynamics.layout.body(own.name)]

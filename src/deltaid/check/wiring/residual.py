@@ -35,11 +35,9 @@ class Map:
 
     @classmethod
     def identity(cls, dof: int) -> "Map":
-        """As the mapping says."""
         return cls((1.0,) * dof, tuple(range(dof)), (0.0,) * dof)
 
     def values(self, q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
-        """q of columns."""
         return self.rates(q) + self.shift
 
     def rates(self, qd: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "samples dof"]:
@@ -71,7 +69,6 @@ class Poses:
 
 
 def poses(dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]) -> Poses:
-    """Where the loops close."""
     z, closed = dynamics.kinematics.forward_unchecked(q)
     z = np.where(closed[:, None], z, dynamics.kinematics.home)
     regular = dynamics.kinematics.regularity(z)

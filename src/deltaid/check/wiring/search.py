@@ -18,10 +18,11 @@ from deltaid.check.wiring.candidate import (
     TURNING,
     Candidate,
     closed_share,
+    residuals,
     tried,
 )
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.residual import Map, residual
+from deltaid.check.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 
 # Share of the samples whose loops close at which the mapping itself is looked at at all.
@@ -96,12 +97,9 @@ def _orders(plain: Map) -> Iterator[Map]:
 
 def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
     """Whether all columns together fit better in another order; the first is the mapping's."""
-    left = []
-    for map in _orders(Map.identity(dynamics.dof)):
-        if closed_share(dynamics, motion, map) >= MOSTLY_CLOSED:
-            found = residual(dynamics, motion, map)
-            if found is not None:
-                left.append(found.share(map.order, np.ones(len(map.order))))
+    plain = Map.identity(dynamics.dof)
+    found = residuals(dynamics, motion, _orders(plain))
+    left = [one.share(one.map.order, np.array(plain.scale)) for one in found]
     return len(left) > 1 and left[0] > 1.02 * min(left)
 
 
