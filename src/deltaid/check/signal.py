@@ -112,16 +112,11 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
     if not bad.size:
         yield Verdict("encoder-step", Grade.GOOD, seen, number=number, unit="%")
         return
-    yield Verdict(
-        "encoder-step",
-        Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL,
-        seen,
-        listed([robot.drives[i] for i in bad]),
-        "the encoder, or the number format of the log, resolves too little for this motion",
-        "record the motor's encoder with all its digits, move faster, or take a lower --cutoff",
-        number=number,
-        unit="%",
-    )
+    grade = Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL
+    subject = listed([robot.drives[i] for i in bad])
+    cause = "the encoder, or the number format of the log, resolves too little for this motion"
+    cure = "record the motor's encoder with all its digits, move faster, or take a lower --cutoff"
+    yield Verdict("encoder-step", grade, seen, subject, cause, cure, number=number, unit="%")
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
@@ -213,15 +208,10 @@ def _standing(evidence: Evidence, log: Log) -> Verdict:
     seen = f"the robot rests for {percent(share)} of the time"
     if share <= _RESTING:
         return Verdict("standing", Grade.GOOD, seen, number=100 * share, unit="%")
-    return Verdict(
-        "standing",
-        Grade.DOUBTFUL,
-        f"{seen}; these rows are left out",
-        cause="at rest friction balances whatever there is, so that torques say nothing",
-        cure="record a motion without pauses, or more of it",
-        number=100 * share,
-        unit="%",
-    )
+    seen = f"{seen}; these rows are left out"
+    cause = "at rest friction balances whatever there is, so that torques say nothing"
+    cure = "record a motion without pauses, or more of it"
+    return Verdict("standing", Grade.DOUBTFUL, seen, "", cause, cure, number=100 * share, unit="%")
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:

@@ -76,16 +76,9 @@ def _of_gains(guess: Guess, signal: Signal, off: str) -> Verdict:
         seen.append(f"the sign of {which} is the other one")
         now = np.sign([channel.scale for channel in channels])
         changes.append(("sign", _short(np.where(turned, -now, now).astype(int).tolist())))
-    return Verdict(
-        key,
-        grade,
-        f"{off}; {' and '.join(seen)}, and then it agrees",
-        signal.name,
-        cause,
-        cure,
-        mapped(signal, changes) if proposals else (),
-        number=largest,
-    )
+    seen = f"{off}; {' and '.join(seen)}, and then it agrees"
+    proposals = mapped(signal, changes) if proposals else ()
+    return Verdict(key, grade, seen, signal.name, cause, cure, proposals, number=largest)
 
 
 def _unit(factor: float, target: str) -> str:

@@ -148,15 +148,10 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
     cause = f"the {what} are in another order than the drives: {columns}"
     if not sure and position == plain:
         cause += " (or the positions are, the other way round; a symmetric robot does not tell)"
-    yield Verdict(
-        "drive-order",
-        Grade.WRONG,
-        f"torques and motion belong together only in another order, which {case.fits}",
-        case.whose(moved),
-        cause,
-        "map the columns in the order of the drives",
-        case.entries.proposal(changes),
-    )
+    seen = f"torques and motion belong together only in another order, which {case.fits}"
+    cure = "map the columns in the order of the drives"
+    proposals = case.entries.proposal(changes)
+    yield Verdict("drive-order", Grade.WRONG, seen, case.whose(moved), cause, cure, proposals)
 
 
 def torque_verdicts(case: Case) -> Iterator[Verdict]:
@@ -231,13 +226,8 @@ def _all_torques(case: Case, size: float) -> Verdict:
             "declare the unit of the torque columns, the rated torque in it, such as "
             "0.0235 N*m for per mille of 23.5 N m"
         )
-    return Verdict(
-        "gear" if size < 1 else "torque-unit",
-        Grade.DOUBTFUL if doubtful else Grade.WRONG,
-        f"torques are {size:.3g} times those that the prior leads to, in all drives alike",
-        "",
-        cause,
-        cure,
-        case.entries.proposal({"torque": values}),
-        number=size,
-    )
+    key = "gear" if size < 1 else "torque-unit"
+    grade = Grade.DOUBTFUL if doubtful else Grade.WRONG
+    seen = f"torques are {size:.3g} times those that the prior leads to, in all drives alike"
+    proposals = case.entries.proposal({"torque": values})
+    return Verdict(key, grade, seen, "", cause, cure, proposals, number=size)

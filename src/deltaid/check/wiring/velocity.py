@@ -205,16 +205,11 @@ def _scale(
         cure = _LEAVE
     if turned:
         cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
-    return Verdict(
-        "velocity-unit" if name or far else "velocity",
-        Grade.WRONG if turned or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL,
-        f"velocities{whom} are {scale:.4g} times the rate at which positions change",
-        whose,
-        cause,
-        cure,
-        entries.proposal({"velocity": values}),
-        number=scale,
-    )
+    key = "velocity-unit" if name or far else "velocity"
+    grade = Grade.WRONG if turned or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
+    seen = f"velocities{whom} are {scale:.4g} times the rate at which positions change"
+    proposals = entries.proposal({"velocity": values})
+    return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
 
 
 def _late(names: tuple[str, ...], found: list[Rate]) -> Verdict:
