@@ -1,20 +1,28 @@
-"""What a description leaves out: friction and limits."""
+"""What a description leaves out, friction and limits; and whether the robot reaches its workspace,
+keeps its limits there, and can hold itself."""
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Grade, Proposal, Verdict
-from deltaid.model.words import listed
+from deltaid.model.words import listed, percent
 from deltaid.robot.description import RobotDescription
 
 # A start for friction that nobody has measured: Coulomb friction as a share of the torque that
 # gravity asks for, and the speed [rad/s or m/s] at which viscous friction is as large.
 _SHARE, _SPEED = 0.1, {False: 3.0, True: 0.5}
 _DEFAULTS = {"platform_speed": "m/s", "platform_acceleration": "m/s²"}
+# Poses that are looked at, and the share of them that may break a limit at the workspace's edge.
+_POINTS, _EDGE = 4096, 0.01
 
 
 def checked_friction(robot: RobotDescription) -> Iterable[Verdict]:
@@ -82,3 +90,109 @@ def _law(robot: RobotDescription, drive: str) -> dict[str, Any]:
     torque = np.abs(dynamics.torque(home, still, still, prior_parameters(robot))[0]).max()
     coulomb = float(f"{_SHARE * torque:.2g}") or 0.1
     return {"viscous": float(f"{coulomb / _SPEED[kind]:.2g}"), "coulomb": coulomb}
+
+
+def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
+    """Verdicts on reach, limits of pose and holding torque over the workspace."""
+    dynamics = compiled(description)
+    try:
+        robot = AtRest(dynamics, prior_parameters(dynamics.robot))
+    except KinematicsError as error:
+        seen = f"the robot cannot stand in the middle of its workspace: {error.what}"
+        cause = "workspace, lengths or working mode do not go together"
+        key, where, unit = "workspace-cut", "workspace", "share"
+        yield Verdict(key, Grade.WRONG, seen, where, cause, error.cure, number=0.0, unit=unit)
+        return
+    poses = robot(_points(dynamics))
+    yield _cut(robot, poses)
+    yield from _held(dynamics, poses)
+
+
+def _points(dynamics: Dynamics) -> Float[np.ndarray, "points dof"]:
+    """Poses all over the workspace, the same in every run."""
+    rng, space = np.random.default_rng(0), dynamics.robot.workspace
+    low, high = space.bounding_box
+    found = np.zeros((0, 3))
+    while len(found) < _POINTS:
+        points = rng.uniform(low, high, (_POINTS, 3))
+        found = np.concatenate([found, points[space.contains(points)]])
+    task, turn = dynamics.robot.task, dynamics.robot.turn
+    angles = rng.uniform(turn.low, turn.high, (_POINTS, 1 if task.turn is not None else 0))
+    return np.hstack([task.of_point(found[:_POINTS]), angles])
+
+
+def _cut(robot: AtRest, poses: Poses) -> Verdict:
+    """Which share of the workspace the robot reaches and its limits of pose leave."""
+    own = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
+    # Without the number of the drive or strut.
+    names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[own]]
+    broken = poses.shares[:, own] > 1.0  # not so where NaN: not reached
+    reached = float(np.mean(poses.stands))
+    left = float(np.mean(poses.stands & ~np.any(broken, axis=1)))
+    if 1 - left <= _EDGE:
+        seen = f"{percent(left)} of it lies within all limits of drives and joints"
+        return Verdict("workspace-cut", Grade.GOOD, seen, number=1 - left, unit="share")
+    parts = {
+        f"{name} cuts": float(np.mean(np.any(broken[:, [one == name for one in names]], axis=1)))
+        for name in dict.fromkeys(names)
+    }
+    parts["out of reach are"] = 1 - reached
+    worst = sorted((name for name in parts if parts[name] > 0), key=lambda name: -parts[name])
+    return Verdict(
+        "workspace-cut",
+        Grade.DOUBTFUL,
+        f"{percent(1 - left)} of the workspace cannot be used: "
+        + "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3]),
+        "workspace",
+        "a workspace that is larger than what the machine can do, or a limit, a zero or a length "
+        "that is wrong",
+        f"shrink the workspace or widen the limits{_needed(robot, poses)}, and check the lengths",
+        number=1 - left,
+        unit="share",
+    )
+
+
+def _needed(robot: AtRest, poses: Poses) -> str:
+    """The ranges of drives that the workspace asks for and the limits do not give."""
+    texts, described = [], robot.robot
+    for drive, q in zip(described.drives, poses.q[poses.stands].T, strict=True):
+        limits = described.drive_limits.get(drive)
+        if limits is None or limits.range is None or not q.size:
+            continue
+        if q.min() < limits.range[0] or q.max() > limits.range[1]:
+            linear = described.is_linear(drive)
+            low, high = (x if linear else np.rad2deg(x) for x in (q.min(), q.max()))
+            texts.append(f"{drive} {low:.3g} … {high:.3g}{' m' if linear else '°'}")
+    return f" (it needs {', '.join(texts)})" if texts else ""
+
+
+def _held(dynamics: Dynamics, poses: Poses) -> Iterable[Verdict]:
+    """Whether drives can hold the robot, by its prior: gravity and springs against the limits."""
+    robot, limits = dynamics.robot, torque_limits(dynamics.robot)
+    if not limits or not np.any(poses.stands):
+        return
+    torque = np.abs(poses.torque[poses.stands])[:, list(limits)]
+    largest = np.array(list(limits.values()))
+    use = torque.max(axis=0) / largest
+    drives = [robot.drives[i] for i in limits]
+    k = int(np.argmax(use))
+    first, units = drives[k], robot.units(drives[k])
+    if use[k] <= 1:
+        seen = f"at rest at most {percent(use[k])} of the limit, of {first}"
+        yield Verdict("torque-limit", Grade.GOOD, seen, number=float(use[k]), unit="of the limit")
+        return
+    above = np.any(torque > largest, axis=1)
+    weak = [drive for drive, share in zip(drives, use, strict=True) if share > 1]
+    yield Verdict(
+        "torque-limit",
+        Grade.WRONG if np.mean(above) > 0.5 else Grade.DOUBTFUL,
+        f"{first} must hold up to {torque[:, k].max():.3g} {units.force} at rest, by the prior, "
+        f"and may do {largest[k]:.3g} {units.force}; in {percent(float(np.mean(above)))} of the "
+        "workspace the robot would sink",
+        listed(weak),
+        f"a {units.effort} limit of the motor's side of the gear or in another unit, or masses "
+        "that are too large",
+        f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
+        number=float(use[k]),
+        unit="of the limit",
+    )

@@ -68,10 +68,11 @@ def _density(shape: HollowCylinder | PointMass, mass: float) -> float:
 def _explicit(
     robot: RobotDescription, name: str, prior: ExplicitInertia, size: float
 ) -> Iterator[Verdict]:
-    p, limb, extent = prior.parameters(), _is_limb(robot, name), _extent(robot, name)
+    p, limb = prior.parameters(), _limb_length(robot, name)
+    extent = limb or size
     com = float(np.linalg.norm(p[1:4]) / p[0])
     gyration = float(np.sqrt(np.trace(pseudo_inertia(p)[:3, :3]) / p[0]))
-    small = limb and gyration < _INSIDE * extent
+    small = limb is not None and gyration < _INSIDE * extent
     if p[0] > _HEAVY * size**3:
         yield _massive(f"bodies.{name}.prior.mass", name, float(p[0]), size, alone=small)
         return
@@ -147,21 +148,13 @@ def _proposed(path: str, value: float) -> tuple[Proposal, ...]:
     return (Proposal("robot", ((path, float(f"{value:.12g}")),)),)
 
 
-def _is_limb(robot: RobotDescription, name: str) -> bool:
-    """Whether a body is an arm or a strut; a carriage may have its mass where its frame is."""
-    limbs = enumerate(robot.limb_geometry)
-    return any(name in robot.limb_bodies(i)[0 if limb.upper_arm else 1 :] for i, limb in limbs)
-
-
-def _extent(robot: RobotDescription, name: str) -> float:
-    """How far a body may extend from its link frame's origin [m]."""
+def _limb_length(robot: RobotDescription, name: str) -> float | None:
+    """Of a body that is an arm or a strut [m]; a carriage may have its mass where its frame is."""
     for i, limb in enumerate(robot.limb_geometry):
-        driven, strut = robot.limb_bodies(i)
-        if name == strut:
-            return limb.strut
-        if name == driven and limb.upper_arm:
-            return limb.upper_arm
-    return _size_of(robot)
+        lengths = dict(zip(robot.limb_bodies(i), (limb.upper_arm, limb.strut), strict=True))
+        if lengths.get(name):
+            return lengths[name]
+    return None
 
 
 def _size_of(robot: RobotDescription) -> float:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from deltaid.check.closed_loop import checked_feedback
-from deltaid.check.description import checked_friction, checked_limits
+from deltaid.check.description import checked_friction, checked_limits, checked_workspace
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
@@ -18,7 +18,6 @@ from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdicts import Verdicts
 from deltaid.check.wiring.wiring import checked_wiring
-from deltaid.check.workspace import checked_workspace
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.estimation.information import Information, merge

@@ -4,9 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.check.wiring.case import DOUBTFUL_SCALE, WRONG_SCALE, Case
+from deltaid.check.wiring.case import (
+    DOUBTFUL_SCALE,
+    INERTIA,
+    WRONG_SCALE,
+    Case,
+    in_unit,
+    overall,
+)
 from deltaid.check.wiring.cures import Values
-from deltaid.check.wiring.scale import INERTIA, in_unit, overall
+from deltaid.check.wiring.residual import Map
+from deltaid.check.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed
 from deltaid.recording.mapping import Quantity
@@ -15,6 +23,14 @@ from deltaid.recording.mapping import Quantity
 _SURE = 0.08
 # Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.
 _MIRRORED = 0.3
+
+
+def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
+    """Positions; and velocities, where they are their derivatives as mapped, and so change with
+    them."""
+    as_mapped = rates(case.motion, Map.identity(len(case.names)))
+    own = (0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
+    return ("position", "velocity") if as_mapped and all(own) else ("position",)
 
 
 def position_verdicts(case: Case) -> Iterator[Verdict]:
@@ -35,7 +51,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
     change = entries.of_motor if name is None else entries.in_unit
     changes: dict[Quantity, Values] = {
         quantity: {i: change(quantity, best.map.order[i], factor) for i in drives}
-        for quantity in case.follow(drives)
+        for quantity in _follow(case, drives)
     }
     cause, cure = f"in {name}", f"declare the unit of the position columns: {name}"
     if name is None:
@@ -87,7 +103,7 @@ def sign_verdicts(case: Case) -> Iterator[Verdict]:
 def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
     """`both`: whether the torque counts the other way as well; `sure`: that it does not instead."""
     name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
-    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in case.follow([i])}
+    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
     cause = f"the angle of {name} counts the other way"
     if both:
         cause = f"{name} counts the other way, in angle and torque"
@@ -130,7 +146,7 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
     if torque == position == plain:
         return
     moved = [i for i in range(n) if torque[i] != i or position[i] != i]
-    sources: dict[Quantity, tuple[int, ...]] = dict.fromkeys(case.follow(moved), position)
+    sources: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
     sources["torque"] = torque
     changes: dict[Quantity, Values] = {
         quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(order)}

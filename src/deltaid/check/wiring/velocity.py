@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.evidence import Evidence
-from deltaid.check.wiring.cures import Entries, Values
+from deltaid.check.wiring.case import Case
+from deltaid.check.wiring.cures import Values
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.model.verdict import Grade, Verdict
@@ -93,16 +93,14 @@ def _rate(
     return Rate(drive, nearest, correlation, own, k, -b / k, std / abs(k))
 
 
-def velocity_verdicts(
-    evidence: Evidence, motion: Motion, map: Map, entries: Entries
-) -> Iterator[Verdict]:
+def velocity_verdicts(case: Case) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
-    plain, names = Map.identity(len(map.order)), evidence.robot.drives
-    found = rates(motion, map)
+    map, names = case.map, case.names
+    plain, found = Map.identity(len(names)), rates(case.motion, map)
     if not found:
         return
     if map != plain:  # what goes with the positions as mapped is mended with them
-        right = {rate.drive for rate in rates(motion, plain) if rate.right}
+        right = {rate.drive for rate in rates(case.motion, plain) if rate.right}
         found = tuple(rate for rate in found if rate.drive not in right)
     swapped = [
         rate
@@ -110,17 +108,17 @@ def velocity_verdicts(
         if rate.nearest != rate.drive and rate.correlation > max(_TOGETHER, rate.own + _BETTER)
     ]
     if swapped:
-        yield _order(names, swapped, entries)
+        yield _order(case, swapped)
         return
     lost = [rate for rate in found if rate.own <= _TOGETHER]
     own = [rate for rate in found if rate.own > _TOGETHER]
     scaled = [rate for rate in own if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL]
     groups: dict[tuple[str, bool], list[Rate]] = {}
     for rate in scaled:
-        name = _named(rate.scale, linear=evidence.robot.is_linear(names[rate.drive]))
+        name = _named(rate.scale, linear=case.linear(rate.drive))
         groups.setdefault((name, rate.scale < 0), []).append(rate)
     for (name, turned), group in groups.items():
-        yield _scale(names, group, name, entries, turned=turned)
+        yield _scale(case, group, name, turned=turned)
     for rate in lost:
         yield Verdict(
             "velocity",
@@ -132,10 +130,10 @@ def velocity_verdicts(
             _LEAVE,
             number=rate.correlation,
         )
-    least = max(_LAG, _OF_SAMPLE * evidence.rows.step)
+    least = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
     late = [rate for rate in own if abs(rate.lag) > max(least, _CERTAIN * rate.lag_std)]
     if late and not lost:
-        yield _late(names, late)
+        yield _late(case, late)
     if found and not scaled and not lost and not late:
         worst = max(found, key=lambda rate: abs(rate.lag))
         seen = (
@@ -146,14 +144,12 @@ def velocity_verdicts(
         yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * worst.lag, unit="ms")
 
 
-def _whose(names: tuple[str, ...], found: list[Rate]) -> str:
-    return "" if len(found) == len(names) else ", ".join(names[rate.drive] for rate in found)
-
-
-def _order(names: tuple[str, ...], found: list[Rate], entries: Entries) -> Verdict:
+def _order(case: Case, found: list[Rate]) -> Verdict:
+    entries = case.entries
     source = {rate.nearest: rate.drive for rate in found}
     pairs = ", ".join(
-        f"{entries.name('velocity', rate.drive)} is that of {names[rate.nearest]}" for rate in found
+        f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
+        for rate in found
     )
     least = min(rate.correlation for rate in found)
     return Verdict(
@@ -161,7 +157,7 @@ def _order(names: tuple[str, ...], found: list[Rate], entries: Entries) -> Verdi
         Grade.WRONG,
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {least:.3f}: {pairs}",
-        _whose(names, found),
+        case.whose([rate.drive for rate in found]),
         "velocity columns are in another order than the position columns",
         "map the velocity columns in the order of the drives",
         entries.proposal(
@@ -178,13 +174,12 @@ def _named(scale: float, *, linear: bool) -> str:
     return next(near, "")
 
 
-def _scale(
-    names: tuple[str, ...], found: list[Rate], name: str, entries: Entries, *, turned: bool
-) -> Verdict:
+def _scale(case: Case, found: list[Rate], name: str, *, turned: bool) -> Verdict:
     """Of drives whose velocities are in one unit, or in none that has a name."""
     scale = float(np.median([rate.scale for rate in found]))
     size = float(np.median([abs(rate.scale) for rate in found]))
-    far, whose = max(size, 1 / size) > _UNIT, _whose(names, found)
+    far, entries = max(size, 1 / size) > _UNIT, case.entries
+    whose = case.whose([rate.drive for rate in found])
     whom = f" of {whose}" if whose else ""
     values: Values = {}
     for rate in found:
@@ -212,7 +207,7 @@ def _scale(
     return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
 
 
-def _late(names: tuple[str, ...], found: list[Rate]) -> Verdict:
+def _late(case: Case, found: list[Rate]) -> Verdict:
     worst = max(found, key=lambda rate: abs(rate.lag))
     way = "behind" if worst.lag > 0 else "ahead of"
     return Verdict(
@@ -220,7 +215,7 @@ def _late(names: tuple[str, ...], found: list[Rate]) -> Verdict:
         Grade.DOUBTFUL,
         f"velocities are {1e3 * abs(worst.lag):.3g} ± {2e3 * worst.lag_std:.1g} ms {way} the "
         "changes of the positions",
-        _whose(names, found),
+        case.whose([rate.drive for rate in found]),
         "the drive smooths its velocity, or logs it at another time than its position",
         f"{_LEAVE} without delay",
         number=1e3 * worst.lag,

@@ -2,7 +2,7 @@
 
 All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how much
 of the torques do least squares leave (`residual`, `search`)? The best one is the `case` that
-verdicts are read off (`columns`), the scale of torques in all drives alike by the prior (`scale`).
+verdicts are read off (`columns`), of the scale of torques in all drives alike by the prior.
 Zeros and gravity are judged by their own columns (`homing`, `zeros`), velocities by the derivatives
 of positions (`velocity`).
 """
@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.wiring.case import Case
+from deltaid.check.wiring.case import Case, overall
 from deltaid.check.wiring.columns import (
     order_verdicts,
     position_verdicts,
@@ -20,7 +20,6 @@ from deltaid.check.wiring.columns import (
 )
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.scale import overall
 from deltaid.check.wiring.search import explained
 from deltaid.check.wiring.velocity import velocity_verdicts
 from deltaid.check.wiring.zeros import zero_verdicts
@@ -58,7 +57,7 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
         found.append(_senseless(case))
     if worst(found) is not Grade.WRONG:
         found += zero_verdicts(evidence, fine, case.best, case.entries)
-    found += velocity_verdicts(evidence, fine, case.map, case.entries)
+    found += velocity_verdicts(case)
     if worst(found) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
             f"the loops close, torques go with the motion of their drives ({case.along:.2g} is the "
