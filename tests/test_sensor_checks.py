@@ -12,11 +12,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.check.evidence import evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.run import verdicts
 from deltaid.check.sensing.misfit import Misfit
-from deltaid.check.sensors import sensor_verdicts
+from deltaid.check.sensors import checked_sensors
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings
@@ -62,8 +63,7 @@ def recorded(
 def judged(
     dynamics: Dynamics, frame: pl.DataFrame, mapping: ColumnMapping | None = None
 ) -> tuple[Verdict, ...]:
-    recordings = open_recordings(frame, dynamics.kinematics, mapping)
-    return sensor_verdicts(dynamics, recordings)
+    return checked_sensors(evidence(dynamics.robot, frame, mapping))
 
 
 def wrench(of: np.ndarray) -> pl.DataFrame:

@@ -148,10 +148,8 @@ def _still(
 
 
 def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:
-    """Warnings of survey and fit, without those whose cause a verdict tells already.
-
-    What the fit contradicts follows from units, wiring and priors wherever these are poor.
-    """
+    """Warnings of survey and fit, without those whose cause a verdict tells already: what the fit
+    contradicts follows from units, wiring and priors wherever these are poor."""
     doubts = [(one.path, text) for one in result.recordings for text in one.log.warnings]
     judged = {verdict.key for verdict in found}
     poor = {v.key for v in found if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}

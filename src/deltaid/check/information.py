@@ -47,37 +47,23 @@ _SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A motion within a robot's limits.
-
-    Attributes:
-        words: what to record, as a cure says it.
-        information: what it tells, without torques.
-        ranges: of the drive coordinates along it [rad or m].
-        largest: torque of each drive, by the prior [N m or N].
-    """
+    """A motion within a robot's limits, with the words of a cure that asks for it."""
 
     words: str
-    information: Information
-    ranges: Float[np.ndarray, " dof"]
-    largest: Float[np.ndarray, " dof"]
+    information: Information  # without torques
+    ranges: Float[np.ndarray, " dof"]  # of the drive coordinates [rad or m]
+    largest: Float[np.ndarray, " dof"]  # torques by the prior [N m or N]
 
 
 @dataclass(frozen=True, eq=False)
 class _Told:
     """Standard deviations of the base parameters of a generic motion, as shares of what the prior
-    leaves open.
+    leaves open."""
 
-    Attributes:
-        names: the parameters that stand for the groups.
-        recorded: after the recording alone.
-        usual: after a usual motion within limits, of as many samples and the same noise.
-        best: words of the motion that narrows each most together with the recording.
-    """
-
-    names: tuple[str, ...]
-    recorded: Float[np.ndarray, " base"]
-    usual: Float[np.ndarray, " base"]
-    best: tuple[str, ...]
+    names: tuple[str, ...]  # of the parameters that stand for the groups
+    recorded: Float[np.ndarray, " base"]  # after the recording alone
+    usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
+    best: tuple[str, ...]  # words of the motion that narrows each most beside the recording
 
     def named(self, which: Int[np.ndarray, " some"]) -> str:
         """The first of some parameters, and how many more there are."""
@@ -164,10 +150,8 @@ def _told_by(dynamics: Dynamics, information: Information, motions: Sequence[_Mo
 def _weights(
     information: Information, usual: Float[np.ndarray, " dof"]
 ) -> Float[np.ndarray, " dof"]:
-    """1/σ_i² by what no parameters explain of each drive's torque.
-
-    Of a drive that rests nothing is known; it gets a usual share of its usual torque.
-    """
+    """1/σ_i² by what no parameters explain of each drive's torque, a usual share of its usual
+    torque for one that rests."""
     noise = _USUAL_NOISE * np.maximum(usual, np.finfo(float).tiny)
     known = zip(information.samples, information.torque_max, strict=True)
     for i, (samples, largest) in enumerate(known):

@@ -158,11 +158,8 @@ def _limb_length(robot: RobotDescription, name: str) -> float | None:
 
 
 def _size_of(robot: RobotDescription) -> float:
-    """Length of the longest arm and strut together [m].
-
-    A mechanism of the user's own has no limbs that are known, so it may be of any size: a sled of a
-    hundred kilograms moves by a few centimetres.
-    """
+    """Length of the longest arm and strut together [m]; a mechanism of the user's own may be of any
+    size: a sled of a hundred kilograms moves by a few centimetres."""
     return max((limb.upper_arm + limb.strut for limb in robot.limb_geometry), default=np.inf)
 
 

@@ -5,7 +5,7 @@ each sensor shows (`sensing.misfit`). Where these contradict each other, maps th
 columns right are tried (`sensing.guesses`).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,11 +15,9 @@ from deltaid.check.sensing.guesses import Guess, best_guess
 from deltaid.check.sensing.misfit import Found, Lag, Misfit, lag_of
 from deltaid.check.sensing.sheet import Sheet, Signal, sheet
 from deltaid.check.sensing.told import mapped, told
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 from deltaid.model.words import percent
-from deltaid.recording.recording import Recording
 from deltaid.robot.sensors import BaseWrench, Sensor
 
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if none
@@ -37,30 +35,14 @@ _ROWS, _SURE, _BETTER = 1.5, 6.0, 0.9
 _NOISY = 3.0
 
 
-def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
-    """Verdicts on each sensor of a recording; none of one without."""
-    recording = evidence.surveyed
-    if isinstance(recording, RecordingError):
-        return ()
-    return sensor_verdicts(evidence.dynamics, [recording])
-
-
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
-def sensor_verdicts(dynamics: Dynamics, recordings: Iterable[Recording]) -> tuple[Verdict, ...]:
-    """Verdicts on each sensor of each recording, good ones too.
-
-    Args:
-        dynamics: of the robot as described.
-        recordings: surveyed, with their filters.
-    """
-    sheets = (sheet(dynamics, recording) for recording in recordings)
-    return tuple(
-        verdict
-        for rows in sheets
-        if rows is not None
-        for signal in rows.signals
-        for verdict in _of_signal(rows, signal)
-    )
+def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
+    """Verdicts on each sensor of a recording, good ones too; none of one without."""
+    recording = evidence.surveyed
+    rows = None if isinstance(recording, RecordingError) else sheet(evidence.dynamics, recording)
+    if rows is None:
+        return ()
+    return tuple(verdict for signal in rows.signals for verdict in _of_signal(rows, signal))
 
 
 def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:

@@ -45,7 +45,6 @@ class Candidate:
     """One assignment of columns, and what it leaves of the torques.
 
     Attributes:
-        residual: under its map of the positions.
         order: the torque column of each drive.
         gains: of these, with sign: drive torque = gain · number; ±1, or a gain far from 1.
         loose: drives whose gain does not show beside those of the others.
@@ -192,10 +191,8 @@ def assigned(found: Residual, order: tuple[int, ...]) -> Candidate:
 
 
 def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]:
-    """Drives whose gain does not show: their residual goes with no other's.
-
-    Of limbs that share a platform it does by 0.5 at least, of a telescope's drive by 0.1 at most.
-    """
+    """Drives whose gain does not show: their residual goes with no other's. Of limbs that share a
+    platform it does by 0.5 at least, of a telescope's drive by 0.1 at most."""
     size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
     return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
 
@@ -203,11 +200,8 @@ def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]
 def _settled(
     along: Float[np.ndarray, " drives"], u: Float[np.ndarray, " drives"], loose: np.ndarray
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
-    """Signs, and with them gains: 1 but where one is far from those of the others.
-
-    Signs of drives that hang together are one another's; which of both ways, and the sign of a
-    loose drive, the prior says.
-    """
+    """Signs, and with them gains: 1 but where one is far from the others. Which of both ways drives
+    that hang together have them, and the sign of a loose one, the prior says."""
     sign, tied = np.where(u < 0, -1.0, 1.0), ~loose
     if np.sum(sign[tied] * along[tied]) < 0:
         sign[tied] *= -1

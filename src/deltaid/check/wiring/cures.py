@@ -45,11 +45,9 @@ class Entries:
             return given.entries(len(self._linear), quantity)[drive]
         if given is not None:
             return given[drive]
-        name = self.name(quantity, drive)
-        units = self._evidence.table.units
-        return DriveColumn(
-            column=name, unit=units.get(name, si_unit(quantity, linear=self._linear[drive]))
-        )
+        name, units = self.name(quantity, drive), self._evidence.table.units
+        unit = units.get(name, si_unit(quantity, linear=self._linear[drive]))
+        return DriveColumn(column=name, unit=unit)
 
     def name(self, quantity: Quantity, drive: int) -> str:
         return getattr(self._evidence.columns, quantity)[drive].column
@@ -59,11 +57,10 @@ class Entries:
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
-        now = self.of(quantity, drive).unit
-        for (unit, by), named in _UNITS.items():
-            if unit == now and abs(by / factor - 1) < 1e-6:
-                return {"unit": named}
-        return {}
+        now, known = self.of(quantity, drive).unit, _UNITS.items()
+        near = (name for (unit, by), name in known if unit == now and abs(by / factor - 1) < 1e-6)
+        named = next(near, None)
+        return {"unit": named} if named else {}
 
     def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """Of a motor whose numbers must be multiplied by `factor`."""

@@ -20,6 +20,7 @@ from deltaid.recording.filter import (
     design_low_pass,
     samples_needed,
 )
+from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 
 # The highest cut-off [Hz]: enough to tell columns apart.
@@ -113,23 +114,18 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
 def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.ndarray, " kept"]:
     """Which kept samples have no part in a rest of any drive, nor the filter around them."""
     asleep = np.zeros(len(qd))
-    for one in np.abs(qd).T:
-        still = np.concatenate([[False], one < _STILL * one.max(), [False]])
-        starts, stops = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2).T
-        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-            if stop - start > _REST * rate:
-                asleep[start:stop] = 1.0
+    for speed in np.abs(qd).T:
+        for first, last in runs_of(speed < _STILL * speed.max()):
+            if last + 1 - first > _REST * rate:
+                asleep[first : last + 1] = 1.0
     window = np.ones(len(low_pass.smooth))
-    touched = apply(window, asleep[None], low_pass.decimation)[0, :count]
-    awake = touched < 0.5
+    awake = apply(window, asleep[None], low_pass.decimation)[0, :count] < 0.5
     return awake if awake.sum() > _AWAKE else np.ones(count, bool)
 
 
 def _cutoff(q: Values, rate: float) -> float:
     """The usual one, or less: three times the frequency that 99.9 % of the speeds' power is below.
-
-    Noise of coarse encoders is not white: it lets the usual rule go too high for accelerations.
-    """
+    Noise of coarse encoders, not white, lets the usual rule go too high for accelerations."""
     spectrum = SpectrumEstimate(q.shape[1])
     spectrum.add(power_of(q))
     usual = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
@@ -176,12 +172,8 @@ def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> t
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)
     way = np.append(0.0, np.cumsum(steps.sum(axis=1)))
-    best, found = -1.0, (0, 0)
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        first = np.arange(start, max(start + 1, stop - most + 1), max(1, most // 20))
-        last = np.minimum(first + most, stop)
-        gone = way[last] - way[first]
-        k = int(np.argmax(gone))
-        if gone[k] > best:
-            best, found = float(gone[k]), (int(first[k]), int(last[k]))
-    return found
+    ends = zip(starts, np.maximum(starts + 1, stops - most + 1), strict=True)
+    first = np.concatenate([np.arange(start, stop, max(1, most // 20)) for start, stop in ends])
+    last = np.minimum(first + most, stops[np.searchsorted(starts, first, side="right") - 1])
+    k = int(np.argmax(way[last] - way[first]))
+    return int(first[k]), int(last[k])

@@ -118,10 +118,8 @@ def _maps(dynamics: Dynamics) -> Iterator[Map]:
 
 
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
-    """Drives that may have a fault in common: all of a kind, or each alone.
-
-    A drive that turns a telescope shows no unit by its loops, so it is not tried alone.
-    """
+    """Drives that may have a fault in common: all of a kind, or each alone but for one that turns a
+    telescope, which shows no unit by its loops."""
     linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
     for kind in sorted(set(linear)):
         same = [i for i, slides in enumerate(linear) if slides == kind]

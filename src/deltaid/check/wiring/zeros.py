@@ -98,10 +98,8 @@ def _causes(told: Shifts) -> list[list[int]]:
 
 
 def _shown(told: Shifts) -> list[int]:
-    """Drives whose zeros are off by little enough for slopes to tell it, and told to a part of it.
-
-    What hardly shows, as a telescope's drive does, would take any error to explain the rest.
-    """
+    """Drives whose zeros are off by little enough for slopes to tell it, and told to a part of it:
+    what hardly shows, as a telescope's drive does, would take any error to explain the rest."""
     found = []
     for i in range(told.drives):
         (value,), ((variance,),) = told.told([i])
@@ -111,11 +109,9 @@ def _shown(told: Shifts) -> list[int]:
 
 
 def _better_explained(told: Shifts, loose: list[int]) -> bool:
-    """Whether gains or offsets of the torques leave nothing to zeros and gravity.
-
-    Those of all drives must do what these cannot; that of one drive is as simple as they are, but
-    for a loose one's, which stand for whatever its prior lacks.
-    """
+    """Whether gains or offsets of the torques leave nothing to zeros and gravity: those of all
+    drives by doing what these cannot, that of one drive, which is as simple as they are, by doing
+    more. A loose drive's stand for whatever its prior lacks."""
     causes = _causes(told)
     for others in (told.offsets, told.gains[1:]):
         if others and all(
