@@ -13,7 +13,6 @@ from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
 from deltaid.identification.warmth import Warmth
-from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import ColumnMapping
@@ -66,11 +65,6 @@ class Evidence:
     def robot(self) -> RobotDescription:
         return self.dynamics.robot
 
-    @property
-    def kinematics(self) -> Kinematics:
-        """Of the robot as described."""
-        return self.dynamics.kinematics
-
     @cached_property
     def rows(self) -> Rows:
         """The recording's beginning, unchecked; of a log of usual length all of it.
@@ -99,7 +93,7 @@ class Evidence:
         """The recording, without the torques of what it is declared to hold."""
         try:
             keep, cutoff = self.settings.keep_all, self.settings.cutoff
-            where = self.source, self.kinematics, self.mapping
+            where = self.source, self.dynamics.kinematics, self.mapping
             opened = open_recordings(*where, cutoff, keep_all=keep)
             return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
         except RecordingError as error:

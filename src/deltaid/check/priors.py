@@ -49,20 +49,16 @@ def _body(robot: RobotDescription, name: str) -> Iterator[Verdict]:
         return
     for k, shape in enumerate(prior):
         path, mass = f"bodies.{name}.prior[{k}]", float(shape.parameters()[0])
-        density = _density(shape, mass)
+        density = np.nan
+        if isinstance(shape, HollowCylinder):
+            section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
+            density = mass / (section * shape.length)
         if density > _DENSEST:
             yield _heavy(path, name, shape, density)
         elif density < _LIGHTEST:
             yield _light(path, name, shape, density)
         elif mass > _HEAVY * size**3:
             yield _massive(f"{path}.mass", name, mass, size, alone=shape.mass is not None)
-
-
-def _density(shape: HollowCylinder | PointMass, mass: float) -> float:
-    """kg/m³; a point has none."""
-    if isinstance(shape, PointMass):
-        return np.nan
-    return mass / (np.pi * (shape.outer_radius**2 - shape.inner_radius**2) * shape.length)
 
 
 def _explicit(

@@ -180,27 +180,21 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
 def _share_of(evidence: Evidence, log: Log, reasons: tuple[Reason, ...]) -> np.ndarray:
     """For each drive the share of the rows that are left out for some reasons."""
     masks = [mask for mask in log.masks if mask.reason in reasons]
-    return 1.0 - kept(masks, evidence.kinematics.dof, log.samples)
+    return 1.0 - kept(masks, evidence.dynamics.dof, log.samples)
 
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
-    shares = _share_of(evidence, log, ("saturated torque",))
+    shares, key, unit = _share_of(evidence, log, ("saturated torque",)), "saturation", "%"
     if shares.max() <= _CLIPPED:
         seen = "no torque stays on its largest or smallest number"
-        yield Verdict("saturation", Grade.GOOD, seen, number=100 * float(shares.max()), unit="%")
+        yield Verdict(key, Grade.GOOD, seen, number=100 * float(shares.max()), unit=unit)
+    cause = "the drive is at its limit of current, or the channel's range ends there"
+    cure = "raise the channel's range, or move more gently or with less load"
     for drive, share in zip(evidence.robot.drives, shares.tolist(), strict=True):
         if share > _CLIPPED:
-            yield Verdict(
-                "saturation",
-                Grade.DOUBTFUL,
-                f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
-                "torque; these are left out",
-                drive,
-                "the drive is at its limit of current, or the channel's range ends there",
-                "raise the channel's range, or move more gently or with less load",
-                number=100 * share,
-                unit="%",
-            )
+            seen = f"{percent(share)} of {drive}'s rows are on the largest or smallest number of "
+            seen, number = f"{seen}the torque; these are left out", 100 * share
+            yield Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit=unit)
 
 
 def _standing(evidence: Evidence, log: Log) -> Verdict:

@@ -42,6 +42,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
 
     @property
     def grade(self) -> Grade:
+        """The most severe one."""
         return worst(self)
 
     @property
