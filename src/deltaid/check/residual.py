@@ -204,7 +204,7 @@ def _lag(study: Study, *, unknown: bool = False) -> Verdict:
         cause = "a lag beside the causes below, or these alone, which imitate one"
         cure = "mend the causes below first, and check again"
         return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=lag, unit=unit)
-    harm = spoilt(study, study.fit.p)
+    harm = spoilt(study)
     if not study.late or not _matters(study, harm):
         if unknown:
             seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
