@@ -12,8 +12,7 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation import conic
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information, active_columns, gather_samples
-from deltaid.estimation.log_cholesky import LogCholesky, Unconstrained
-from deltaid.estimation.log_cholesky_map import LogCholeskyMap
+from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
 from deltaid.estimation.objective import (
     Objective,
     data_term,

@@ -12,9 +12,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.information import gather_samples
-from deltaid.estimation.objective import Objective
+from deltaid.estimation.objective import Objective, Solution, Solver
 from deltaid.estimation.posing import minimise
-from deltaid.estimation.solver import Solution, Solver
 from deltaid.identification.fit import fit
 from deltaid.identification.identify import identify
 from deltaid.identification.signs import against_motion, told

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.estimation.free_body import Free, free_coefficients, held_coefficients
+from deltaid.estimation.free_body import Free, free_coefficients
 from deltaid.estimation.information import entries_at
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
@@ -45,12 +45,10 @@ class Addition(ABC):
 
     @abstractmethod
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """The entries along some samples of a recording.
+        """The entries along consecutive samples w of a recording, at the full rate.
 
         Args:
-            w: consecutive samples at the full rate.
             own: entries of the robot's regressor there, in the order of its pattern.
-            recording: whose they are.
         """
 
     def on(self, dynamics: Dynamics) -> "Addition":
@@ -61,8 +59,10 @@ class Addition(ABC):
     @property
     def free(self) -> Free:
         """What the fit may change of its parameters: all, or none where they are held."""
-        coefficients = held_coefficients if self.is_held else free_coefficients
-        return coefficients(self.parameters)
+        if not self.is_held:
+            return free_coefficients(self.parameters)
+        n = len(self.parameters)
+        return Free((), np.zeros((n, 0)), np.zeros(n), ())
 
     @property
     def is_held(self) -> bool:
@@ -85,24 +85,15 @@ class Addition(ABC):
         return "what is known"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        """What the fit found of it, as corrections.
-
-        Args:
-            judged: its parameters with their intervals.
-        """
+        """What the fit found of it, as corrections; `judged` are its parameters."""
         del judged
         return ()
 
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The columns of a regressor, then those of additions, in their order.
-
-    Attributes:
-        regressor: of the robot, perhaps with more columns than its own.
-        own: how many columns it has.
-        additions: what follows.
-    """
+    """The columns of a regressor, perhaps with more than the robot's `own` number, then those of
+    additions, in their order."""
 
     regressor: Regressor
     own: int
@@ -123,11 +114,11 @@ class Extended:
         """Drive and column of every entry that is not always zero."""
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
         first = self.own
-        for one in self.additions:
-            drives, at = one.pattern
+        for addition in self.additions:
+            drives, at = addition.pattern
             rows.append(drives)
             columns.append(first + at)
-            first += len(one.parameters)
+            first += len(addition.parameters)
         return np.concatenate(rows), np.concatenate(columns)
 
     def carried(
@@ -145,20 +136,20 @@ class Extended:
     ) -> Values:
         """All entries along some samples; `load` is for friction that depends on it."""
         own = entries_at(self.regressor, w.z, w.qd, w.qdd, load)
-        return np.vstack([own, *(one.entries(w, own, recording) for one in self.additions)])
+        return np.vstack([own, *(more.entries(w, own, recording) for more in self.additions)])
 
 
 def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Extended:
     """The regressor of a robot with additions; the robot's own if there are none."""
     if not additions:
         return dynamics
-    additions = tuple(one.on(dynamics) for one in additions)
-    return Extended(dynamics, len(dynamics.layout.names), additions)
+    behind = tuple(addition.on(dynamics) for addition in additions)
+    return Extended(dynamics, len(dynamics.layout.names), behind)
 
 
 def extended_layout(layout: ParameterLayout, additions: Sequence[Addition]) -> ParameterLayout:
     """The robot's layout with the parameters of additions behind its own."""
-    more = tuple(parameter for one in additions for parameter in one.parameters)
+    more = tuple(parameter for addition in additions for parameter in addition.parameters)
     return ParameterLayout((*layout.parameters, *more), layout.bodies) if more else layout
 
 

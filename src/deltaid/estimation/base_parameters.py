@@ -37,17 +37,14 @@ class BaseGroup:
 
     def formula(self, layout: ParameterLayout) -> str:
         """The group as a formula, equal coefficients factored: 'm_P + m_EE + 6·(m_S − …)'."""
-        by_coefficient: dict[float, list[tuple[int, bool]]] = {}
+        by_size: dict[float, list[tuple[str, bool]]] = {}
         for member, coefficient in self.members.items():
-            key = next(
-                (k for k in by_coefficient if np.isclose(k, abs(coefficient), rtol=1e-6)),
-                abs(coefficient),
-            )
-            by_coefficient.setdefault(key, []).append((member, coefficient < 0))
-        text = layout.parameters[self.representative].label
-        for coefficient, terms in by_coefficient.items():
-            text += _written_out(coefficient, terms, layout)
-        return text
+            size = abs(coefficient)
+            key = next((k for k in by_size if np.isclose(k, size, rtol=1e-6)), size)
+            label = layout.parameters[member].label
+            by_size.setdefault(key, []).append((label, coefficient < 0))
+        first = layout.parameters[self.representative].label
+        return first + "".join(_written_out(size, terms) for size, terms in by_size.items())
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,11 +78,15 @@ class BaseParameters(Shown):
     def combination(self) -> Float[np.ndarray, "base parameters"]:
         """The matrix that takes p to the base parameters."""
         K = np.zeros((self.rank, len(self.layout.names)))
-        for row, group in enumerate(self.groups):
-            K[row, group.representative] = 1.0
-            for member, coefficient in group.members.items():
-                K[row, member] = coefficient
+        for row, group in zip(K, self.groups, strict=True):
+            row[group.representative] = 1.0
+            row[list(group.members)] = list(group.members.values())
         return K
+
+    @property
+    def representatives(self) -> list[int]:
+        """One parameter of each group."""
+        return [group.representative for group in self.groups]
 
     def values(self, p: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " base"]:
         """The base parameters of p; zero where terms cancel to what rounding leaves of them."""
@@ -107,11 +108,12 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     norms = np.linalg.norm(Y, axis=0)
     shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]
-    own = information.columns[shown] < len(layout.names) - layout.added
+    columns = information.columns[shown]
+    own = columns < len(layout.names) - layout.added
     pivots = _pivots(scaled[:, own])
     pivots /= pivots[0]
     rank = int(np.sum(pivots > _DEPENDENT))
-    chosen = _representatives(scaled, information.columns[shown], layout)
+    chosen = _representatives(scaled, columns, layout)
     of_robot = int(np.sum(own[chosen]))
     if of_robot != rank:
         raise IdentificationError(
@@ -119,12 +121,10 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
             f"{max(rank, of_robot)} parameters; it hardly excites some of them",
             cure="record a motion that uses all drives and more of the workspace",
         )
-    groups = _groups(scaled, norms[shown], chosen, information.columns[shown])
-    invisible = np.setdiff1d(np.arange(len(layout.names)), information.columns[shown])
     return BaseParameters(
         layout=layout,
-        groups=groups,
-        invisible=tuple(int(i) for i in invisible),
+        groups=_groups(scaled, norms[shown], chosen, columns),
+        invisible=tuple(np.setdiff1d(np.arange(len(layout.names)), columns).tolist()),
         condition=float(np.linalg.cond(scaled[:, chosen])),
         pivots=pivots,
     )
@@ -153,9 +153,10 @@ def _representatives(
     scaled: Float[np.ndarray, "rows shown"], columns: np.ndarray, layout: ParameterLayout
 ) -> list[int]:
     """Columns, in the preferred order, that do not depend on those taken before."""
+    parameters = [layout.parameters[column] for column in columns]
 
     def preference(k: int) -> tuple[int, bool, int]:
-        parameter = layout.parameters[columns[k]]
+        parameter = parameters[k]
         if parameter.kind in ADDED:
             return len(_PREFERENCE) + 1, False, int(columns[k])
         body = parameter.owner.rstrip("0123456789")  # of limbs with inertia of their own
@@ -171,8 +172,7 @@ def _representatives(
         for _ in range(2):  # twice, so that rounding leaves it orthogonal
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
-        added = layout.parameters[columns[k]].kind in ADDED
-        if length > (_HARDLY if added else _DEPENDENT):
+        if length > (_HARDLY if parameters[k].kind in ADDED else _DEPENDENT):
             basis = np.column_stack([basis, rest / length])
             chosen.append(k)
     return chosen
@@ -186,9 +186,8 @@ def _groups(
 ) -> tuple[BaseGroup, ...]:
     rest = [k for k in range(scaled.shape[1]) if k not in chosen]
     K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, rest], rcond=None)
-    order = np.argsort(columns[chosen])
     groups = []
-    for row in order:
+    for row in np.argsort(columns[chosen]):
         # A coefficient counts by what it does to the torque, so in scaled columns.
         members = {
             int(columns[k]): float(K[row, j] * norms[k] / norms[chosen[row]])
@@ -199,17 +198,13 @@ def _groups(
     return tuple(groups)
 
 
-def _written_out(coefficient: float, terms: list[tuple[int, bool]], layout: ParameterLayout) -> str:
+def _written_out(size: float, terms: list[tuple[str, bool]]) -> str:
     """' + 6·(m_S − mcx_S)': the terms that share a coefficient, after their common sign."""
-    negative = terms[0][1]
-    names = layout.parameters[terms[0][0]].label
-    for member, sign in terms[1:]:
-        names += f" {'+' if sign == negative else '−'} {layout.parameters[member].label}"
-    number = f"{coefficient:.6g}"
-    if number == "1" and (len(terms) == 1 or not negative):
-        inner = names
-    elif number == "1":
-        inner = f"({names})"
-    else:
-        inner = f"{number}·({names})" if len(terms) > 1 else f"{number}·{names}"
-    return f" {'−' if negative else '+'} {inner}"
+    (names, negative), *others = terms
+    for label, is_negative in others:
+        names += f" {'+' if is_negative == negative else '−'} {label}"
+    number = f"{size:.6g}"
+    if others and (number != "1" or negative):
+        names = f"({names})"
+    times = "" if number == "1" else f"{number}·"
+    return f" {'−' if negative else '+'} {times}{names}"

@@ -3,9 +3,9 @@
 J is convex in x, and consistency is a product of positive semidefinite cones and half lines, so an
 interior-point method ends at the global optimum with a dual bound below it. Steps:
 
-1. Stack data and quadratic regulariser and factor: J/γ = ‖L x − l‖² + spectral part + constant.
+1. Stack data and quadratic regulariser and factor: J/γ = ‖R x − b‖² + spectral part + constant.
 2. If there is no spectral part and the unconstrained minimiser is consistent, it is the optimum.
-3. Otherwise solve  min ‖y‖² + spectral part  s.t.  y = L x − l,  M_b(x) − ε M_b,reg ⪰ 0.
+3. Otherwise solve  min ‖y‖² + spectral part  s.t.  y = R x − b,  M_b(x) − ε M_b,reg ⪰ 0.
 4. Report J(x) and its distance from the dual bound.
 
 The entropic part needs −log det A of the normalised block A: with Z lower triangular and
@@ -17,17 +17,18 @@ from typing import ClassVar
 
 import clarabel
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Block
-from deltaid.estimation.information import triangle
-from deltaid.estimation.objective import Objective
+from deltaid.estimation.objective import DataTerm, Objective, Solution
 from deltaid.estimation.reduction import INTERIOR
-from deltaid.estimation.regularizer import LogDet, Vector
-from deltaid.estimation.solver import Solution
+from deltaid.estimation.regularizer import LOG_DET, Vector
+
+# Variables of a block, its constant part, and its slope along each variable.
+Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarray, "own k k"]]
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class Conic:
             IdentificationError: the regulariser has no conic program, or the solver did not
                 converge.
         """
-        spectral, reduction = objective.regularizer.spectral, objective.reduction
-        if not (spectral is None or isinstance(spectral.divergence, LogDet)):
+        spectral = objective.regularizer.spectral
+        if not (spectral is None or spectral.divergence is LOG_DET):
             raise IdentificationError(
                 "this regulariser is not convex in the parameters, so it has no conic program",
                 cure="use --method log-cholesky with it, or the entropic regulariser, which is "
@@ -61,36 +62,26 @@ class Conic:
         quadratic = _stacked(objective)
         if spectral is None:
             x = _unconstrained(quadratic)
-            if x is not None and all(_interior(block, x) for block in reduction.blocks):
+            if x is not None and all(_interior(block, x) for block in objective.reduction.blocks):
                 value = objective.value(x)
                 return Solution(x, value, value, 0, "interior optimum")
         return _Program(objective, quadratic, self).solve()
 
 
-@dataclass(frozen=True)
-class _Quadratic:
-    """‖L x − l‖² + c, all divided by γ."""
-
-    L: Float[np.ndarray, "n n"]
-    l: Vector
-    c: float
-
-
-def _stacked(objective: Objective) -> _Quadratic:
-    data, prior = objective.data, objective.regularizer.quadratic
-    n = objective.reduction.size
-    K = np.vstack([data.R / np.sqrt(objective.gamma), prior.D])
-    k = np.append(data.b / np.sqrt(objective.gamma), prior.D @ prior.x_reg)
-    rows = np.vstack([np.column_stack([K, k]), np.zeros((1, n + 1))])
-    R = triangle(rows)
-    c = data.c / objective.gamma + float(R[n, n] ** 2)
-    return _Quadratic(R[:n, :n], R[:n, n], c)
+def _stacked(objective: Objective) -> DataTerm:
+    """Data and quadratic regulariser as one square, divided by γ."""
+    data, prior, root = objective.data, objective.regularizer.quadratic, np.sqrt(objective.gamma)
+    rows = [
+        np.column_stack([data.R / root, data.b / root]),
+        np.column_stack([prior.D, prior.D @ prior.x_reg]),
+    ]
+    return DataTerm.of(np.vstack(rows), data.c / objective.gamma)
 
 
-def _unconstrained(quadratic: _Quadratic) -> Vector | None:
-    if np.min(np.abs(np.diag(quadratic.L))) == 0:
+def _unconstrained(quadratic: DataTerm) -> Vector | None:
+    if np.min(np.abs(np.diag(quadratic.R))) == 0:
         return None
-    return solve_triangular(quadratic.L, quadratic.l)
+    return solve_triangular(quadratic.R, quadratic.b)
 
 
 def _interior(block: Block, x: Vector) -> bool:
@@ -106,13 +97,19 @@ def normalised(
     return solve_triangular(L, solve_triangular(L, M, lower=True).T, lower=True)
 
 
+def affine(block: Block) -> Affine:
+    """A normalised block as constant plus Σ x_k slope_k."""
+    at = np.unique(block.index[block.index >= 0])
+    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in at]
+    return at, normalised(block.prior, block.constant), np.array(slopes)
+
+
 class _Program:
     """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
 
-    def __init__(self, objective: Objective, quadratic: _Quadratic, asked: Conic) -> None:
+    def __init__(self, objective: Objective, quadratic: DataTerm, asked: Conic) -> None:
         self._objective, self._quadratic, self._asked = objective, quadratic, asked
         self._reduction = objective.reduction
-        self._scale = objective.reduction.scale
         self._size = 2 * objective.reduction.size
         self._rows: list[sparse.csc_matrix] = []
         self._right: list[np.ndarray] = []
@@ -122,40 +119,35 @@ class _Program:
 
     def solve(self) -> Solution:
         n, spectral = self._reduction.size, self._objective.regularizer.spectral
-        L = self._quadratic.L * self._scale
-        self._require(np.hstack([L, -np.eye(n)]), self._quadratic.l, clarabel.ZeroConeT(n))
+        R = self._quadratic.R * self._reduction.scale
+        self._require(np.hstack([R, -np.eye(n)]), self._quadratic.b, clarabel.ZeroConeT(n))
         if spectral is None:
             for block in self._reduction.blocks:
-                self._require_definite(block)
+                constant, slopes = self._affine(block)
+                self._require_psd(constant - INTERIOR * np.eye(len(constant)), slopes)
         else:
             for block, weight in zip(spectral.blocks, spectral.weights, strict=True):
                 self._add_entropy(block, weight)
         return self._run()
 
     def _run(self) -> Solution:
-        n, size = self._reduction.size, self._size
-        diagonal = np.zeros(size)
+        n, size, gamma = self._reduction.size, self._size, self._objective.gamma
+        diagonal, q = np.zeros(size), np.zeros(size)
         diagonal[n : 2 * n] = 2.0
-        q = np.zeros(size)
-        for k, value in self._linear.items():
-            q[k] = value
-        A = sparse.vstack([_widened(rows, size) for rows in self._rows], format="csc")
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self._asked.tolerance
-        solver = clarabel.DefaultSolver(
+        q[list(self._linear)] = list(self._linear.values())
+        for rows in self._rows:
+            rows.resize((rows.shape[0], size))
+        solution = clarabel.DefaultSolver(
             sparse.diags(diagonal, format="csc"),
             q,
-            A,
+            sparse.vstack(self._rows, format="csc"),
             np.concatenate(self._right),
             self._cones,
-            settings,
-        )
-        solution = solver.solve()
-        x = np.array(solution.x)[:n] * self._scale
-        gamma, constant = self._objective.gamma, self._quadratic.c + self._constant
+            quiet_settings(self._asked.tolerance),
+        ).solve()
+        x = np.array(solution.x)[:n] * self._reduction.scale
         value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
-        bound = gamma * (solution.obj_val_dual + constant)
+        bound = gamma * (solution.obj_val_dual + self._quadratic.c + self._constant)
         status = str(solution.status)
         if not value - bound <= self._asked.largest_gap * (abs(value) + gamma):
             raise IdentificationError(
@@ -170,30 +162,21 @@ class _Program:
     def _require(self, rows: np.ndarray, right: np.ndarray, cone: object) -> None:
         """right − rows · u in the cone; rows may be shorter than u."""
         self._rows.append(sparse.csc_matrix(rows))
-        self._right.append(np.asarray(right, dtype=float))
+        self._right.append(right)
         self._cones.append(cone)
 
     def _affine(self, block: Block) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """Normalised block as constant and one matrix for each variable of u."""
-        constant = normalised(block.prior, block.constant)
-        slopes = {
-            int(k): normalised(block.prior, (block.index == k) * self._scale[k])
-            for k in np.unique(block.index[block.index >= 0])
-        }
-        return constant, slopes
-
-    def _require_definite(self, block: Block) -> None:
-        constant, slopes = self._affine(block)
-        self._require_psd(constant - INTERIOR * np.eye(len(constant)), slopes)
+        at, constant, slopes = affine(block)
+        scale = self._reduction.scale
+        return constant, {int(k): slope * scale[k] for k, slope in zip(at, slopes, strict=True)}
 
     def _require_psd(self, constant: np.ndarray, slopes: dict[int, np.ndarray]) -> None:
         right = svec(constant)
         rows = np.zeros((len(right), self._size))
         for k, slope in slopes.items():
             rows[:, k] = -svec(slope)
-        size = len(constant)
-        cone = clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
-        self._require(rows, right, cone)
+        self._require(rows, right, definite(len(constant)))
 
     def _add_entropy(self, block: Block, weight: float) -> None:
         """2 w (tr A − log det A − k) of the normalised block A, with a weight w."""
@@ -228,6 +211,14 @@ def svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:
     return np.where(rows == columns, 1.0, np.sqrt(2.0)) * M[columns, rows]
 
 
-def _widened(rows: sparse.csc_matrix, size: int) -> sparse.csc_matrix:
-    rows.resize((rows.shape[0], size))
-    return rows
+def definite(size: int) -> object:
+    """The cone of positive semidefinite matrices; of one entry, the half line."""
+    return clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
+
+
+def quiet_settings(tolerance: float) -> clarabel.DefaultSettings:
+    """Settings of Clarabel with one tolerance for gap and feasibility."""
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    return settings

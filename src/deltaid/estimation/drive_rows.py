@@ -23,12 +23,8 @@ ColumnsOfDrives = Float[np.ndarray, "dof samples columns"]
 
 @dataclass(frozen=True, eq=False)
 class DriveRows:
-    """How samples of drives stand under each other.
-
-    Attributes:
-        scale: what each drive's rows are divided by, such as its noise [N m or N].
-        samples: of each drive.
-    """
+    """How samples of drives stand under each other, each drive's divided by its scale, such as its
+    noise [N m or N]."""
 
     scale: Float[np.ndarray, " dof"]
     samples: int
@@ -66,13 +62,9 @@ class DriveRows:
     def problem(
         self, A: ColumnsOfDrives, b: OfDrives, instruments: Sequence[ColumnsOfDrives] = ()
     ) -> LinearProblem:
-        """Least squares of columns, grouped by stretches of time.
-
-        Args:
-            instruments: columns in the order of A without the noise that these share with b; of
-                each kind a set.
-        """
-        Z = np.hstack([self.stack(one) for one in instruments]) if instruments else None
+        """Least squares of columns, grouped by stretches of time; each set of instruments has the
+        columns of A without the noise that these share with b."""
+        Z = np.hstack([self.stack(columns) for columns in instruments]) if instruments else None
         return LinearProblem(self.stack(A), self.stack(b), self.groups, Z)
 
 
@@ -97,8 +89,7 @@ def noise_of_drives(A: ColumnsOfDrives, b: OfDrives) -> Float[np.ndarray, " dof"
 
 
 def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:
-    """First samples of `STRETCHES` stretches of time that are as long as each other, or of as many
-    as there are samples."""
+    """First samples of `STRETCHES` stretches of time of one length, or of as many as samples."""
     return np.unique(np.arange(STRETCHES) * samples // STRETCHES)
 
 

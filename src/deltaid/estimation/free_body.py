@@ -21,7 +21,7 @@ class Block:
     """A symmetric matrix, affine in x, that must be positive definite.
 
     Attributes:
-        name: whose it is, such as 'S[x,m]'.
+        name: such as 'S[x,m]'.
         index: position in x of each entry, or −1 where the entry is constant.
         constant: values of the constant entries, 0 elsewhere.
         prior: the matrix at the prior, positive definite.
@@ -66,12 +66,6 @@ def free_coefficients(parameters: Sequence[Parameter]) -> Free:
     return Free(tuple(parameters), np.eye(len(parameters)), np.zeros(len(parameters)), blocks)
 
 
-def held_coefficients(parameters: Sequence[Parameter]) -> Free:
-    """Coefficients that stay zero."""
-    n = len(parameters)
-    return Free((), np.zeros((n, 0)), np.zeros(n), ())
-
-
 def free_body(
     kind: ParameterKind,
     body: str,
@@ -93,7 +87,9 @@ def free_body(
     for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
         if entry in free:
             index[i, j] = index[j, i] = len(variables)
-            variables.append(_entry(kind, body, entry, M))
+            low, scale = 0.0 if i == j else -np.inf, float(np.sqrt(M[i, i] * M[j, j]))
+            prior, unit = float(M[i, j]), INERTIA_UNITS[k]
+            variables.append(Parameter(kind, body, entry, unit, low, np.inf, prior, scale))
             columns.append(to_p[:, k])
         else:
             p_0 += to_p[:, k] * M[i, j]
@@ -104,19 +100,8 @@ def free_body(
     return Free(tuple(variables), A, p_0, tuple(_body_blocks(body, index, M, completed))), completed
 
 
-def _entry(kind: ParameterKind, body: str, entry: str, M: Float[np.ndarray, "4 4"]) -> Parameter:
-    """One entry of a body's M̄ as a free variable."""
-    i, j = PSEUDO_INERTIA_ENTRIES[entry]
-    unit = INERTIA_UNITS[tuple(PSEUDO_INERTIA_ENTRIES).index(entry)]
-    low, scale = (0.0 if i == j else -np.inf), float(np.sqrt(M[i, i] * M[j, j]))
-    return Parameter(kind, body, entry, unit, low, np.inf, float(M[i, j]), scale)
-
-
 def _body_blocks(
-    body: str,
-    index: Int[np.ndarray, "4 4"],
-    M: Float[np.ndarray, "4 4"],
-    completed: tuple[int, ...],
+    body: str, index: np.ndarray, M: Float[np.ndarray, "4 4"], completed: tuple[int, ...]
 ) -> list[Block]:
     """The smallest independent blocks of a body's M̄ without the completed rows."""
     rows = np.array([i for i in range(4) if i not in completed], dtype=int)
@@ -128,7 +113,7 @@ def _body_blocks(
     blocks = []
     for i, part in enumerate(together):
         if part[:i].any():
-            continue  # has been seen with its first row
+            continue  # had with its first row
         members = rows[part]
         ix = np.ix_(members, members)
         if np.all(index[ix] < 0):

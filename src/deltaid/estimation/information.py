@@ -32,14 +32,10 @@ class Columns(Protocol):
     """Which columns torques are explained with, drive by drive (as of `Regressor`)."""
 
     @property
-    def dof(self) -> int:
-        """Number of drives δ, and of channels of sensors."""
-        ...
+    def dof(self) -> int: ...  # of drives and channels of sensors
 
     @property
-    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and column of every structurally nonzero entry."""
-        ...
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 @runtime_checkable
@@ -47,9 +43,7 @@ class Known(Protocol):
     """Columns of which something is known without any sample."""
 
     @property
-    def known_columns(self) -> Int[np.ndarray, " _"]:
-        """Which."""
-        ...
+    def known_columns(self) -> Int[np.ndarray, " _"]: ...
 
 
 # Columns of [Y, τ] and their samples in rows.
@@ -90,8 +84,6 @@ class Information:
     @property
     def of_drives(self) -> "Information":
         """What torques alone say."""
-        if not self.channels and self.facts is None:
-            return self
         own = self.drives
         return Information(self.columns, self.factors[own], self.samples[own], self.torque_max[own])
 
@@ -152,12 +144,8 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """Some samples as triangles R of their rows, which is all that adds up.
-
-    Attributes:
-        triangles: one a chunk (a drive's rows of [Y, τ]), with the columns it stands in.
-        samples, torque_max: as of `Information`.
-    """
+    """Some samples as triangles R of their rows, which is all that adds up: one a chunk (a drive's
+    rows of [Y, τ]), with the columns it stands in; samples and torque_max as of `Information`."""
 
     triangles: tuple[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ _"]], ...]
     samples: Float[np.ndarray, " dof"]
@@ -177,10 +165,7 @@ def condense(
 def collect(
     regressor: Columns, parts: Iterable[Condensed], where: str, channels: int = 0
 ) -> Information:
-    """The information of condensed samples, taken in one after the other.
-
-    Args:
-        channels: how many of the rows, the last ones, are of sensors.
+    """The information of condensed samples, taken in one after the other; `channels` as there.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere; `where` says in what.
@@ -226,17 +211,10 @@ def gather_samples(
 def merge(parts: Iterable[Information]) -> Information:
     """Information of several recordings of the same robot together."""
     parts = tuple(parts)
-    first = parts[0]
-    factors = [
-        triangle(np.vstack([part.factors[i] for part in parts])) for i in range(len(first.factors))
-    ]
-    return Information(
-        columns=first.columns,
-        factors=np.stack(factors),
-        samples=np.sum([part.samples for part in parts], axis=0),
-        torque_max=np.max([part.torque_max for part in parts], axis=0),
-        channels=first.channels,
-    )
+    factors = [triangle(np.vstack(own)) for own in zip(*(p.factors for p in parts), strict=True)]
+    samples = np.sum([part.samples for part in parts], axis=0)
+    torque_max = np.max([part.torque_max for part in parts], axis=0)
+    return Information(parts[0].columns, np.stack(factors), samples, torque_max, parts[0].channels)
 
 
 def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
@@ -253,8 +231,7 @@ def chunks_of_drives(
 ) -> list[Chunk]:
     """Each drive's rows of [Y, τ], without the columns that are zero for it by structure.
 
-    Args:
-        active: the columns that are gathered, if they are more than torques show.
+    Gathered are the active columns, if they are more than torques show.
     """
     columns = active_columns(regressor) if active is None else active
     rows, entries = regressor.regressor_pattern

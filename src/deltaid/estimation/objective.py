@@ -1,11 +1,14 @@
-"""The objective (15) as a function of the free variables x, from the information alone."""
+"""The objective (15) as a function of the free variables x, from the information alone; what a
+solver of it is, and what it finds."""
 
 from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information
+from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.reduction import Reduction
 from deltaid.estimation.regularizer import Matrix, Regularizer, Vector
 
@@ -17,6 +20,14 @@ class DataTerm:
     R: Matrix
     b: Vector
     c: float
+
+    @classmethod
+    def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "DataTerm":
+        """‖A x − b‖² + c of rows [A b]."""
+        found, n = triangle(rows), rows.shape[1] - 1
+        R = np.zeros((n + 1, n + 1))
+        R[: len(found)] = found
+        return cls(R[:n, :n], R[:n, n], c + float(R[n, n] ** 2))
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian."""
@@ -30,7 +41,6 @@ class Objective:
 
     Attributes:
         reduction: what x means, and where it is consistent.
-        data, regularizer: the two terms.
         gamma: γ_p.
     """
 
@@ -38,11 +48,6 @@ class Objective:
     data: DataTerm
     regularizer: Regularizer
     gamma: float
-
-    @property
-    def convex(self) -> bool:
-        """Whether J is convex in x, so that a certificate of its optimum exists."""
-        return self.regularizer.convex
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian with respect to x."""
@@ -55,13 +60,53 @@ class Objective:
         return self.evaluate(x)[0]
 
 
+@dataclass(frozen=True)
+class Solution:
+    """A minimiser x of the objective and how good it is.
+
+    Attributes:
+        objective: J(x).
+        bound: no consistent x has a smaller J; −∞ where nothing is known.
+        iterations, status: of the solver.
+    """
+
+    x: Vector
+    objective: float
+    bound: float
+    iterations: int
+    status: str
+
+    @property
+    def duality_gap(self) -> float:
+        """J(x) minus its lower bound, never negative."""
+        return max(0.0, self.objective - self.bound)
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """A way to minimise J over all consistent x; a value that holds its tolerances.
+
+    Attributes:
+        certifies: whether the bound of its solutions proves how far they are from the optimum.
+    """
+
+    certifies: ClassVar[bool]
+
+    def solve(self, objective: Objective) -> Solution:
+        """A minimiser of J.
+
+        Raises:
+            IdentificationError: the objective is not one for this solver, or it did not reach its
+                end.
+        """
+        ...
+
+
 def data_term(information: Information, reduction: Reduction) -> DataTerm:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
-    n, at = reduction.size, information.columns
-    found = information.problem.substituted(reduction.A[at], reduction.p_0[at]).triangle
-    R = np.zeros((n + 1, n + 1))
-    R[: len(found)] = found / np.sqrt(information.mean_samples)
-    return DataTerm(R[:n, :n], R[:n, n], float(R[n, n] ** 2))
+    at = information.columns
+    rows = information.problem.substituted(reduction.A[at], reduction.p_0[at])
+    return DataTerm.of(np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples))
 
 
 def noise_level(information: Information) -> float:

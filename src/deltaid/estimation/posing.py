@@ -1,27 +1,22 @@
 """What is minimised and by what: the objective that settings ask for, and what their names mean."""
 
+from dataclasses import replace
+
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information
 from deltaid.estimation.log_cholesky import LogCholesky
-from deltaid.estimation.objective import Objective, data_term, default_gamma
+from deltaid.estimation.objective import Objective, Solution, Solver, data_term, default_gamma
 from deltaid.estimation.reduction import Reduction
-from deltaid.estimation.regularizer import (
-    AffineInvariant,
-    Euclidean,
-    LogDet,
-    Metric,
-    Spectral,
-)
-from deltaid.estimation.solver import Solution, Solver
+from deltaid.estimation.regularizer import AFFINE_INVARIANT, LOG_DET, Metric
 from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 
 # What the names that users write stand for.
 SOLVERS: dict[Method, Solver] = {"conic": Conic(), "log-cholesky": LogCholesky()}
 METRICS: dict[RegularizerName, Metric] = {
-    "euclidean": Euclidean(),
-    "entropic": Spectral(LogDet()),
-    "riemannian": Spectral(AffineInvariant()),
+    "euclidean": Metric(),
+    "entropic": Metric(LOG_DET),
+    "riemannian": Metric(AFFINE_INVARIANT),
 }
 
 
@@ -42,7 +37,6 @@ def minimise(objective: Objective, solver: Solver) -> Solution:
         IdentificationError: a solver did not reach its end.
     """
     solution = solver.solve(objective)
-    if solver.certifies or not objective.convex:
+    if solver.certifies or not objective.regularizer.convex:
         return solution
-    bound = Conic().solve(objective).bound
-    return Solution(solution.x, solution.objective, bound, solution.iterations, solution.status)
+    return replace(solution, bound=Conic().solve(objective).bound)

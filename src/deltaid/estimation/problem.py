@@ -42,28 +42,23 @@ class LinearProblem:
 
     @classmethod
     def of_triangle(cls, R: Columns, values: float) -> "LinearProblem":
-        """Rows that have been condensed to R with RᵀR = [A b]ᵀ[A b], in one group.
-
-        Args:
-            values: how many they were.
-        """
+        """Rows of so many values, condensed to R with RᵀR = [A b]ᵀ[A b], in one group."""
         return cls(R[:, :-1], R[:, -1], np.zeros(len(R), dtype=int), values=values)
 
     @classmethod
     def together(cls, problems: Sequence["LinearProblem"]) -> "LinearProblem":
         """All rows of problems over the same columns, with groups of their own."""
-        first = np.cumsum([0, *(one.groups.max(initial=KNOWN) + 1 for one in problems)]).tolist()
-        groups = [
-            np.where(one.groups == KNOWN, KNOWN, one.groups + k)
-            for one, k in zip(problems, first, strict=False)
-        ]
-        instruments = [one.Z for one in problems if one.Z is not None]
+        groups, first = [], 0
+        for part in problems:
+            groups.append(np.where(part.groups == KNOWN, KNOWN, part.groups + first))
+            first += int(part.groups.max(initial=KNOWN)) + 1
+        instruments = [part.Z for part in problems if part.Z is not None]
         return cls(
-            np.vstack([one.A for one in problems]),
-            np.concatenate([one.b for one in problems]),
+            np.vstack([part.A for part in problems]),
+            np.concatenate([part.b for part in problems]),
             np.concatenate(groups),
             np.vstack(instruments) if instruments else None,
-            sum(one.measured for one in problems),
+            sum(part.measured for part in problems),
         )
 
     def with_known(self, D: Columns, d: Rows) -> "LinearProblem":
@@ -114,8 +109,12 @@ class LinearProblem:
     @property
     def noise(self) -> float:
         """Standard deviation of white noise that would leave the residual."""
-        freedom = max(self.measured - self.span.rank, 1.0)
-        return float(np.linalg.norm(self.residual) / np.sqrt(freedom))
+        return float(np.linalg.norm(self.residual) / np.sqrt(self.freedom))
+
+    @property
+    def freedom(self) -> float:
+        """Rows that are left to tell the level of white noise."""
+        return max(self.measured - self.span.rank, 1.0)
 
     @cached_property
     def root(self) -> Float[np.ndarray, "columns columns"]:
@@ -142,23 +141,16 @@ class LinearProblem:
         """Of some entries of x, by the scatter between groups and by what is known before."""
         influence = self.span.Q @ self.inverse[which].T
         own = self.groups != KNOWN
-        freedom = max(self.measured - self.span.rank, 1.0)
         known = influence[~own]
-        errors = scatter(influence[own], self.residual[own], self.groups[own], freedom)
+        errors = scatter(influence[own], self.residual[own], self.groups[own], self.freedom)
         return errors + known.T @ known
 
 
 def scatter(
     influence: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], freedom: float
 ) -> Float[np.ndarray, "columns columns"]:
-    """Covariance of Σ K_gᵀ e_g by the scatter of its terms, or white if that is wider.
-
-    Args:
-        influence: K.
-        residual: e.
-        groups: of each row.
-        freedom: rows that are left to tell the level of white noise.
-    """
+    """Covariance of Σ K_gᵀ e_g by the scatter of its terms, or white if that is wider, with K the
+    influence of rows, e their residual and `freedom` of `LinearProblem`."""
     s = group_sums(influence * residual[:, None], groups)
     found = s.T @ s * (len(s) / max(len(s) - 1, 1))
     white = np.sum(influence**2, axis=0) * float(residual @ residual) / freedom

@@ -44,7 +44,6 @@ class Reduction:
     """The free variables of a robot and what they mean.
 
     Attributes:
-        layout: the layout of p.
         variables: what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj),
             or a coefficient of a joint.
         A, p_0: p = A x + p_0.
@@ -74,17 +73,17 @@ class Reduction:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Name of each free variable, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
+        """Of the free variables, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
         return tuple(variable.name for variable in self.variables)
 
     @cached_property
     def own_spread(self) -> Float[np.ndarray, " parameters"]:
-        """Spread of the prior of each entry of p, as stated, over that of the fit."""
+        """`stated` of each entry of p."""
         return np.array([self.stated.get(name, 1.0) for name in self.layout.names])
 
     @cached_property
     def factors(self) -> Float[np.ndarray, " parameters"]:
-        """How many times wider than stated the prior of each entry of p is."""
+        """`widened` of each entry of p."""
         return np.array([self.widened.get(name, 1.0) for name in self.layout.names])
 
     @property
@@ -157,38 +156,28 @@ def build_reduction(
     parts += [free for _, free in additions]
     more = tuple(parameter for group, _ in additions for parameter in group)
     layout = ParameterLayout((*layout.parameters, *more), layout.bodies)
-    firsts = np.cumsum([0, *(len(part.variables) for part in parts)]).tolist()
+    variables = tuple(variable for part in parts for variable in part.variables)
+    A, blocks, row, column = np.zeros((len(layout.names), len(variables))), list[Block](), 0, 0
+    for part in parts:
+        entries, n = part.A.shape
+        A[row : row + entries, column : column + n] = part.A
+        blocks += [block.moved(column) for block in part.blocks]
+        row, column = row + entries, column + n
     return Reduction(
         layout=layout,
-        variables=tuple(variable for part in parts for variable in part.variables),
-        A=_block_diagonal([part.A for part in parts]),
+        variables=variables,
+        A=A,
         p_0=np.concatenate([part.p_0 for part in parts]),
-        blocks=tuple(
-            block.moved(first)
-            for part, first in zip(parts, firsts, strict=False)
-            for block in part.blocks
-        ),
+        blocks=tuple(blocks),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
         stated={name: own / spread for name, own in stated_spreads(robot).items()},
     )
 
 
-def _block_diagonal(
-    parts: Sequence[Float[np.ndarray, "_ _"]],
-) -> Float[np.ndarray, "entries n"]:
-    """Parts along the diagonal; written out, because loading SciPy takes longer than this."""
-    rows, columns = (np.cumsum([0, *(part.shape[k] for part in parts)]).tolist() for k in (0, 1))
-    whole = np.zeros((rows[-1], columns[-1]))
-    for part, row, column in zip(parts, rows, columns, strict=False):
-        whole[row : row + part.shape[0], column : column + part.shape[1]] = part
-    return whole
-
-
 def _of_body(
     robot: RobotDescription, body: str, is_visible: Bool[np.ndarray, " 10"]
 ) -> tuple[Free, tuple[int, ...]]:
-    """What is free of a body's ten parameters, and the rows of M̄ that are completed."""
     p_reg = robot.bodies[body].reduced_prior()
     if consistency(p_reg) <= 0:
         raise IdentificationError(

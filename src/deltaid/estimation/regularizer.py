@@ -4,19 +4,20 @@ All are without unit and agree to second order for a parameter that changes by a
 itself: ε². Gradients and Hessians are exact.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
+from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Block
 from deltaid.estimation.reduction import Reduction
 
 Vector = Float[np.ndarray, " n"]
 Matrix = Float[np.ndarray, "n n"]
-Eigenvalues = Float[np.ndarray, " k"]
+Eigenvalues = Float[np.ndarray, "*batch k"]
 
 
 @dataclass(frozen=True)
@@ -32,54 +33,34 @@ class QuadraticTerm:
         return float(r @ r), 2 * self.D.T @ r, 2 * self.D.T @ self.D
 
 
-@runtime_checkable
-class Divergence(Protocol):
-    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only.
+@dataclass(frozen=True)
+class Divergence:
+    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only, with φ′ and φ″.
 
     Attributes:
         convex: whether it is convex in the matrix that has these eigenvalues.
     """
 
-    convex: ClassVar[bool]
-
-    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
-        """φ(λ_i)."""
-        ...
-
-    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
-        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
-        ...
+    convex: bool
+    values: Callable[[Eigenvalues], Eigenvalues]
+    slope: Callable[[Eigenvalues], Eigenvalues]
+    curvature: Callable[[Eigenvalues], Eigenvalues]
 
 
-@dataclass(frozen=True)
-class LogDet:
-    """φ = 2 (λ − 1 − log λ), the log-det Bregman divergence [35], twice."""
-
-    convex: ClassVar[bool] = True
-
-    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
-        """φ(λ_i)."""
-        return 2 * (lam - 1 - np.log(lam))
-
-    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
-        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
-        return float(np.sum(self.values(lam))), 2 * (1 - 1 / lam), 2 / lam**2
-
-
-@dataclass(frozen=True)
-class AffineInvariant:
-    """φ = log² λ, the squared affine-invariant distance [36]."""
-
-    convex: ClassVar[bool] = False
-
-    def values(self, lam: Float[np.ndarray, "*batch k"]) -> Float[np.ndarray, "*batch k"]:
-        """φ(λ_i)."""
-        return np.log(lam) ** 2
-
-    def evaluate(self, lam: Eigenvalues) -> tuple[float, Eigenvalues, Eigenvalues]:
-        """Σ φ(λ_i), φ′(λ) and φ″(λ)."""
-        log = np.log(lam)
-        return float(np.sum(self.values(lam))), 2 * log / lam, 2 * (1 - log) / lam**2
+# The log-det Bregman divergence [35], twice.
+LOG_DET = Divergence(
+    convex=True,
+    values=lambda lam: 2 * (lam - 1 - np.log(lam)),
+    slope=lambda lam: 2 * (1 - 1 / lam),
+    curvature=lambda lam: 2 / lam**2,
+)
+# The squared affine-invariant distance [36].
+AFFINE_INVARIANT = Divergence(
+    convex=False,
+    values=lambda lam: np.log(lam) ** 2,
+    slope=lambda lam: 2 * np.log(lam) / lam,
+    curvature=lambda lam: 2 * (1 - np.log(lam)) / lam**2,
+)
 
 
 @dataclass(frozen=True)
@@ -104,7 +85,8 @@ class SpectralTerm:
         """Value, gradient and Hessian; infinite outside the cone."""
         value, gradient, hessian = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         for block, weight in zip(self.blocks, self.weights, strict=True):
-            v, g, H, at = _spectral_block(self.divergence, block, x)
+            at = np.unique(block.index[block.index >= 0])
+            v, g, H = _spectral_block(self.divergence, block, x, at)
             value += weight * v
             gradient[at] += weight * g
             hessian[np.ix_(at, at)] += weight * H
@@ -132,56 +114,36 @@ class Regularizer:
         return value, gradient, hessian
 
 
-@runtime_checkable
-class Metric(Protocol):
-    """What distance to the prior is measured with."""
-
-    def regularizer(self, reduction: Reduction) -> Regularizer:
-        """The regulariser of a reduction."""
-        ...
-
-
 @dataclass(frozen=True)
-class Euclidean:
-    """‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can change.
+class Metric:
+    """What distance to the prior is measured with.
 
-    An entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ is the
+    ‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can change. An
+    entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ is the
     body's radius of gyration about the link frame, ℓ² = tr Σ / m.
+
+    With a divergence, this in place of it over the blocks that must be positive definite; first
+    moments of a body whose mass is completed stand in no block. A block's prior is as wide as that
+    of the widest entry of p that it is part of.
     """
+
+    divergence: Divergence | None = None
 
     def regularizer(self, reduction: Reduction) -> Regularizer:
         """The regulariser of a reduction."""
-        changed = np.any(reduction.A != 0, axis=1)
-        D = reduction.A[changed] / prior_scale(reduction)[changed][:, None]
-        return Regularizer(QuadraticTerm(D, reduction.prior), None)
-
-
-@dataclass(frozen=True)
-class Spectral:
-    """A divergence over the blocks that must be positive definite.
-
-    First moments of a body whose mass is completed stand in no block and are pulled as in the
-    Euclidean case. A block's prior is as wide as that of the widest entry of p that it is part of.
-    """
-
-    divergence: Divergence
-
-    def regularizer(self, reduction: Reduction) -> Regularizer:
-        """The regulariser of a reduction."""
-        in_block = np.unique(np.concatenate([b.index[b.index >= 0] for b in reduction.blocks]))
-        free = np.setdiff1d(np.arange(reduction.size), in_block)
-        D = reduction.A[:, free]
-        rows = np.any(D != 0, axis=1)
-        full = np.zeros((rows.sum(), reduction.size))
-        full[:, free] = D[rows] / prior_scale(reduction)[rows][:, None]
-        weights = tuple(_weight(block, reduction) for block in reduction.blocks)
-        spectral = SpectralTerm(self.divergence, reduction.blocks, weights)
-        return Regularizer(QuadraticTerm(full, reduction.prior), spectral)
-
-
-def _weight(block: Block, reduction: Reduction) -> float:
-    parts = np.any(reduction.A[:, np.unique(block.index[block.index >= 0])] != 0, axis=1)
-    return float(reduction.wider[parts].max() ** -2)
+        blocks = reduction.blocks if self.divergence else ()
+        D = reduction.A.copy()
+        for block in blocks:
+            D[:, block.index[block.index >= 0]] = 0.0
+        rows, scale = np.any(D != 0, axis=1), prior_scale(reduction)
+        quadratic = QuadraticTerm(D[rows] / scale[rows][:, None], reduction.prior)
+        if self.divergence is None:
+            return Regularizer(quadratic, None)
+        weights = []
+        for block in blocks:
+            parts = np.any(reduction.A[:, block.index[block.index >= 0]] != 0, axis=1)
+            weights.append(float(reduction.wider[parts].max() ** -2))
+        return Regularizer(quadratic, SpectralTerm(self.divergence, blocks, tuple(weights)))
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
@@ -205,9 +167,25 @@ def parameter_scale(
     return scale
 
 
+def prior_root(scaled: Matrix) -> Matrix:
+    """R with RᵀR = the curvature of a prior, in units of the variables.
+
+    Raises:
+        IdentificationError: the prior's sizes are too far apart for the arithmetic.
+    """
+    try:
+        return np.linalg.cholesky(scaled).T
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the prior's sizes differ too much to be weighed against each other",
+            where="bodies",
+            cure="check masses and lengths of the prior in the description",
+        ) from None
+
+
 def _spectral_block(
-    divergence: Divergence, block: Block, x: Vector
-) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    divergence: Divergence, block: Block, x: Vector, at: np.ndarray
+) -> tuple[float, Vector, Matrix]:
     """Value, gradient and Hessian of one block with respect to its own variables.
 
     With A = L⁻¹ M L⁻ᵀ, M_reg = L Lᵀ and A = V diag(λ) Vᵀ, the gradient of Σ φ(λ) is
@@ -215,20 +193,17 @@ def _spectral_block(
     φ′ (Daleckii–Krein).
     """
     L_inverse = np.linalg.solve(np.linalg.cholesky(block.prior), np.eye(len(block.prior)))
-    A = L_inverse @ block.matrix(x) @ L_inverse.T
-    lam, V = np.linalg.eigh(A)
+    lam, V = np.linalg.eigh(L_inverse @ block.matrix(x) @ L_inverse.T)
     if lam[0] <= 0:
-        at = np.unique(block.index[block.index >= 0])
-        return np.inf, np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan), at
-    value, slope, curvature = divergence.evaluate(lam)
+        return np.inf, np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan)
+    slope, curvature = divergence.slope(lam), divergence.curvature(lam)
     difference = lam[:, None] - lam[None, :]
     close = np.abs(difference) < 1e-7 * lam[-1]
     middle = 0.5 * (curvature[:, None] + curvature[None, :])
     Gamma = np.where(
         close, middle, (slope[:, None] - slope[None, :]) / np.where(close, 1.0, difference)
     )
-    at = np.unique(block.index[block.index >= 0])
     E = np.stack([V.T @ L_inverse @ (block.index == k) @ L_inverse.T @ V for k in at])
     gradient = np.einsum("kii,i->k", E, slope)
     hessian = np.einsum("kij,ij,lij->kl", E, Gamma, E)
-    return value, gradient, hessian, at
+    return float(np.sum(divergence.values(lam))), gradient, hessian

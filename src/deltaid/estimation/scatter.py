@@ -36,18 +36,15 @@ _ROUNDING, _SURE = 1e-9, 1e9
 _HARDLY = 100.0
 
 Combinations = Float[np.ndarray, "n combinations"]
+Each = Float[np.ndarray, " combinations"]
 # [Y, τ]ᵀW[Y, τ] of each group.
 Sums = Float[np.ndarray, "groups augmented augmented"]
 
 
 @dataclass(frozen=True)
 class Groups:
-    """The same samples in two groupings.
-
-    Attributes:
-        blocks: consecutive stretches of time.
-        places: [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of the platform and drive (or channel) i.
-    """
+    """The same samples in consecutive stretches of time, and as [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of
+    the platform and drive (or channel) i."""
 
     blocks: tuple[Information, ...]
     places: Float[np.ndarray, "places rows augmented augmented"]
@@ -65,27 +62,19 @@ class Groups:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Contributions of groups of samples.
-
-    Attributes:
-        shares: H_g of every group; with that of facts they add up to 1.
-        scores: s_g of every group.
-        sigma: σ̂.
-    """
+    """Shares H_g, scores s_g and σ̂ of groups; with that of facts, shares add up to 1."""
 
     shares: Float[np.ndarray, "groups n n"]
     scores: Float[np.ndarray, "groups n"]
     sigma: float = 0.0
 
-    def by_facts(self, U: Combinations) -> Float[np.ndarray, " combinations"]:
+    def by_facts(self, U: Combinations) -> Each:
         """σ̂² uᵀH_0 u, what facts leave open of the columns of U; 0 but for rounding without any."""
         size, whole = np.sum(U**2, axis=0), np.sum(U * (self.shares.sum(axis=0) @ U), axis=0)
         share = 1.0 - whole / np.where(size > 0, size, 1.0)
         return self.sigma**2 * np.where(share > _ROUNDING, share, 0.0) * size
 
-    def variances(
-        self, U: Combinations
-    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+    def variances(self, U: Combinations) -> tuple[Each, Each]:
         """v and ν of the columns of U; NaN where the groups do not tell."""
         v, nu = self._by_groups(U)
         facts = self.by_facts(U)
@@ -93,9 +82,7 @@ class Scatter:
             return v, nu
         return v + facts, nu * np.where(v > 0, (1.0 + facts / np.where(v > 0, v, 1.0)) ** 2, _SURE)
 
-    def _by_groups(
-        self, U: Combinations
-    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+    def _by_groups(self, U: Combinations) -> tuple[Each, Each]:
         """The part of groups alone; 0 where there is hardly any."""
         HU = np.moveaxis(self.shares @ U, 2, 0)  # combinations, groups, n
         own = np.einsum("cgn,nc->cg", HU, U)
@@ -132,9 +119,7 @@ class Noise:
     scatter: Scatter | None = None
     groups: str = "none"
 
-    def deviations(
-        self, U: Combinations
-    ) -> tuple[Float[np.ndarray, " combinations"], Float[np.ndarray, " combinations"]]:
+    def deviations(self, U: Combinations) -> tuple[Each, Each]:
         """Standard deviations of uᵀs for the columns of U, and their degrees of freedom."""
         white = self.sigma * np.linalg.norm(U, axis=0)
         if self.scatter is None:
@@ -144,11 +129,7 @@ class Noise:
         return np.where(told, np.sqrt(v), white), np.where(told, nu, 1.0)
 
 
-def half_width(
-    std: Float[np.ndarray, " n"],
-    by_noise: Float[np.ndarray, " n"],
-    freedom: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, " n"]:
+def half_width(std: Each, by_noise: Each, freedom: Each) -> Each:
     """Half the width of 95 % intervals, by Satterthwaite: only the part by noise is estimated."""
     least = np.maximum(std / _HARDLY, np.finfo(float).tiny)
     return quantile(freedom * (std / np.maximum(by_noise, least)) ** 4) * std
@@ -161,18 +142,11 @@ def observe(
     freedom: float,
     groupings: Iterable[tuple[str, Sums]],
 ) -> Noise:
-    """The noise behind a fit, by the grouping whose scatter is largest on the whole.
+    """The noise behind a fit of some values, by the grouping whose scatter is largest on the whole.
 
     Groups that part errors which belong together scatter too little, never too much, apart from
-    chance; so among several groupings of the same samples the one with the largest variances, in
-    the mean of their logarithms over all values, is believed.
-
-    Args:
-        root: R of the fit.
-        values: result of the fit.
-        sigma: level of its residual.
-        freedom: degrees of freedom of that.
-        groupings: names and sums over each group, Y the base regressor.
+    chance; so among several groupings of the same samples, Y the base regressor, the one with the
+    largest variances, in the mean of their logarithms over all values, is believed.
     """
     best, largest = Noise(root, sigma, freedom), -np.inf
     U = inverse(root).T
@@ -195,6 +169,6 @@ def inverse(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     return solve_triangular(root, np.eye(len(root)))
 
 
-def quantile(nu: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def quantile(nu: Each) -> Each:
     """Student's t that 97.5 % stay below: half the width of a 95 % interval."""
     return stdtrit(nu, 0.975)

@@ -68,12 +68,8 @@ def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
 
 
 def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
-    """Combinations of columns that are orthonormal.
-
-    Args:
-        A: what is left of columns of unit length, less what others explain; a direction that has
-            hardly anything left is none.
-    """
+    """Combinations of columns of unit length, less what others explain, that are orthonormal; a
+    direction that has hardly anything left is none."""
     values, vectors = np.linalg.eigh(A.T @ A)
     kept = values > _EXPLAINED**2
     return vectors[:, kept] / np.sqrt(values[kept])

@@ -12,20 +12,15 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Euclidean
+from deltaid.estimation.regularizer import Metric
 from deltaid.estimation.span import Rows, Span
 from deltaid.estimation.traces import Trace
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingRows:
-    """Rows of one recording.
-
-    Attributes:
-        A: columns of the free parameters x, then those of what is looked for beside them.
-        tau: torques less what is known of them.
-        instruments: sets of columns like A without noise that these share with torques.
-    """
+    """Rows of one recording: torques less what is known of them, over the free parameters x and
+    what is looked for beside them; instruments as of `DriveRows.problem`."""
 
     A: ColumnsOfDrives
     tau: OfDrives
@@ -39,32 +34,21 @@ class RecordingRows:
 
 @dataclass(frozen=True, eq=False)
 class TraceRows:
-    """What rows of traces are over: the free parameters of a fit, and what is known of them.
-
-    Attributes:
-        dynamics: of the robot.
-        additions: whose parameters stand behind the robot's.
-        reduction: x, and p = A x + p_0.
-        spread: relative standard deviation of the prior.
-    """
+    """What rows of traces are over: the free parameters x of a fit with additions, p = A x + p_0,
+    and what is known of them, by a prior of relative standard deviation `spread`."""
 
     dynamics: Dynamics
     additions: tuple[Addition, ...]
+    active: Int[np.ndarray, " columns"]
     reduction: Reduction
     spread: float
 
     @classmethod
     def of(cls, dynamics: Dynamics, additions: Sequence[Addition], spread: float) -> "TraceRows":
-        """For a fit with additions."""
-        added = [(one.parameters, one.free) for one in additions]
-        columns = active_columns(extended(dynamics, additions))
-        reduction = build_reduction(dynamics.robot, columns, added)
-        return cls(dynamics, tuple(additions), reduction, spread)
-
-    @property
-    def active(self) -> Int[np.ndarray, " columns"]:
-        """Parameters that show in some torque."""
-        return active_columns(extended(self.dynamics, self.additions))
+        added = [(addition.parameters, addition.free) for addition in additions]
+        active = active_columns(extended(dynamics, additions))
+        reduction = build_reduction(dynamics.robot, active, added)
+        return cls(dynamics, tuple(additions), active, reduction, spread)
 
     @property
     def size(self) -> int:
@@ -84,22 +68,17 @@ class TraceRows:
         mean: Float[np.ndarray, " beside"] | None = None,
         deviation: Float[np.ndarray, " beside"] | None = None,
     ) -> LinearProblem:
-        """Least squares over recordings together, with the prior of the parameters.
-
-        Args:
-            recordings: with the same columns.
-            mean, deviation: what is known of what stands beside the parameters; nothing, if not
-                given.
-        """
+        """Least squares over recordings with the same columns together, with the prior of the
+        parameters, and mean and deviation of what stands beside them where these are known."""
         width = recordings[0].A.shape[2]
-        prior = Euclidean().regularizer(self.reduction).quadratic
+        prior = Metric().regularizer(self.reduction).quadratic
         D = np.zeros((len(prior.D), width))
         D[:, : self.size] = prior.D / self.spread
         d = prior.D @ prior.x_reg / self.spread
         if mean is not None and deviation is not None:
             more = np.eye(width)[self.size :] / deviation[:, None]
             D, d = np.vstack([D, more]), np.concatenate([d, mean / deviation])
-        return LinearProblem.together([one.problem for one in recordings]).with_known(D, d)
+        return LinearProblem.together([rows.problem for rows in recordings]).with_known(D, d)
 
     def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
         """p of the robot and of additions, for x and what stands beside it."""

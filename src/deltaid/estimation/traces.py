@@ -36,11 +36,8 @@ class Trace:
     """A recording's motion and torques in memory.
 
     Attributes:
-        dynamics: of the robot that moved.
         load: parameters by which friction that depends on load knows what gears carry.
         stretches: runs of samples without a gap; motion filtered, torques as recorded.
-        low_pass: its filter.
-        recording: whose they are.
     """
 
     dynamics: Dynamics
@@ -62,7 +59,7 @@ class Trace:
             drives: whose weight m goes with each channel.
             margin: so many samples at either end x is wrong, for want of those before and after.
         """
-        parts = [_through(self.low_pass, one, of, drives, margin) for one in self.stretches]
+        parts = [_through(self.low_pass, run, of, drives, margin) for run in self.stretches]
         return np.concatenate(parts, axis=1)
 
     def torques(self) -> Values:
@@ -75,11 +72,7 @@ class Trace:
         """The active columns of Y, filtered; those of additions follow those of the robot."""
         regressor = extended(self.dynamics, additions)
         (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
-
-        def values(w: Samples) -> Values:
-            return self.entries(w, additions)
-
-        entries = self.filtered(values, rows, 1)
+        entries = self.filtered(lambda w: self.entries(w, additions), rows, 1)
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
         Y[rows, :, np.searchsorted(active, columns)] = entries
         return Y
@@ -90,14 +83,17 @@ class Trace:
 
     def entries(self, w: Samples, additions: Sequence[Addition] = ()) -> Values:
         """Entries of Y along some samples, those of additions behind those of the robot."""
-        own = self._entries(w)
-        return np.vstack([own, *(one.entries(w, own, self.recording) for one in additions)])
+        load = None
+        if self.dynamics.robot.load_drives:
+            load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
+        own = entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
+        return np.vstack([own, *(more.entries(w, own, self.recording) for more in additions)])
 
     def shifted(self, delay: Delay) -> "Trace":
         """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it."""
         shift = Shift.of(delay.tolist(), self.low_pass.rate)
-        parts = (_shifted(one, shift, self.low_pass.rate) for one in self.stretches)
-        long = tuple(one for one in parts if _outputs(self.low_pass, len(one.time)) > 0)
+        parts = (_shifted(run, shift, self.low_pass.rate) for run in self.stretches)
+        long = tuple(run for run in parts if _outputs(self.low_pass, len(run.time)) > 0)
         return replace(self, stretches=long)
 
     def model(self, p: Parameters) -> Float[np.ndarray, "dof thinned"]:
@@ -111,20 +107,11 @@ class Trace:
         """The motion at the filtered and thinned samples, with the weights that are left there."""
         low_pass, parts = self.low_pass, []
         middle = low_pass.lead_half + low_pass.stride * low_pass.half
-        for one in self.stretches:
-            count = _outputs(low_pass, len(one.time))
-            parts.append(one.part(slice(middle, None, low_pass.thinned)).part(slice(count)))
-        kept = Samples(
-            *(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(Samples))
-        )
+        for run in self.stretches:
+            count = _outputs(low_pass, len(run.time))
+            parts.append(run.part(slice(middle, None, low_pass.thinned)).part(slice(count)))
         ones = self.filtered(lambda w: np.ones_like(w.tau.T), np.arange(self.dynamics.dof))
-        return replace(kept, weights=ones.T)
-
-    def _entries(self, w: Samples) -> Values:
-        load = None
-        if self.dynamics.robot.load_drives:
-            load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
-        return entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
+        return replace(_joined(parts), weights=ones.T)
 
 
 def trace(
@@ -142,7 +129,7 @@ def trace(
     friction are known to half a sample only.
 
     Args:
-        load: parameters by which friction that depends on load knows what gears carry.
+        load: as of `Trace`.
         cutoff: of the filter [Hz]; None for the log's own.
         windows: at most so many of these (`WINDOW` rows each), spread over the whole time.
 
@@ -158,15 +145,16 @@ def trace(
     joined = _joined([window.own for window in some])
     step, time = 1.0 / log.rate, joined.time
     ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
-    stretches: list[Samples] = []
-    for first, last in zip([0, *ends], ends, strict=False):
-        if _outputs(recording.low_pass, last - first) > 0:
-            stretches.append(joined.part(slice(first, last)))
+    stretches = tuple(
+        joined.part(slice(first, last))
+        for first, last in zip([0, *ends], ends, strict=False)
+        if _outputs(recording.low_pass, last - first) > 0
+    )
     if not stretches:
         raise RecordingError(
             "is too short to be filtered", where=str(log.path), cure="give a longer recording"
         )
-    return Trace(dynamics, load, tuple(stretches), recording.low_pass, recording)
+    return Trace(dynamics, load, stretches, recording.low_pass, recording)
 
 
 def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
@@ -181,23 +169,16 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
     rows = shift.rows(wide, 4 * dof, rate)
     time, z, qd, qdd, carried, tau, weights = np.split(rows, np.cumsum([1, *[dof] * 5]), axis=1)
     for i, smear in enumerate(shift.smear):
-        weights[:, [i]] = _eroded(weights[:, [i]], float(smear + (shift.common != 0.0)))
+        reach = int(np.ceil(float(smear + (shift.common != 0.0))))
+        weights[:, [i]] = least_about(weights[:, [i]], reach)
     own = stretch.part(slice(before, len(wide) - after))
     moved = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
     return replace(own, **moved, tau=tau - carried, weights=weights)
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:
-    """One after the other."""
     names = [field.name for field in fields(Samples)]
     return Samples(*(np.concatenate([getattr(w, name) for w in parts]) for name in names))
-
-
-def _eroded(
-    weights: Float[np.ndarray, "samples torques"], reach: float
-) -> Float[np.ndarray, "samples torques"]:
-    """The least weight within `reach` samples; nothing beyond the ends counts."""
-    return least_about(weights, int(np.ceil(reach)))
 
 
 def _outputs(low_pass: LowPass, rows: int) -> int:

@@ -16,9 +16,8 @@ from deltaid.estimation.information import Information
 from deltaid.factors.file import FactorFile
 from deltaid.factors.keys import require_alike
 from deltaid.factors.merged import fitted, holding, merged, merging_of, ordered
-from deltaid.identification.assembled import assembled
 from deltaid.identification.friction_curves import freed
-from deltaid.identification.judgement import judged_parameters
+from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import found_loads, known_load
 from deltaid.identification.torque_error import TorqueError

@@ -9,7 +9,7 @@ from pydantic import Field
 from deltaid.check.identified import Judged
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.factors.condensed import Condensed
-from deltaid.identification.assembled import doubts_of_fit
+from deltaid.identification.judgement import doubts_of_fit
 from deltaid.identification.warmth import temperature
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import IdentifiedModel

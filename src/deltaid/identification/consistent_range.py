@@ -12,10 +12,11 @@ where it shows only a sum of c·p with something else, the other's prior has no 
 With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, the data is a ball ‖v‖ ≤ r and what it does not
 show is a, free but for the cones: a linear function over a ball and cones (Clarabel).
 
-What a range comes from is told in shares of its squared width: that which stays when noise and
-geometry all but vanish is what the recording does not show, and the rest parts as their variances.
+Shares of the squared width: what stays when noise and geometry all but vanish is what the recording
+does not show, and the rest parts as their variances.
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,14 +25,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import sparse
 
-from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.estimation.conic import normalised, svec
+from deltaid.estimation.conic import affine, definite, quiet_settings, svec
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.free_body import Block
-from deltaid.estimation.information import Information
-from deltaid.estimation.objective import Objective
-from deltaid.estimation.scatter import Noise, half_width, quantile
-from deltaid.identification.sources import Sources
+from deltaid.estimation.scatter import half_width, quantile
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.uncertainty import Sources
 from deltaid.model.parameter_record import Share
 
 # A singular value below this share of the largest is what the recording does not show.
@@ -64,79 +63,74 @@ class _Reach(NamedTuple):
 
 
 class ConsistentRanges:
-    """Ranges of combinations c·p in a fit.
+    """Ranges of combinations c·p in a fit, of whose regulariser nothing is used."""
 
-    Args:
-        objective: of the fit; of its regulariser nothing is used.
-        base: which combinations of parameters the recording determines.
-        noise: behind their least-squares values.
-        shifts: of these values by one standard deviation of each length, zero and mounting.
-    """
-
-    def __init__(
-        self,
-        objective: Objective,
-        information: Information,
-        base: BaseParameters,
-        noise: Noise,
-        shifts: Float[np.ndarray, "base quantities"] | None = None,
-    ) -> None:
-        self._reduction, self._noise = objective.reduction, noise
-        self._sources = Sources.of(information, base, noise)
-        self._white = max(noise.sigma, NOISE_FLOOR)
+    def __init__(self, problem: FittedProblem) -> None:
+        data, base, information = problem.objective.data, problem.base, problem.information
+        self._reduction, self._noise = problem.reduction, problem.estimate.noise
+        self._sources = Sources(information, base, self._noise)
+        self._white = max(self._noise.sigma, NOISE_FLOOR)
         rows = np.sqrt(information.mean_samples) / self._white
-        R, b = rows * objective.data.R, rows * objective.data.b
+        R, b = rows * data.R, rows * data.b
         size = np.linalg.norm(R, axis=0)
-        self._scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
-        U, S, Vt = np.linalg.svd(R * self._scale)
-        rank = int(np.sum(S / S[0] > _DEPENDENT))
+        scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
+        U, S, Vt = np.linalg.svd(R * scale)
+        self._rank = rank = int(np.sum(S / S[0] > _DEPENDENT))
         # x = centre + map (v, a)
         shown = Vt[:rank].T / S[:rank]
-        self._rank, self._map = rank, self._scale[:, None] * np.hstack([shown, Vt[rank:].T])
-        self._centre = self._scale * (shown @ (U[:, :rank].T @ b))
+        self._map = scale[:, None] * np.hstack([shown, Vt[rank:].T])
+        self._centre = scale * (shown @ (U[:, :rank].T @ b))
         combination = base.combination() @ self._reduction.A
-        self._scores = noise.root @ combination @ self._map[:, :rank]
-        self._shifts = noise.root @ (np.zeros((base.rank, 0)) if shifts is None else shifts)
+        self._scores = self._noise.root @ combination @ self._map[:, :rank]
+        self._shifts = self._noise.root @ problem.shifts
+        # Rows of the ball, the first for its radius, and of the cones.
+        ball = np.zeros((rank + 1, self._map.shape[1]))
+        ball[1:, :rank] = -np.eye(rank)
+        parts = [(ball, np.zeros(rank + 1), clarabel.SecondOrderConeT(rank + 1))]
         cones = (self._cone(block, size > 0) for block in self._reduction.blocks)
-        self._cones = [cone for cone in cones if cone is not None]
+        parts += [cone for cone in cones if cone is not None]
+        self._rows, self._right = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        self._cones, self._matrix = [cone for _, _, cone in parts], sparse.csc_matrix(self._rows)
 
     def of(self, c: Coefficients) -> Range:
         """The range of c·p."""
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)
-        low, high = self._ends(cost, self._reach(cost[: self._rank]).t)
+        low, high = self._ends(cost, self._reach(cost).t)
         more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
         return Range(middle + low - more, middle + high + more)
 
     def share(self, c: Coefficients, within: Range) -> Share:
         """What the range of c·p, which must end, comes from."""
         cost = self._map.T @ (self._reduction.A.T @ c)
-        reach = self._reach(cost[: self._rank])
+        reach = self._reach(cost)
         whole = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
         rest = float(np.ptp(self._ends(cost, _VANISHED * reach.t)))
         ratio = float(rest / whole) if whole > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
-        noise, geometry = (1 - unseen) * reach.noise, (1 - unseen) * (1 - reach.noise)
-        U = (self._scores @ cost[: self._rank])[:, None]
-        torques, sensors, measured = (float(part[0]) for part in self._sources.parts(U))
+        parts = self._sources.parts(self._in_scores(cost))
+        noise = (1 - unseen) * reach.noise
         return Share(
-            noise=noise * torques,
+            noise=noise * float(parts.torques[0]),
             prior=0.0,
-            geometry=geometry,
+            geometry=(1 - unseen) * (1 - reach.noise),
             unseen=unseen,
-            sensors=noise * sensors,
-            measured=noise * measured,
+            sensors=noise * float(parts.sensors[0]),
+            measured=noise * float(parts.measured[0]),
         )
+
+    def _in_scores(self, cost: Vector) -> Float[np.ndarray, "base 1"]:
+        return (self._scores @ cost[: self._rank])[:, None]
 
     def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
         """Least and largest cost·(v, a)."""
         radius = float(np.hypot(self._least, t))
         return self._extreme(cost, radius), -self._extreme(-cost, radius)
 
-    def _reach(self, shown: Vector) -> _Reach:
+    def _reach(self, cost: Vector) -> _Reach:
         """How far v may be off along a combination of it."""
-        U = (self._scores @ shown)[:, None]
+        U = self._in_scores(cost)
         size = float(np.linalg.norm(U))
         if size == 0:
             return _Reach(float(quantile(np.array([self._noise.freedom]))[0]), 1.0)
@@ -161,17 +155,6 @@ class ConsistentRanges:
         solution = self._solve(cost / size, self._matrix, radius)
         return size * float(solution.obj_val) if str(solution.status) in _SOLVED else -np.inf
 
-    @cached_property
-    def _rows(self) -> Float[np.ndarray, "rows n"]:
-        """Rows of the ball, the first for its radius, and of the cones."""
-        ball = np.zeros((self._rank + 1, self._map.shape[1]))
-        ball[1:, : self._rank] = -np.eye(self._rank)
-        return np.vstack([ball, *(rows for rows, _, _ in self._cones)])
-
-    @cached_property
-    def _matrix(self) -> sparse.csc_matrix:
-        return sparse.csc_matrix(self._rows)
-
     def _cone(
         self, block: Block, shown: Bool[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray, object] | None:
@@ -181,32 +164,22 @@ class ConsistentRanges:
         left out.
         """
         own = np.diag(block.index)
-        rest = np.flatnonzero((own < 0) | shown[own])
-        index = block.index[np.ix_(rest, rest)]
-        if np.all(index < 0):
+        rest = np.ix_(*[np.flatnonzero((own < 0) | shown[own])] * 2)
+        if np.all(block.index[rest] < 0):
             return None
-        prior, M = (x[np.ix_(rest, rest)] for x in (block.prior, block.matrix(self._centre)))
-        at = np.unique(index[index >= 0])
-        slopes = np.column_stack([svec(normalised(prior, (index == k).astype(float))) for k in at])
-        right, k = svec(normalised(prior, M)), len(rest)
-        cone = clarabel.NonnegativeConeT(1) if k == 1 else clarabel.PSDTriangleConeT(k)
-        rows = -slopes @ self._map[at]
+        M = block.matrix(self._centre)
+        part = replace(block, index=block.index[rest], constant=M[rest], prior=block.prior[rest])
+        at, at_centre, slopes = affine(part)
+        rows = -np.column_stack([svec(slope) for slope in slopes]) @ self._map[at]
+        right = svec(at_centre)
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
-        return rows / size, right / size, cone
+        return rows / size, right / size, definite(len(at_centre))
 
     def _solve(
         self, cost: Vector, matrix: sparse.csc_matrix, radius: float
     ) -> clarabel.DefaultSolution:
-        ball = np.append(radius, np.zeros(self._rank))
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
-        solver = clarabel.DefaultSolver(
-            sparse.csc_matrix((len(cost), len(cost))),
-            cost,
-            matrix,
-            np.concatenate([ball, *(right for _, right, _ in self._cones)]),
-            [clarabel.SecondOrderConeT(len(ball)), *(cone for _, _, cone in self._cones)],
-            settings,
-        )
+        right = self._right.copy()
+        right[0] = radius
+        nothing, settings = sparse.csc_matrix((len(cost), len(cost))), quiet_settings(_TOLERANCE)
+        solver = clarabel.DefaultSolver(nothing, cost, matrix, right, self._cones, settings)
         return solver.solve()

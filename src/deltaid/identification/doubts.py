@@ -1,11 +1,15 @@
-"""What in a fit contradicts the data or the prior: wrong signs, units, geometry, priors."""
+"""What in a fit contradicts the data or the prior: wrong signs, units, geometry, priors, measured
+values."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.scatter import quantile
+from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.signs import CURE, against_motion, told
+from deltaid.sensors.weighings import Weighing, weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
 # without constraints and more than this share of the largest torque, or when a mass that torques
@@ -14,45 +18,52 @@ _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
 # A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
 # interval away from what the recording alone gives.
 _APART = 3.0
+# Standard deviations between a measured value and all else that are no chance, and what is left of
+# its row where all else determines it too.
+_NO_CHANCE, _REDUNDANT = 4.0, 1e-4
 
 
 def doubts(problem: FittedProblem) -> tuple[str, ...]:
-    """A sentence on what contradicts the data: what was seen, the likeliest cause, the next step.
+    """Sentences on what contradicts the data: what was detected, the likeliest cause, the fix.
 
     One cause shows in many ways: torques of another scale leave a misfit, contradict the prior and
     make masses grow. So the first that is known is said, and that a mass had to grow only where
-    nothing better is.
+    nothing better is; and each measured value that recordings, other values or consistency
+    contradict.
     """
+    return (*_of_data(problem), *_of_measured(problem))
+
+
+def _of_data(problem: FittedProblem) -> tuple[str, ...]:
     found = against_motion(problem.dynamics, problem.information)
     if found:
         return (f"{told(found, problem.dynamics.robot)}; {CURE}",)
-    seen = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
+    detected = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
     scale = _scale(problem)
-    if seen and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
+    if detected and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
         return (
             f"torques are {scale:.3g} times what the described robot would need. Likeliest their "
             "unit, torque constant or gear is not declared, else masses and lengths of the "
             "description are those of another robot; deltaid check compares units and gears",
         )
-    return seen[:1]
+    return detected[:1]
 
 
-def _misfit(problem: FittedProblem) -> list[str]:
+def _misfit(problem: FittedProblem) -> Iterator[str]:
     """Torques that no consistent parameters explain."""
     noise = max(problem.noise, NOISE_FLOOR)
     rows = problem.information.rows / problem.information.mean_samples
     left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
-    if left <= max(_WORSE * noise, _SHARE):
-        return []
-    return [
-        f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
-        "without physical consistency: only negative masses or friction would explain these "
-        "torques. Likeliest a torque or position is not that of its drive, or something drives the "
-        "robot beside its motors; deltaid check tries signs, orders and gears"
-    ]
+    if left > max(_WORSE * noise, _SHARE):
+        yield (
+            f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
+            "without physical consistency: only negative masses or friction would explain these "
+            "torques. Likeliest a torque or position is not that of its drive, or something drives "
+            "the robot beside its motors; deltaid check tries signs, orders and gears"
+        )
 
 
-def _grown(problem: FittedProblem) -> list[str]:
+def _grown(problem: FittedProblem) -> Iterator[str]:
     """Entries that no torque shows and that consistency has made much larger than the prior."""
     reduction, p = problem.reduction, problem.values
     held = ~np.any(reduction.A, axis=1)
@@ -62,22 +73,23 @@ def _grown(problem: FittedProblem) -> list[str]:
         f"{reduction.layout.units[i]}"
         for i in grown
     )
-    return [
-        f"{names} to keep its body consistent, whose moments in the torques are too large for the "
-        "described mass. Likeliest the prior is too light or too small; weigh the body, or "
-        "describe its size"
-    ] * bool(grown.size)
+    if names:
+        yield (
+            f"{names} to keep its body consistent, whose moments in the torques are too large for "
+            "the described mass. Likeliest the prior is too light or too small; weigh the body, or "
+            "describe its size"
+        )
 
 
 def _scale(problem: FittedProblem) -> float:
     """How many times the prior's torques the measured ones are, by least squares."""
-    factor = problem.information.of_drives.weighted()
-    prior = factor[:, :-1] @ problem.reduction.p_reg[problem.information.columns]
+    rows = problem.information.of_drives.problem
+    prior = rows.A @ problem.reduction.p_reg[problem.information.columns]
     square = float(prior @ prior)
-    return float(prior @ factor[:, -1]) / square if square > 0 else np.nan
+    return float(prior @ rows.b) / square if square > 0 else np.nan
 
 
-def _contradictions(problem: FittedProblem) -> list[str]:
+def _contradictions(problem: FittedProblem) -> Iterator[str]:
     """The base parameter that a fit holds farthest from what the recording alone gives.
 
     With the truth within the prior, or a prior as wide as it must be, the two differ by less than
@@ -90,26 +102,64 @@ def _contradictions(problem: FittedProblem) -> list[str]:
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
     k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
     if not count:
-        return []
-    unit = base.layout.units[base.groups[k].representative]
+        return
+    unit = base.layout.units[base.representatives[k]]
     others = f"; {count - 1} more are as far apart" if count > 1 else ""
     causes, cure = "entries that 'free' leaves out or consistency", "Free more of their entries"
     if problem.settings.gamma is not None:  # then no prior is widened
         causes = f"prior, {causes}"
         cure = "Likeliest the prior of this body is too far off: correct it, or free more entries"
-    return [
+    yield (
         f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
         f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: {causes} contradict the "
         "recording, and other parameters of these bodies may lie outside of their intervals. "
         f"{cure}"
-    ]
+    )
 
 
 def _excess(problem: FittedProblem) -> float:
-    """How many times larger than the data's own the noise is that γ stands for.
-
-    γ is what a noise of this level would have got (`objective.default_gamma`).
-    """
+    """How many times larger than the data's own the noise is that γ stands for
+    (`objective.default_gamma`)."""
     gamma, samples = problem.objective.gamma, problem.information.mean_samples
     assumed = problem.settings.prior_spread * np.sqrt(gamma * samples)
     return max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
+
+
+def _of_measured(problem: FittedProblem) -> Iterator[str]:
+    """Measured values that the recording contradicts.
+
+    Without the k-th fact, with the row a and leverage h = ‖R⁻ᵀa‖², least squares would give it the
+    residual r / (1 − h) in place of r, and what it is compared with errs by (uᵀs − h e) / (1 − h),
+    u = R⁻ᵀa. Where nothing else determines it (h = 1), physical consistency still may: then the fit
+    itself keeps away from it.
+    """
+    information, estimate = problem.information, problem.estimate
+    if information.facts is None:
+        return
+    noise, over = estimate.noise, inverse(estimate.noise.root)
+    at = np.searchsorted(information.columns, problem.base.representatives)
+    for fact, row in zip(weighings(problem.dynamics.robot), information.facts, strict=True):
+        u = over.T @ row[at]
+        left, rest = float(row[-1] - row[at] @ estimate.values), float(1.0 - u @ u)
+        std, _ = noise.deviations(u[:, None])
+        others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - rest)) ** 2, 0.0)
+        others += float(np.sum((row[at] @ problem.shifts) ** 2))
+        if rest > _REDUNDANT:
+            apart = abs(left / rest / np.hypot(noise.sigma, np.sqrt(others) / rest))
+            if apart > _NO_CHANCE:
+                value = fact.value * (1.0 - left / rest / row[-1]) if row[-1] else 0.0
+                yield _contradicted(fact, "the recording", value, apart)
+                continue
+        fitted = float(fact.coefficients @ problem.p)
+        apart = abs(fact.value - fitted) / fact.std
+        if apart > _NO_CHANCE:
+            yield _contradicted(fact, "the fit, whose bodies must be possible,", fitted, apart)
+
+
+def _contradicted(fact: Weighing, who: str, value: float, apart: float) -> str:
+    return (
+        f"{fact.where}: {fact.name} was measured as {fact.shown(fact.value)} ± {fact.std:.2g} "
+        f"{fact.unit}, but {who} says {fact.shown(value)} {fact.unit}, {apart:.2g} standard "
+        "deviations apart. Likeliest its unit, or what was measured with it (screws, cables, half "
+        "a joint); mend it, state a larger std, or leave it out"
+    )

@@ -13,19 +13,17 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information
-from deltaid.estimation.objective import Objective, noise_level
+from deltaid.estimation.objective import Objective, Solution, noise_level
 from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.scatter import Groups
-from deltaid.estimation.solver import Solution
 from deltaid.identification.balance import balanced
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.signs import CURE, against_motion, told
-from deltaid.identification.widening import Evidence, evidence, told_priors
-from deltaid.model.corrections import Correction
+from deltaid.identification.widening import Evidence, evidence
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.sensors.weighings import weighings
@@ -42,11 +40,7 @@ class FittedProblem:
     """A fit, what it was posed from, and its result.
 
     Attributes:
-        dynamics: of the robot that was fitted.
-        settings: what was asked for.
         gathered: what the recordings say, together, in stretches of time and by place.
-        objective: what was minimised, over which free variables.
-        solution: its minimiser and certificate.
         base: which combinations of parameters the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
         additions: what was fitted beside the robot.
@@ -95,10 +89,21 @@ class FittedProblem:
         """The fitted parameters of the robot."""
         return self.values[: len(self.values) - self.layout.added]
 
+    @property
+    def shifts(self) -> Float[np.ndarray, "base quantities"]:
+        """Of base parameters by one standard deviation of each geometric quantity."""
+        return self.geometry.shifts if self.geometry else np.zeros((self.base.rank, 0))
+
     @cached_property
     def noise(self) -> float:
         """Level of the torques' noise, as a share of the largest torque."""
         return noise_level(self.information)
+
+    @property
+    def evidence(self) -> Evidence:
+        """What the recordings say against the prior."""
+        spread = self.settings.prior_spread
+        return evidence(self.reduction, spread, self.base, self.estimate)
 
 
 def fit(
@@ -114,61 +119,61 @@ def fit(
         IdentificationError: the fit cannot be posed, or its solver did not reach its end; with the
             drives whose torques and motions contradict each other, if that is why.
     """
+
+    def posed(load: Parameters | None) -> FittedProblem:
+        return _posed(dynamics, recordings, settings, additions, load, progress)
+
+    robot = dynamics.robot
     try:
-        return _settled(dynamics, recordings, settings, progress, additions)
+        problem, settled = _settled(posed, prior_parameters(robot) if robot.load_drives else None)
+        if not settled:
+            raise IdentificationError(
+                "friction that depends on load does not settle: the recording cannot tell it from "
+                "the rest",
+                cure="leave the load term out of the friction law of "
+                + ", ".join(robot.load_drives),
+            )
     except IdentificationError as error:
         where = error.where or ", ".join(str(recording.path) for recording in recordings)
         raise IdentificationError(error.what, where=where, cure=error.cure) from error
+    return problem
 
 
 def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
-    """A fit whose intervals take in what the tolerances of the robot's geometry do.
-
-    Args:
-        recordings: those that it comes from.
-    """
+    """A fit whose intervals take in what the tolerances of the robot's geometry do, by the
+    recordings that it comes from."""
+    base, information = problem.base, problem.information
     found = geometry(
-        problem.dynamics,
-        recordings,
-        problem.base,
-        problem.information,
-        problem.values,
-        problem.additions,
+        problem.dynamics, recordings, base, information, problem.values, problem.additions
     )
     estimate = problem.estimate.with_shifts(found.shifts)
     return replace(problem, estimate=estimate, geometry=found)
 
 
 def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
-    """The same fit with priors that the recording contradicts as wide as its evidence asks for.
+    """The same fit with priors that its recordings contradict as wide as their evidence asks for.
 
     A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
     friction depends on it the fit is posed again until its shares stay as they are.
-
-    Args:
-        recordings: those that it comes from.
 
     Raises:
         IdentificationError: the solver did not reach its end.
     """
     wide = widened(problem)
-    shares = _load_shares(problem.dynamics)
-    if wide is problem or not shares:
+    if wide is problem or not problem.dynamics.robot.load_drives:
         return wide
-    load, step = wide.p, np.zeros(len(shares))
-    for _ in range(_LOAD_ROUNDS):
+
+    def posed(load: Parameters | None) -> FittedProblem:
         again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
-        wide = widened(with_geometry(again, recordings))
-        if np.allclose(wide.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            break
-        load, step = _next_load(load, wide.p, shares, step)
-    return wide
+        return widened(with_geometry(again, recordings))
+
+    return _settled(posed, wide.p)[0]
 
 
 def widened(problem: FittedProblem) -> FittedProblem:
     """With wider priors and the rows as they are; itself where no prior is contradicted."""
     settings = problem.settings
-    if settings.gamma is not None or not (widened := _against_prior(problem).contradicted()):
+    if settings.gamma is not None or not (widened := problem.evidence.contradicted()):
         return problem
     reduction = replace(problem.reduction, widened=widened)
     objective = pose(problem.information, reduction, settings)
@@ -176,53 +181,25 @@ def widened(problem: FittedProblem) -> FittedProblem:
     return replace(problem, objective=objective, solution=solution)
 
 
-def widened_priors(problem: FittedProblem) -> tuple[Correction, ...]:
-    """The priors that were widened, as corrections."""
-    against = _against_prior(problem)
-    return told_priors(problem.reduction.widened, against, problem.base, problem.estimate)
-
-
-def _against_prior(problem: FittedProblem) -> Evidence:
-    """What the recordings of a fit say against its prior."""
-    reduction, spread = problem.reduction, problem.settings.prior_spread
-    return evidence(reduction, spread, problem.base, problem.estimate)
-
-
 def _settled(
-    dynamics: Dynamics,
-    recordings: Sequence[Recording],
-    settings: Settings,
-    progress: Progress,
-    additions: Sequence[Addition],
-) -> FittedProblem:
-    """Friction that depends on load sees the torques of the fit before, beginning with the prior,
-    until its coefficients stay as they are."""
-    robot, shares = dynamics.robot, _load_shares(dynamics)
-    load, step = prior_parameters(robot) if shares else None, np.zeros(len(shares))
-    for _ in range(_LOAD_ROUNDS):
-        found = _posed(dynamics, recordings, settings, additions, load, progress)
-        if load is None or np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            return found
-        load, step = _next_load(load, found.p, shares, step)
-    raise IdentificationError(
-        "friction that depends on load does not settle: the recording cannot tell it from the rest",
-        cure=f"leave the load term out of the friction law of {', '.join(robot.load_drives)}",
-    )
-
-
-def _next_load(
-    load: Parameters, found: Parameters, shares: list[int], before: Float[np.ndarray, " shares"]
-) -> tuple[Parameters, Float[np.ndarray, " shares"]]:
-    """Parameters by which gears carry next, and the step of their shares: half of a step back,
-    for |x| bends, and whole ones might go to and fro."""
-    step = found[shares] - load[shares]
-    return (0.5 * (load + found) if step @ before < 0 else found), step
-
-
-def _load_shares(dynamics: Dynamics) -> list[int]:
-    """Which parameters are shares of the load."""
-    first = dynamics.layout.friction.start
-    return [first + k for k, term in enumerate(dynamics.robot.friction_terms) if term.of_load]
+    posed: Callable[[Parameters | None], FittedProblem], load: Parameters | None
+) -> tuple[FittedProblem, bool]:
+    """A fit where friction that depends on load sees the torques of the fit before, until its
+    shares of the load stay as they are; and whether they do. Without load there is one round."""
+    found = posed(load)
+    if load is None:
+        return found, True
+    first = found.dynamics.layout.friction.start
+    terms = enumerate(found.dynamics.robot.friction_terms, start=first)
+    shares, step = [k for k, term in terms if term.of_load], np.zeros(1)
+    for _ in range(_LOAD_ROUNDS - 1):
+        if np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            return found, True
+        before, step = step, found.p[shares] - load[shares]
+        # Half of a step back, for |x| bends, and whole ones might go to and fro.
+        load = 0.5 * (load + found.p) if np.sum(step * before) < 0 else found.p
+        found = posed(load)
+    return found, bool(np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED))
 
 
 def _posed(
@@ -233,7 +210,6 @@ def _posed(
     load: Parameters | None,
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
-    """A fit where gears carry what parameters `load` say."""
     rows = MeasuredRows(extended(dynamics, additions), weighings(dynamics.robot))
     gathered = balanced(gather_all(rows, recordings, load, progress), rows.weighings)
     progress("fitting")
@@ -246,33 +222,22 @@ def fit_to(
     settings: Settings,
     additions: Sequence[Addition] = (),
 ) -> FittedProblem:
-    """A fit to what has been gathered.
-
-    Raises:
-        IdentificationError: the fit cannot be posed, or its solver did not reach its end.
-    """
+    """A fit to what has been gathered; errors as of `fit`."""
     information = gathered.information
-    added = [(one.parameters, one.free) for one in additions]
+    added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(dynamics.robot, information.columns, added, settings.prior_spread)
     objective = pose(information, reduction, settings)
     try:
         solution = minimise(objective, SOLVERS[settings.method])
         reduction.parameters(solution.x)  # raises where they are not consistent
     except IdentificationError as error:
-        raise _explained(error, dynamics, information) from error
+        wrong = against_motion(dynamics, information)
+        if not wrong:
+            raise
+        what = f"no consistent robot moves like this: {told(wrong, dynamics.robot)}"
+        raise IdentificationError(what, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
     estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
     return FittedProblem(
         dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
     )
-
-
-def _explained(
-    error: IdentificationError, dynamics: Dynamics, information: Information
-) -> IdentificationError:
-    """Why a fit failed, if the data contradicts itself; else what the solver says."""
-    found = against_motion(dynamics, information)
-    if not found:
-        return error
-    what = f"no consistent robot moves like this: {told(found, dynamics.robot)}"
-    return IdentificationError(what, cure=CURE)

@@ -1,6 +1,6 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.identification.assembled import assembled
 from deltaid.identification.fit import (
     FittedProblem,
     Progress,
@@ -21,17 +20,14 @@ from deltaid.identification.fit import (
     with_widened_prior,
 )
 from deltaid.identification.friction_curves import freed
-from deltaid.identification.judgement import (
-    judged_parameters,
-)
+from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
-from deltaid.identification.stages import prepared
+from deltaid.identification.stages import prepared, unwatched, watched
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
-from deltaid.identification.watch import unwatched, watched
 from deltaid.model.above import above
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -52,14 +48,8 @@ _COMPARED = 32
 
 @dataclass(frozen=True, repr=False)
 class Identification(Shown, Plotted, Tabled, Reported):
-    """An identified model with the evidence behind it.
-
-    Attributes:
-        model: the result.
-        problem: the fit that it comes from.
-        recordings: the logs behind it, each with its filter.
-        studies: of what each of them leaves, where that has been looked at as it was fitted.
-    """
+    """An identified model with the evidence behind it: the fit that it comes from, the recordings
+    with their filters, and studies of what each leaves, where it was studied as it was fitted."""
 
     model: IdentifiedModel
     problem: FittedProblem
@@ -131,16 +121,17 @@ def identify(
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
-    setup = Setup(robot, tuple(one.excerpted() for one in recordings), settings)
+    setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
     setup, problem = _fitted(setup, progress)
     robot, recordings = setup.robot, setup.recordings
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged, own = judged_parameters(freed(problem)), len(problem.p)
-    loads = found_loads(setup.additions, judged[own:], held(setup.recordings))
-    recordings = tuple(unloaded(one, {load.name: load.p for load in loads}) for one in recordings)
+    loads = found_loads(setup.additions, judged[own:], held(recordings))
+    carried = {load.name: load.p for load in loads}
+    recordings = tuple(unloaded(recording, carried) for recording in recordings)
     progress("comparing torques")
-    some = [one.sparser(_COMPARED) for one in recordings]
-    errors = [torque_error(compiled(robot), problem.p, one) for one in some]
+    some = [recording.sparser(_COMPARED) for recording in recordings]
+    errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
     model = assembled(
         problem,
         settings,
@@ -149,21 +140,21 @@ def identify(
         loads=loads,
         corrections=(*setup.corrections, *_told(setup.additions, judged[own:])),
         sources=tuple(
-            _source(*one, robot.drives)
-            for one in zip(recordings, problem.used, errors, strict=True)
+            _source(recording, used, error, robot.drives)
+            for recording, used, error in zip(recordings, problem.used, errors, strict=True)
         ),
-        remarks=[f"{one.path}: {text}" for one in recordings for text in one.log.warnings],
+        remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
         choice=setup.friction_choice,
     )
     return Identification(model, problem, recordings, _unchanged(setup))
 
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
-    """The fit of a setup with all that is to be put right in it; with a close look at all rows
+    """The fit of a setup with all that is to be corrected in it; with a close look at all rows
     where there is anything that excerpts did not show."""
     setup, problem = _confirmed(watched(prepared(first, progress)), progress)
-    setup, seen = unwatched(setup)
-    return _fitted(first.changed(closely=True), progress) if seen else (setup, problem)
+    setup, found = unwatched(setup)
+    return _fitted(first.changed(closely=True), progress) if found else (setup, problem)
 
 
 def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
@@ -182,49 +173,41 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
-    """Studies of recordings in which nothing has been put right since, nor what gears carry.
+    """Studies of recordings in which nothing has been corrected since, nor what gears carry.
 
     They were studied with the lags to begin with, which may have been given up since.
     """
     if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
-    pairs = zip(setup.studies, setup.recordings, strict=True)
-    return tuple(one if one and _is_of(one, recording) else None for one, recording in pairs)
-
-
-def _is_of(study: Study, recording: Recording) -> bool:
-    """Whether a recording was studied as it has been put right by now."""
-    return study.fit.trace.recording.repairs == recording.repairs
+    return tuple(
+        study if study and study.fit.trace.recording.repairs == recording.repairs else None
+        for study, recording in zip(setup.studies, setup.recordings, strict=True)
+    )
 
 
 def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:
-    """What the fit found of all additions."""
     corrections, rest = list[Correction](), iter(judged)
-    for one in additions:
-        corrections += one.told(tuple(islice(rest, len(one.parameters))))
+    for addition in additions:
+        corrections += addition.told(tuple(islice(rest, len(addition.parameters))))
     return corrections
 
 
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     """Torque errors over several recordings, weighted by their samples."""
-    share = np.array(weights)[:, None] / sum(weights)
 
-    def together(squares: list[np.ndarray]) -> np.ndarray:
-        return np.sqrt(np.sum(share * np.array(squares), axis=0))
+    def mean(of: Callable[[TorqueError], np.ndarray]) -> np.ndarray:
+        return np.average([of(error) for error in errors], axis=0, weights=weights)
 
-    rms = together([e.rms**2 for e in errors])
-    torque = together([(e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0)) ** 2 for e in errors])
-    covariance = np.einsum("i,ijk->jk", share[:, 0], np.array([e.covariance for e in errors]))
-    raw = together([e.rms_unfiltered**2 for e in errors])
-    turning = np.einsum("i,ij->j", share[:, 0], np.array([e.turning for e in errors]))
+    rms = np.sqrt(mean(lambda e: e.rms**2))
+    torque = np.sqrt(mean(lambda e: (e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0)) ** 2))
     return TorqueError(
-        rms,
-        rms / np.where(torque > 0, torque, 1.0),
-        raw,
-        covariance,
-        turning,
-        errors[0].cutoff,
-        np.max([e.fastest for e in errors], axis=0),
+        rms=rms,
+        nrmse=rms / np.where(torque > 0, torque, 1.0),
+        rms_unfiltered=np.sqrt(mean(lambda e: e.rms_unfiltered**2)),
+        covariance=mean(lambda e: e.covariance),
+        turning=mean(lambda e: e.turning),
+        cutoff=errors[0].cutoff,
+        fastest=np.max([error.fastest for error in errors], axis=0),
     )
 
 

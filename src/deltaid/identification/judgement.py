@@ -1,14 +1,23 @@
-"""A fit's verdicts, as the model file keeps them."""
+"""A fit as the model that a file keeps: values, intervals, what decided them, what is doubtful."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem
+from deltaid.identification.friction_curves import friction_curves
 from deltaid.identification.labels import Labels
+from deltaid.identification.marginal import posterior_record
+from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.parameter_record import BaseParameter, Parameter, Share
-from deltaid.model.record import Consistency, Fit
+from deltaid.identification.torque_scale import torque_scale
+from deltaid.identification.widening import widened_priors
+from deltaid.model.corrections import Correction
+from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
+from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED
 
@@ -18,18 +27,16 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
 
     Those of additions follow the robot's.
     """
-    labels, p_reg = Labels(problem), problem.reduction.p_reg
-    rows = []
+    labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
-        label, value = labels.of(i), problem.values[i]
-        low, high = max(label.low, parameter.low), min(label.high, parameter.high)
+        label, value = labels.of(i), float(problem.values[i])
         rows.append(
             Parameter(
                 name=parameter.name,
-                value=float(value),
+                value=value,
                 std=float(label.std),
-                low=float(min(low, value)),
-                high=float(max(high, value)),
+                low=float(min(max(label.low, parameter.low), value)),
+                high=float(max(min(label.high, parameter.high), value)),
                 unit=parameter.unit,
                 prior=float(p_reg[i]),
                 determined_by=label.by,
@@ -42,38 +49,91 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
 
 def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
     """Base parameters of the robot with their intervals."""
-    base, estimate = problem.base, problem.estimate
+    base, estimate, found = problem.base, problem.estimate, list[BaseParameter]()
     by_noise, _ = estimate.by_noise
-    noise = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
-    shown = [base.layout.parameters[group.representative] for group in base.groups]
-    return tuple(
-        BaseParameter(
-            formula=formula,
-            representative=parameter.name,
-            value=float(value),
-            std=float(std),
-            low=float(value - half),
-            high=float(value + half),
-            unit=parameter.unit,
-            share=Share(noise=float(part), prior=0.0, geometry=float(1 - part)),
+    parts = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
+    for k, representative in enumerate(base.representatives):
+        parameter = base.layout.parameters[representative]
+        if parameter.kind in ADDED:
+            continue
+        value, half, part = (float(x[k]) for x in (estimate.values, estimate.interval, parts))
+        found.append(
+            BaseParameter(
+                formula=base.groups[k].formula(base.layout),
+                representative=parameter.name,
+                value=value,
+                std=float(estimate.std[k]),
+                low=value - half,
+                high=value + half,
+                unit=parameter.unit,
+                share=Share(noise=part, prior=0.0, geometry=1 - part),
+            )
         )
-        for formula, value, std, half, part, parameter in zip(
-            base.formulas,
-            estimate.values,
-            estimate.std,
-            estimate.interval,
-            noise,
-            shown,
-            strict=True,
+    return tuple(found)
+
+
+def assembled(
+    problem: FittedProblem,
+    settings: Settings,
+    error: TorqueError,
+    judged: Sequence[Parameter],
+    *,
+    loads: tuple[HeldLoad, ...],
+    corrections: Sequence[Correction],
+    sources: tuple[Source, ...],
+    remarks: Sequence[str],
+    choice: FrictionChoice | None = None,
+) -> IdentifiedModel:
+    """The model of a fit.
+
+    Args:
+        error: what it leaves of the torques.
+        judged: its parameters, those of additions behind the robot's.
+        loads: what is held, as the fit found it.
+        corrections: what was corrected before it and by it, but for priors.
+        sources: the recordings behind it.
+        remarks: what is to be said of these.
+        choice: how friction laws were chosen, if they were.
+    """
+    own, layout = len(problem.p), problem.layout
+    consistency = tuple(
+        Consistency(
+            body=body,
+            eigenvalues=tuple(
+                np.linalg.eigvalsh(pseudo_inertia(problem.p[layout.body(body)])).tolist()
+            ),
         )
-        if parameter.kind not in ADDED
+        for body in layout.bodies
+    )
+    widened = widened_priors(
+        problem.reduction.widened, problem.evidence, problem.base, problem.estimate
+    )
+    return IdentifiedModel(
+        deltaid=version("deltaid"),
+        robot=problem.dynamics.robot,
+        parameters=tuple(judged[:own]),
+        base_parameters=judged_base(problem),
+        consistency=consistency,
+        fit=_record(problem, error),
+        settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
+        posterior=posterior_record(problem),
+        loads=loads,
+        sensors=fitted_sensors(problem, judged[own:]),
+        corrections=(*corrections, *widened),
+        friction_choice=choice,
+        friction_curves=friction_curves(problem, error.fastest),
+        sources=sources,
+        warnings=(*remarks, *doubts_of_fit(problem)),
     )
 
 
-def record(problem: FittedProblem, error: TorqueError) -> Fit:
-    """What a fit reached, with the torque errors that it leaves."""
+def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
+    """What a fit itself gives reason to doubt, one sentence a cause."""
+    return (*doubts(problem), *torque_scale(problem))
+
+
+def _record(problem: FittedProblem, error: TorqueError) -> Fit:
     solution, base = problem.solution, problem.base
-    representatives = [group.representative for group in base.groups]
     certified = bool(np.isfinite(solution.bound))
     return Fit(
         objective=solution.objective,
@@ -83,23 +143,10 @@ def record(problem: FittedProblem, error: TorqueError) -> Fit:
         status=solution.status,
         iterations=solution.iterations,
         optimization_variables=problem.reduction.size,
-        base_parameters=sum(k < len(problem.p) for k in representatives),
+        base_parameters=sum(k < len(problem.p) for k in base.representatives),
         base_condition=base.condition,
         noise_level=problem.noise,
         rms=tuple(map(float, error.rms)),
         nrmse=tuple(map(float, error.nrmse)),
         rms_unfiltered=tuple(map(float, error.rms_unfiltered)),
-    )
-
-
-def eigenvalues(
-    layout: ParameterLayout, p: Float[np.ndarray, " parameters"]
-) -> tuple[Consistency, ...]:
-    """Eigenvalues of M̄ of every body."""
-    return tuple(
-        Consistency(
-            body=body,
-            eigenvalues=tuple(np.linalg.eigvalsh(pseudo_inertia(p[layout.body(body)])).tolist()),
-        )
-        for body in layout.bodies
     )

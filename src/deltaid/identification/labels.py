@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import solve_triangular
 
 from deltaid.estimation.regularizer import prior_scale
-from deltaid.identification.consistent_range import ConsistentRanges, Range
+from deltaid.estimation.scatter import inverse
+from deltaid.identification.consistent_range import ConsistentRanges
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Origin, Share
@@ -24,7 +24,7 @@ _FELL = 1e-3
 _MOSTLY = 0.5
 _ROUNDING = 1e-9
 # Half the width of a 95 % interval in standard deviations.
-_REACH = 1.959963984540054
+REACH = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Label:
 
 
 class Labels:
-    """Tells for each parameter of a fit what decided it."""
+    """Decides for each parameter of a fit what decided it."""
 
     def __init__(self, problem: FittedProblem) -> None:
         reduction = problem.reduction
@@ -62,9 +62,8 @@ class Labels:
         """The label of parameter i."""
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
-            if self._parameters[i].kind in ADDED:
-                return self._by_posterior(i)
-            return self._of_free(i)
+            added = self._parameters[i].kind in ADDED
+            return self._by_posterior(i) if added else self._of_free(i)
         if value == 0:
             return Label("structure", 0.0, value, value)
         if self._visible[i]:
@@ -82,20 +81,21 @@ class Labels:
         around = self._around_prior(i, "prior", prior_std)
         if not self._visible[i]:
             return replace(around, by="consistency") if self._raised[i] else around
-        low, high = within = self._ranges.of(np.eye(len(self._p))[i])
+        alone = np.eye(len(self._p))[i]
+        low, high = within = self._ranges.of(alone)
         ended = np.isfinite(low) and np.isfinite(high)
         if self._at_edge(i) and self._p[i] < _FELL * self._reduction.p_reg[i]:
             return self._limit(i, self._parameters[i].low, high if ended else around.high)
         enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
-        if half < _REACH * enough or (ended and std < enough and not on):
-            share = self._share(i, within)
+        if half < REACH * enough or (ended and std < enough and not on):
+            share = self._ranges.share(alone, within)
             by = "measured" if share.measured > _MOSTLY else "data"
-            return Label(by, min(std, half / _REACH), low, high, share=share)
+            return Label(by, min(std, half / REACH), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
-            return Label("sum", std, low, high, names, self._share(i, within))
+            return Label("sum", std, low, high, names, self._ranges.share(alone, within))
         return self._limit(i, low, high) if ended and self._at_edge(i) else around
 
     @cached_property
@@ -104,35 +104,30 @@ class Labels:
         alone = self._reduction.A @ self._problem.solution.x + self._reduction.p_0
         return self._p > alone + _ROUNDING * np.abs(alone)
 
-    def _share(self, i: int, within: Range) -> Share:
-        """What its range comes from."""
-        return self._ranges.share(np.eye(len(self._p))[i], within)
-
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
         prior = float(self._reduction.p_reg[i])
-        return Label(by, std, prior - _REACH * std, prior + _REACH * std)
+        return Label(by, std, prior - REACH * std, prior + REACH * std)
 
     def _by_posterior(self, i: int) -> Label:
         reach, value = float(self._known.interval[i]), float(self._p[i])
         std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
-        if std < _SHRUNK * prior_std:
-            share = Share.of(self._known.shares[i])
-            return Label("data", std, value - reach, value + reach, share=share)
-        return self._around_prior(i, "prior", prior_std)
+        if std >= _SHRUNK * prior_std:
+            return self._around_prior(i, "prior", prior_std)
+        share = Share.of(self._known.shares[i])
+        return Label("data", std, value - reach, value + reach, share=share)
 
     def _limit(self, i: int, low: float, high: float) -> Label:
         """At its bound; the distance of the far end stands for a standard deviation."""
         value = float(self._p[i])
-        return Label("limit", max(high - value, value - low) / _REACH, low, high)
+        return Label("limit", max(high - value, value - low) / REACH, low, high)
 
     def _at_edge(self, i: int) -> bool:
         """Whether consistency alone keeps a moment or a coefficient from being smaller."""
-        of = self._reduction.A[i]
-        parts = np.flatnonzero(of)
-        if np.any(of[parts] < 0) or np.any(np.isnan(self._room[parts])):
+        parts = np.flatnonzero(self._reduction.A[i])
+        factors, room = self._reduction.A[i][parts], self._room[parts]
+        if np.any(factors < 0) or np.any(np.isnan(room)):
             return False
-        prior = self._reduction.prior[parts]
-        return bool(of[parts] @ self._room[parts] < _FELL * (of[parts] @ prior))
+        return bool(factors @ room < _FELL * (factors @ self._reduction.prior[parts]))
 
     @cached_property
     def _room(self) -> Float[np.ndarray, " n"]:
@@ -141,9 +136,8 @@ class Labels:
         for block in self._reduction.blocks:
             # That of entry k is 1 / (M̄⁻¹)_kk, and M̄⁻¹ = L⁻ᵀL⁻¹ with M̄ = L Lᵀ.
             L = np.linalg.cholesky(block.matrix(self._problem.solution.x))
-            inverse = np.sum(solve_triangular(L, np.eye(len(L)), lower=True) ** 2, axis=0)
-            at = np.diag(block.index)
-            room[at[at >= 0]] = 1.0 / inverse[at >= 0]
+            at, diagonal = np.diag(block.index), np.sum(inverse(L.T) ** 2, axis=1)
+            room[at[at >= 0]] = 1.0 / diagonal[at >= 0]
         return room
 
     @cached_property
@@ -152,11 +146,4 @@ class Labels:
 
     @cached_property
     def _ranges(self) -> ConsistentRanges:
-        problem, geometry = self._problem, self._problem.geometry
-        return ConsistentRanges(
-            problem.objective,
-            problem.information,
-            problem.base,
-            problem.estimate.noise,
-            geometry.shifts if geometry else None,
-        )
+        return ConsistentRanges(self._problem)

@@ -11,10 +11,9 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics, Regressor
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information, triangle
@@ -42,12 +41,10 @@ from deltaid.sensors.weighings import weighings
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Least-squares values of the base parameters and how far they can be trusted.
+    """Least-squares values p_B of the base parameters and how far they can be trusted.
 
     Attributes:
         method: the weight.
-        values: p_B.
-        std: their standard deviations.
         interval: half the widths of their 95 % intervals.
         full: a vector p with these base parameters: representatives carry the values, the rest is
             zero.
@@ -93,11 +90,11 @@ def identify_base(
         IdentificationError: the motion does not determine the base parameters.
     """
     recordings = open_recordings(logs, dynamics.kinematics, columns, cutoff, keep_all=keep_all)
-    for one in recordings:
-        if one.log.columns.loads:
+    for recording in recordings:
+        if recording.log.columns.loads:
             raise RecordingError(
                 "declares a load, and base parameters are those of the robot alone",
-                where=str(one.path),
+                where=str(recording.path),
                 cure="give a recording without load; `deltaid identify` fits loads with the robot",
             )
     facts = weighings(dynamics.robot)
@@ -105,27 +102,11 @@ def identify_base(
     information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
     base = base_parameters(information, dynamics.layout)
     if method == "gauss-markov":
-        first = estimate_base(base, information, "weighted")
-        whitening = _whitening(_residual_covariance(dynamics, first, recordings))
-        estimate = estimate_gauss_markov(base, information, dynamics, recordings, whitening)
+        estimate = _gauss_markov(base, information, dynamics, recordings)
     else:
         estimate = estimate_base(base, information, method, groups)
     p = nearest(dynamics, base, estimate.values)
     return base, estimate.with_shifts(geometry(dynamics, recordings, base, information, p).shifts)
-
-
-def _whitening(covariance: Float[np.ndarray, "dof dof"]) -> Float[np.ndarray, "dof dof"]:
-    """Σ^-½."""
-    try:
-        L = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "the drives' torque residuals are linearly dependent, so they have no inverse "
-            "covariance",
-            where="--method gauss-markov",
-            cure="use weighted least squares",
-        ) from None
-    return solve_triangular(L, np.eye(len(L)), lower=True)
 
 
 def estimate_base(
@@ -146,21 +127,31 @@ def estimate_base(
     return _least_squares(base, information, factor, method, sums)
 
 
-def estimate_gauss_markov(
+def _gauss_markov(
     base: BaseParameters,
     information: Information,
-    regressor: Regressor,
+    dynamics: Dynamics,
     recordings: Sequence[Recording],
-    whitening: Float[np.ndarray, "dof dof"],
 ) -> BaseEstimate:
-    """Gauss–Markov estimate: W = Σ⁻¹ with the covariance Σ of the drives' residuals.
-
-    Args:
-        recordings: which are read once more.
-        whitening: Σ^-½.
-    """
-    places = places_of(regressor, recordings)
-    factors = [f for one in recordings for f in whitened(regressor, one, whitening, places)]
+    """W = Σ⁻¹ with the covariance Σ of the drives' torque residuals over the samples of all logs."""
+    full = estimate_base(base, information, "weighted").full
+    covariances = [torque_error(dynamics, full, recording).covariance for recording in recordings]
+    samples = [recording.log.samples for recording in recordings]
+    try:
+        L = np.linalg.cholesky(np.average(covariances, axis=0, weights=samples))
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the drives' torque residuals are linearly dependent, so they have no inverse "
+            "covariance",
+            where="--method gauss-markov",
+            cure="use weighted least squares",
+        ) from None
+    whitening, places = inverse(L.T).T, places_of(dynamics, recordings)
+    factors = [
+        factor
+        for recording in recordings
+        for factor in whitened(dynamics, recording, whitening, places)
+    ]
     sums = {
         "time": np.stack([factor.T @ factor for factor in factors]),
         "place": places.sums.sum(axis=1),
@@ -175,27 +166,17 @@ def _least_squares(
     method: LeastSquaresMethod,
     sums: dict[str, Sums],
 ) -> BaseEstimate:
-    columns = [group.representative for group in base.groups]
-    at = np.searchsorted(information.columns, columns)
+    at = np.searchsorted(information.columns, base.representatives)
     problem = LinearProblem.of_triangle(factor, information.rows).of_columns(at)
     own = np.append(at, len(information.columns))
     noise = observe(
         root=problem.root,
         values=problem.x,
         sigma=problem.noise,
-        freedom=max(information.rows - base.rank, 1.0),
+        freedom=problem.freedom,
         groupings=((name, each[:, own][:, :, own]) for name, each in sums.items()),
     )
     std, nu = noise.deviations(inverse(noise.root).T)
     full = np.zeros(len(base.layout.names))
-    full[columns] = problem.x
+    full[base.representatives] = problem.x
     return BaseEstimate(method, problem.x, std, quantile(nu) * std, full, noise)
-
-
-def _residual_covariance(
-    dynamics: Dynamics, estimate: BaseEstimate, recordings: Sequence[Recording]
-) -> Float[np.ndarray, "dof dof"]:
-    """Σ: mean of e eᵀ over the samples of all logs, e the drives' torque residuals."""
-    errors = [torque_error(dynamics, estimate.full, one) for one in recordings]
-    weights = np.array([one.log.samples for one in recordings], dtype=float)
-    return np.einsum("i,ijk->jk", weights / weights.sum(), np.array([e.covariance for e in errors]))

@@ -25,11 +25,9 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import inverse
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.least_squares import BaseEstimate
+from deltaid.identification.labels import REACH
 from deltaid.model.posterior_record import PosteriorRecord
 
-# Half the width of a 95 % interval in standard deviations.
-_REACH = 1.959963984540054
 # Newton steps at most, and by how much less a step promises at the end.
 _STEPS, _AGREE = 200, 1e-12
 # κ: by which share of a variance it may be missed for each unit of λ.
@@ -53,32 +51,39 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     beside = K[:, own:] * (spread * scale[own:])
     V = base_covariance(problem) + beside @ beside.T
     b = problem.estimate.values - K[:, own:] @ reduction.p_reg[own:]
-    robots = np.array([group.representative < own for group in base.groups], dtype=bool)
+    robots = np.array(base.representatives) < own
     values, V = _given(b, V, robots)
-    names = reduction.layout.names
+    names, rows = reduction.layout.names, K[robots, :own]
     L = np.linalg.cholesky(_correlation(V)) * np.sqrt(np.diag(V))[:, None]
-    seen = np.isin(np.arange(own), problem.information.columns)
+    unseen = np.setdiff1d(np.arange(own), problem.information.columns)
     return PosteriorRecord(
         spread=spread,
         wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:own]) if w != 1},
-        unseen=tuple(names[i] for i in np.flatnonzero(~seen)),
+        unseen=tuple(names[i] for i in unseen),
         combinations=tuple(
-            {names[i]: float(row[i]) for i in np.flatnonzero(_counts(row * scale[:own]))}
-            for row in K[robots, :own]
+            {names[i]: float(row[i]) for i in np.flatnonzero(terms > _NEGLIGIBLE * terms.max())}
+            for row, terms in zip(rows, np.abs(rows * scale[:own]), strict=True)
         ),
         values=tuple(values.tolist()),
-        factor=tuple(tuple(map(_short, row[: k + 1].tolist())) for k, row in enumerate(L)),
+        factor=tuple(
+            tuple(float(f"{value:.{_DIGITS - 1}e}") for value in row[: k + 1])
+            for k, row in enumerate(L)
+        ),
     )
 
 
 def base_covariance(problem: FittedProblem) -> Matrix:
     """Covariance of the base parameters' errors, with the deviations that their intervals have."""
-    estimate, geometry = problem.estimate, problem.geometry
-    shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
+    noise, shifts = problem.estimate.noise, problem.shifts
     of_geometry = np.sum(shifts**2, axis=1)
-    white = NOISE_FLOOR * np.linalg.norm(inverse(estimate.noise.root), axis=1)
-    wanted = np.maximum((estimate.interval / _REACH) ** 2 - of_geometry, white**2)
-    return with_variances(_by_scatter(estimate), wanted) + shifts @ shifts.T
+    white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
+    wanted = np.maximum((problem.estimate.interval / REACH) ** 2 - of_geometry, white**2)
+    # By noise with a level of its own in each direction that torques tell apart.
+    size = np.linalg.norm(noise.root, axis=0)
+    U, S, Vt = np.linalg.svd(noise.root / size)
+    level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
+    half = Vt.T * (level / S) / size[:, None]
+    return with_variances(half @ half.T, wanted) + shifts @ shifts.T
 
 
 def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
@@ -128,41 +133,22 @@ def _dual(L: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n
     return float(lam @ wanted - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
 
-def _by_scatter(estimate: BaseEstimate) -> Matrix:
-    """Covariance by noise with a level of its own in each direction that torques tell apart."""
-    noise = estimate.noise
-    size = np.linalg.norm(noise.root, axis=0)
-    U, S, Vt = np.linalg.svd(noise.root / size)
-    level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
-    half = Vt.T * (level / S) / size[:, None]
-    return half @ half.T
-
-
 def _given(
     b: Float[np.ndarray, " n"], V: Matrix, robots: np.ndarray
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Rows of the robot, given those that are errors alone."""
     size = np.sqrt(np.diag(V))
-    C, b = _correlation(V), b / size
-    if not np.all(robots):
-        L = np.linalg.cholesky(C[~robots][:, ~robots])
-        half = solve_triangular(L, C[~robots][:, robots], lower=True)
-        told = solve_triangular(L, b[~robots], lower=True)
-        C, b = C[robots][:, robots] - half.T @ half, b[robots] - half.T @ told
-    else:
-        C, b = C[robots][:, robots], b[robots]
-    size = size[robots]
-    return b * size, C * np.outer(size, size)
+    C, b, others = _correlation(V), b / size, ~robots
+    if others.any():
+        rows = np.column_stack([C[np.ix_(others, robots)], b[others]])
+        L = np.linalg.cholesky(C[np.ix_(others, others)])
+        half = solve_triangular(L, rows, lower=True)
+        C[np.ix_(robots, robots)] -= half[:, :-1].T @ half[:, :-1]
+        b[robots] -= half[:, :-1].T @ half[:, -1]
+    own = np.ix_(robots, robots)
+    return (b * size)[robots], (C * np.outer(size, size))[own]
 
 
 def _correlation(V: Matrix) -> Matrix:
     size = np.sqrt(np.diag(V))
     return V / np.outer(size, size) + _ROUNDING * np.eye(len(V))
-
-
-def _counts(terms: Float[np.ndarray, " n"]) -> np.ndarray:
-    return np.abs(terms) > _NEGLIGIBLE * np.abs(terms).max()
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.{_DIGITS - 1}e}")

@@ -24,15 +24,13 @@ class Setup:
 
     Attributes:
         robot: the description, with the friction laws that have been chosen so far.
-        recordings: each with its filter and what has been put right in it.
-        settings: what was asked for.
+        recordings: each with its filter and what has been corrected in it.
         additions: columns beside the robot's.
-        corrections: what was put right, in the order in which it was.
-        friction_choice: how friction laws were chosen, if they were.
-        closely: whether every row of recordings is looked at for events; else excerpts are first.
-        glanced: numbers of the recordings of which nothing but an excerpt was looked at for events,
+        corrections: in the order in which they were made.
+        closely: whether every row of recordings is inspected for events; else excerpts are first.
+        glanced: numbers of the recordings of which nothing but an excerpt was inspected for events,
             and what was expected of them.
-        studies: what each recording looks like before anything in it is put right that was not
+        studies: what each recording looks like before anything in it is corrected that was not
             declared; none before they have been studied.
     """
 
@@ -53,7 +51,6 @@ class Setup:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Of the robot as it is described by now."""
         return compiled(self.robot)
 
     def poses_as(self, other: "Setup") -> bool:
@@ -63,30 +60,28 @@ class Setup:
         return same and self.robot == other.robot and self.additions == other.additions
 
     def changed(self, **values: Any) -> "Setup":
-        """The same with other values."""
         return replace(self, **values)
 
     def with_robot(self, robot: RobotDescription) -> "Setup":
         """The same for a description with other friction laws, additions beside its columns."""
-        additions = tuple(one.on(compiled(robot)) for one in self.additions)
+        additions = tuple(addition.on(compiled(robot)) for addition in self.additions)
         return self.changed(robot=robot, additions=additions)
 
     def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
-        """The same with one more thing put right in a recording, by fields of `Repairs`."""
+        """The same with one more thing corrected in a recording, by fields of `Repairs`."""
         now: Repairs = replace(recording.repairs, **repairs)
-        k = next(k for k, one in enumerate(self.recordings) if one is recording)
+        k = next(k for k, known in enumerate(self.recordings) if known is recording)
         return self.with_recording(k, replace(recording, repairs=now))
 
     def with_recording(self, k: int, recording: Recording) -> "Setup":
-        """The same with another k-th recording."""
         before, after = self.recordings[:k], self.recordings[k + 1 :]
         return self.changed(recordings=(*before, recording, *after))
 
     def told(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
-        """The same with corrections told, in the place of all earlier ones of some kinds."""
-        kept = (one for one in self.corrections if one.kind not in instead_of)
+        """The same with more corrections, in the place of all earlier ones of some kinds."""
+        kept = (known for known in self.corrections if known.kind not in instead_of)
         return self.changed(corrections=(*kept, *corrections))
 
 
-# One step towards a fit: what it sees, it puts right, and tells.
+# One step towards a fit: what it detects, it corrects and reports.
 Stage = Callable[[Setup, Progress], Setup]

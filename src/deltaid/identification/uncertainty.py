@@ -1,22 +1,62 @@
-"""How far identified parameters can be trusted, given data and prior."""
+"""How far identified parameters can be trusted, given data and prior, and what that comes from."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
-from deltaid.errors import IdentificationError
+from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import triangle
-from deltaid.estimation.regularizer import prior_scale
-from deltaid.estimation.scatter import half_width
+from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.regularizer import prior_root, prior_scale
+from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.sources import Sources
 
 # Others whose priors a parameter rests on are named until they make up this share of what priors
 # leave open, so many at most.
-_TOLD, _MOST = 0.7, 2
+_NAMED, _MOST = 0.7, 2
+
+
+class Parts(NamedTuple):
+    """Shares of the variance by noise, together one."""
+
+    torques: Each
+    sensors: Each
+    measured: Each
+
+
+class Sources:
+    """Where the noise of a fitted value comes from: torques, sensors, or measured values.
+
+    Least squares errs by R⁻¹ s, s the sum of the scores of all rows (`scatter`). Rows a have the
+    part uᵀH_a u of ‖u‖² of a combination uᵀs, H_a = (A R⁻¹)ᵀ(A R⁻¹), which is their weight among
+    all rows in the combination too: of two sources that say the same, the one with half the
+    standard deviation has four fifths of it.
+    """
+
+    def __init__(self, information: Information, base: BaseParameters, noise: Noise) -> None:
+        at = np.searchsorted(information.columns, base.representatives)
+        own, over = slice(information.drives.stop, None), inverse(noise.root)
+        sensors = information.factors[own] * np.sqrt(information.weights[own])[:, None, None]
+        facts = np.zeros((0, len(at))) if information.facts is None else information.facts[:, at]
+        self._sensors = sensors.reshape(-1, sensors.shape[2])[:, at] @ over
+        self._facts, self._noise = facts @ over, noise
+
+    def parts(self, U: Combinations) -> Parts:
+        """Of the columns of U; where there is nothing but torques, these are all."""
+        n = U.shape[1]
+        if not len(self._sensors) + len(self._facts):
+            return Parts(np.ones(n), np.zeros(n), np.zeros(n))
+        size = np.maximum(np.sum(U**2, axis=0), np.finfo(float).tiny)
+        variance = np.maximum(self._noise.deviations(U)[0] ** 2, np.finfo(float).tiny)
+        known = np.sum((self._facts @ U) ** 2, axis=0)
+        measured = np.clip(known * self._noise.sigma**2 / variance, 0.0, 1.0)
+        rest = np.maximum(1.0 - known / size, np.finfo(float).eps)
+        rows = np.sum((self._sensors @ U) ** 2, axis=0) / size
+        sensors = (1.0 - measured) * np.clip(rows / rest, 0.0, 1.0)
+        return Parts(1.0 - measured - sensors, sensors, measured)
 
 
 @dataclass(frozen=True)
@@ -41,25 +81,23 @@ class Uncertainty:
     follows: Float[np.ndarray, "base parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
-        """Other parameters whose priors make up most of what priors leave open of parameter i.
+        """Other parameters, of some, whose priors make up most of what priors leave open of i.
 
         The variance by the prior, cᵀ H⁻¹ P H⁻¹ c, is a sum over the parameters: the squares of
         `moves`.
-
-        Args:
-            among: which may be named.
         """
         share = np.where(among, self.moves[:, i] ** 2, 0.0)
         share[i] = 0.0
         order = np.argsort(-share, kind="stable")[:_MOST]
         before = np.append(0.0, np.cumsum(share[order])[:-1])
-        return tuple(int(k) for k in order[(before < _TOLD * share.sum()) & (share[order] > 0)])
+        return tuple(order[(before < _NAMED * share.sum()) & (share[order] > 0)].tolist())
 
 
 def uncertainty(
     problem: FittedProblem, combinations: Float[np.ndarray, "n parameters"] | None = None
 ) -> Uncertainty:
-    """Deviations of the minimiser of (15) from the truth, by noise, by the prior and by geometry.
+    """Deviations of the minimiser of (15) from the truth, by noise, by the prior and by geometry;
+    of combinations of parameters, or of each alone.
 
     Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²). With its Hessian
     H = D + P, D from the data and P from the prior, x errs by H⁻¹ (g + P (x_prior − x)), where g is
@@ -71,9 +109,6 @@ def uncertainty(
     A sharp sum of two parameters does not make the two known: each keeps the part by the prior of
     the other, and is as good as that (`consistent_range` does without).
 
-    Args:
-        combinations: of parameters, in whose place results are; each parameter alone if None.
-
     Raises:
         IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
@@ -82,33 +117,28 @@ def uncertainty(
     unit = sigma * np.sqrt(2.0 / (samples * objective.gamma))
     _, _, hessian = objective.regularizer.evaluate(reduction.prior)
     scale = np.sqrt(np.diag(hessian))
-    try:
-        root = np.linalg.cholesky(hessian / np.outer(scale, scale)).T
-    except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "the prior's sizes differ too much to be weighed against each other",
-            where="bodies",
-            cure="check masses and lengths of the prior in the description",
-        ) from None
+    root = prior_root(hessian / np.outer(scale, scale))
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
     wanted = A if combinations is None else combinations @ A
     factor = triangle(np.vstack([data, root]))
     H_inverse_A = solve_triangular(factor, solve_triangular(factor, wanted.T, trans="T"))
-    prior_share = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
+    by_prior = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
     in_scores = noise.root @ (problem.base.combination() @ (A @ H_inverse_A))
     to_scores = 2.0 / (objective.gamma * samples) * in_scores
     by_noise, freedom = noise.deviations(to_scores)
-    geometry = problem.geometry
-    shifts = geometry.shifts if geometry else np.zeros((problem.base.rank, 0))
     follows = noise.root.T @ to_scores
-    by_geometry = np.sum((follows.T @ shifts) ** 2, axis=1)
-    sources = Sources.of(problem.information, problem.base, noise).parts(to_scores)
+    by_geometry = np.sum((follows.T @ problem.shifts) ** 2, axis=1)
+    sources = Sources(problem.information, problem.base, noise).parts(to_scores)
     of_noise = [by_noise**2 * part for part in sources]
-    parts = np.stack([*of_noise, prior_share, by_geometry], axis=1)
+    parts = np.stack([*of_noise, by_prior, by_geometry], axis=1)
     variance = parts.sum(axis=1)
-    std, half = np.sqrt(variance), half_width(np.sqrt(variance), by_noise, freedom)
-    prior_std = unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0)
-    moves = A @ H_inverse_A / prior_scale(reduction)[:, None]
-    shares = parts / np.where(variance > 0, variance, 1.0)[:, None]
-    return Uncertainty(std, half, prior_std, shares, moves, follows)
+    std = np.sqrt(variance)
+    return Uncertainty(
+        std,
+        half_width(std, by_noise, freedom),
+        unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0),
+        parts / np.where(variance > 0, variance, 1.0)[:, None],
+        A @ H_inverse_A / prior_scale(reduction)[:, None],
+        follows,
+    )

@@ -21,7 +21,7 @@ terms; of those that gain nearly the same, the one that needs the least widening
 Friction is not asked: it shows by itself, and no prior bends it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -97,18 +97,16 @@ class Evidence:
     def farthest(self, name: str) -> tuple[int, float]:
         """The base parameter in which an entry's prior is contradicted most, and by how many
         standard deviations of noise and all priors together."""
-        s = np.ones(len(self.rows))
-        deviations = np.sqrt(np.diag(self._covariance(s)[0]))
-        own = np.abs(self._covariance(s)[1][:, self.names.index(name)])
-        k = int(np.argmax(np.abs(self.d) * own / deviations**2))
-        return k, float(np.abs(self.d[k]) / deviations[k])
+        C, u, _ = self._covariance(np.ones(len(self.rows)))
+        own, variances = np.abs(u[:, self.names.index(name)]), np.diag(C)
+        k = int(np.argmax(np.abs(self.d) * own / variances))
+        return k, float(np.abs(self.d[k]) / np.sqrt(variances[k]))
 
     def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray, Factors]:
         """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: what other priors say of it."""
-        P_root = triangle(self.rows / s[:, None])
-        half = inverse(P_root)
-        of_rows = self.rows / s[:, None] @ half  # r P^-½ / s
-        of_base = self.columns @ half
+        rows = self.rows / s[:, None]
+        half = inverse(triangle(rows))  # P^-½
+        of_rows, of_base = rows @ half, self.columns @ half
         rest = np.maximum(1.0 - np.sum(of_rows**2, axis=1), 0.0)
         return self.N + of_base @ of_base.T, of_base @ of_rows.T, rest
 
@@ -132,15 +130,17 @@ class Evidence:
 
     def _bodies(self, s: Factors) -> list[_Wider]:
         """Entries of a body alike, with the best factor of some."""
-        now, found = self._value(s), list[_Wider]()
-        for at in self.bodies:
-            tried = list[_Wider]()
-            for factor in _TRIED:
-                wider = s.copy()
-                wider[at] = np.maximum(s[at], factor)
-                tried.append(_Wider(at, factor, self._value(wider) - now))
-            found.append(max(tried, key=lambda one: one.gain))
-        return found
+        now = self._value(s)
+
+        def tried(at: list[int], factor: float) -> _Wider:
+            wider = s.copy()
+            wider[at] = np.maximum(s[at], factor)
+            return _Wider(at, factor, self._value(wider) - now)
+
+        return [
+            max((tried(at, factor) for factor in _TRIED), key=lambda wider: wider.gain)
+            for at in self.bodies
+        ]
 
     def _value(self, s: Factors) -> float:
         """Twice the logarithm of the evidence, but for a constant."""
@@ -151,9 +151,9 @@ class Evidence:
 
 def _least(found: Sequence[_Wider]) -> _Wider | None:
     """Of those that gain nearly the most, the one that needs the least widening."""
-    best = max((one.gain for one in found), default=0.0)
-    close = (one for one in found if one.gain >= best - _CLOSE)
-    return min(close, key=lambda one: one.factor, default=None)
+    best = max((wider.gain for wider in found), default=0.0)
+    close = (wider for wider in found if wider.gain >= best - _CLOSE)
+    return min(close, key=lambda wider: wider.factor, default=None)
 
 
 def _cholesky(
@@ -167,11 +167,8 @@ def _cholesky(
 def evidence(
     reduction: Reduction, spread: float, base: BaseParameters, estimate: BaseEstimate
 ) -> Evidence:
-    """What the base parameters of a recording say against the prior, as it is stated.
-
-    Args:
-        spread: relative standard deviation of the prior.
-    """
+    """What the base parameters of a recording say against the prior of relative standard deviation
+    `spread`, as it is stated."""
     parameters = reduction.layout.parameters
     changed = np.flatnonzero(np.any(reduction.A != 0, axis=1))
     asked = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
@@ -198,40 +195,29 @@ def evidence(
     )
 
 
-def told_priors(
+def widened_priors(
     widened: Mapping[str, float], found: Evidence, base: BaseParameters, estimate: BaseEstimate
-) -> tuple[Correction, ...]:
+) -> Iterator[Correction]:
     """The priors that were widened, as corrections: one a body or joint."""
     owners: dict[str, list[str]] = {}
     for parameter in base.layout.parameters:
         if parameter.name in widened:
             owners.setdefault(parameter.owner, []).append(parameter.name)
-    return tuple(
-        _told(owner, names, widened, found, base, estimate) for owner, names in owners.items()
-    )
-
-
-def _told(
-    owner: str,
-    names: Sequence[str],
-    widened: Mapping[str, float],
-    found: Evidence,
-    base: BaseParameters,
-    estimate: BaseEstimate,
-) -> Correction:
-    k, apart = max((found.farthest(name) for name in names), key=lambda one: one[1])
-    unit = base.layout.units[base.groups[k].representative]
-    factors = {widened[name] for name in names}
-    priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
-    if len(names) > 2 and len(factors) == 1:
-        second = all(name.startswith(f"{owner}.I") for name in names)
-        whose = f"the moments of inertia of {owner}" if second else owner
-        priors = f"those of {whose} {factors.pop():.2g} times"
-    text = (
-        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
-        f"{estimate.interval[k]:.2g} {unit}, the description {estimate.values[k] - found.d[k]:.3g} "
-        f"{unit}, {apart:.2g} standard deviations away; so priors were taken to be less certain "
-        f"than stated, {priors}. Where only a sum shows, another term of it may be the wrong one"
-    )
-    factor = max(widened[name] for name in names)
-    return Correction(kind="prior", subject=owner, value=factor, text=text)
+    for owner, names in owners.items():
+        k, apart = max(map(found.farthest, names), key=lambda place: place[1])
+        unit = base.layout.units[base.representatives[k]]
+        factors = {widened[name] for name in names}
+        priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
+        if len(names) > 2 and len(factors) == 1:
+            second = all(name.startswith(f"{owner}.I") for name in names)
+            whose = f"the moments of inertia of {owner}" if second else owner
+            priors = f"those of {whose} {factors.pop():.2g} times"
+        value = estimate.values[k]
+        text = (
+            f"the recording alone gives {base.formulas[k]} = {value:.3g} ± "
+            f"{estimate.interval[k]:.2g} {unit}, the description {value - found.d[k]:.3g} {unit}, "
+            f"{apart:.2g} standard deviations away; so priors were taken to be less certain than "
+            f"stated, {priors}. Where only a sum shows, another term of it may be the wrong one"
+        )
+        factor = max(widened[name] for name in names)
+        yield Correction(kind="prior", subject=owner, value=factor, text=text)

@@ -18,12 +18,10 @@ from jaxtyping import Float
 from scipy import optimize
 
 from deltaid.estimation.conic import Conic
-from deltaid.estimation.log_cholesky import LogCholesky, Unconstrained
-from deltaid.estimation.log_cholesky_map import LogCholeskyMap
-from deltaid.estimation.objective import Objective
+from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
+from deltaid.estimation.objective import Objective, Solution
 from deltaid.estimation.reduction import Reduction
 from deltaid.estimation.regularizer import Vector
-from deltaid.estimation.solver import Solution
 from deltaid.reproduce.accuracy import Accuracy
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
