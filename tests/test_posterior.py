@@ -2,7 +2,7 @@
 they could not be trusted. The reference is rejection from the normal distribution, which needs
 nothing but the numbers of the model file."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -19,7 +19,7 @@ from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.motion.random_motion import random_motion
-from deltaid.posterior import draw, intervals
+from deltaid.posterior import draw
 from deltaid.posterior.density import Density, density
 from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.sampler import Chains
@@ -65,22 +65,14 @@ def test_draws_are_those_of_rejection(model: IdentifiedModel) -> None:
     assert min(chance) > 0.01 / len(chance)
 
 
-@dataclass(frozen=True)
-class Tilt:
-    """A factor exp(cᵀx) beside a normal distribution: its mean moves by its covariance · c."""
-
-    c: np.ndarray
-
-    def log(self, x: np.ndarray) -> np.ndarray:
-        return x @ self.c
-
-
 def test_a_factor_beside_the_normal_distribution(model: IdentifiedModel) -> None:
+    """A factor exp(cᵀx): the mean moves by the covariance · c."""
     plain, rng = density(with_spread(model, 0.25)), np.random.default_rng(3)
     n = plain.reduction.size
     along = np.zeros(n)
     along[:3] = 1.5  # standard deviations
-    tilted = replace(plain, rest=Tilt(np.linalg.solve(plain.root.T, along)))
+    c = np.linalg.solve(plain.root.T, along)
+    tilted = replace(plain, rest=lambda x: x @ c)
     chains = Chains(tilted, 256, np.random.default_rng(4))
     chains.walk(30)
     draws = []
@@ -268,7 +260,7 @@ def test_draws_that_cannot_be_trusted_are_refused(
 
 def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
     hasten(monkeypatch)
-    monkeypatch.setattr(intervals, "_MODELS", 100)
+    monkeypatch.setattr(draw, "_MODELS", 100)
     settings, linear, p = deltaid.Settings(intervals="posterior"), model, model.sample(100).p
     known = identified("stout")
     told = deltaid.identify(known.robot, known.log, settings=settings).model

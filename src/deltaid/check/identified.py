@@ -15,7 +15,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import KEYS, Grade, Verdict
-from deltaid.posterior.intervals import with_posterior_intervals
+from deltaid.posterior.draw import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources

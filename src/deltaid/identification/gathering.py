@@ -26,7 +26,7 @@ from deltaid.estimation.information import (
 )
 from deltaid.estimation.places import Places, Visits
 from deltaid.identification.load_slope import LoadSlope
-from deltaid.identification.measured_rows import MeasuredRows, Shown
+from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
 
@@ -34,6 +34,7 @@ from deltaid.recording.windows import Samples, Window
 # filter's memory.
 BLOCKS = 40
 
+_Columns = Regressor | Extended | MeasuredRows
 _Values = Float[np.ndarray, "entries samples"]
 _Torques = Float[np.ndarray, "dof samples"]
 _Chunks = Callable[[_Values, _Torques], Sequence[Chunk]]
@@ -44,7 +45,7 @@ class Gathered:
     """What recordings of one robot say.
 
     Attributes:
-        parts: for each recording its consecutive blocks of equal length; apart they tell how much
+        parts: for each recording its consecutive blocks of equal length; apart they say how much
             results change from one stretch of the recording to the next.
         places: the same samples place by place.
         levels, facts: as of `Information`, for everything together (`balance`).
@@ -59,18 +60,16 @@ class Gathered:
 
     @property
     def blocks(self) -> tuple[Information, ...]:
-        """All blocks of all recordings."""
         return tuple(block for part in self.parts for block in part)
 
     @cached_property
     def information(self) -> Information:
-        """Everything together."""
         whole = self.whole or merge(self.blocks)
         return replace(whole, levels=self.levels, facts=self.facts)
 
 
 def gather_all(
-    regressor: Regressor | Extended | MeasuredRows,
+    regressor: _Columns,
     recordings: Sequence[Recording],
     load: Parameters | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -80,7 +79,7 @@ def gather_all(
     Raises:
         IdentificationError: the regressor is not finite somewhere.
     """
-    rows = regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
+    rows = _measured(regressor)
     places, parts = places_of(rows, recordings), []
     for recording in recordings:
         progress(f"evaluating {recording.log.samples} samples of {recording.path}")
@@ -89,7 +88,7 @@ def gather_all(
 
 
 def gather(
-    regressor: Regressor | Extended | MeasuredRows,
+    regressor: _Columns,
     recording: Recording,
     places: Places | None = None,
     load: Parameters | None = None,
@@ -108,8 +107,7 @@ def gather(
     Raises:
         IdentificationError: the regressor is not finite somewhere.
     """
-
-    rows = regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
+    rows = _measured(regressor)
 
     def chunks(values: _Values, tau: _Torques) -> list[Chunk]:
         return chunks_of_drives(rows.regressor, values, tau, rows.active)
@@ -150,19 +148,13 @@ def whitened(
     return tuple(factors)
 
 
-def places_of(
-    regressor: Regressor | Extended | MeasuredRows, recordings: Iterable[Recording]
-) -> Places:
+def places_of(regressor: _Columns, recordings: Iterable[Recording]) -> Places:
     """Empty places over the range that recordings cover together."""
     return Places.over(recordings, regressor.dof, len(active_columns(regressor)) + 1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Share:
-    """What one window says: its samples condensed, with the number of their block, and by place."""
-
-    pieces: tuple[tuple[int, Condensed], ...]
-    visits: list[Visits]
+def _measured(regressor: _Columns) -> MeasuredRows:
+    return regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
 
 
 def _blocks(
@@ -174,57 +166,41 @@ def _blocks(
     count: int = BLOCKS,
 ) -> Iterator[Iterator[Condensed]]:
     """The samples of each block of a recording, all blocks of equal length but the last."""
-    regressor, length = rows.regressor, _block_length(recording, count)
+    regressor, low_pass = rows.regressor, recording.low_pass
+    lost = low_pass.stride * len(low_pass.first) if low_pass else 0
+    length = max(1, -(-(recording.log.samples - lost) // (recording.thinned * count)))
     robot = regressor.kinematics.robot
 
-    def share(window: Window) -> _Share:
+    def share(window: Window) -> tuple[list[tuple[int, Condensed]], list[Visits]]:
+        """A window's samples condensed, with the numbers of their blocks, and by place."""
         values, tau, z = thinned(regressor, recording, window, load)
         counted, shown = window.counted(window.thinned), rows.shown(window, recording)
+        measured = [tau, counted]
+        if shown is not None:
+            measured = [np.vstack([tau, shown.y]), np.vstack([counted, shown.counted])]
 
-        def piece(part: slice) -> Condensed:
-            some = chunks(values[:, part], tau[:, part])
-            if shown is None:
-                return condense(some, tau[:, part], counted[:, part])
-            every = [np.vstack([one, other])[:, part] for one, other in _pairs(tau, counted, shown)]
-            return condense([*some, *rows.chunks(shown, part)], *every)
+        def chunks_of(part: slice) -> list[Chunk]:
+            of_sensors = rows.chunks(shown, part) if shown is not None else []
+            return [*chunks(values[:, part], tau[:, part]), *of_sensors]
 
-        whole = slice(None)
-        beside = rows.chunks(shown, whole) if shown is not None and places else []
-        visits = (
-            places.visits(robot.task.point(z), [*chunks(values, tau), *beside]) if places else []
-        )
-        cuts = _cuts(window.start // window.thinned, tau.shape[1], length)
-        return _Share(tuple((number, piece(part)) for number, part in cuts), visits)
+        pieces = [
+            (number, condense(chunks_of(part), *(x[:, part] for x in measured)))
+            for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)
+        ]
+        return pieces, places.visits(robot.task.point(z), chunks_of(slice(None))) if places else []
 
     def numbered() -> Iterator[tuple[int, Condensed]]:
-        for one in recording.evaluate(regressor.kinematics, share):
+        for pieces, visits in recording.evaluate(regressor.kinematics, share):
             if places is not None:
-                places.add(one.visits)
-            yield from one.pieces
+                places.add(visits)
+            yield from pieces
 
-    for _, block in groupby(numbered(), key=lambda one: one[0]):
-        yield (piece for _, piece in block)
-
-
-def _pairs(
-    tau: _Torques, counted: _Torques, shown: Shown
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """What is measured of drives and sensors, and what that is worth."""
-    return (tau, shown.y), (counted, shown.counted)
-
-
-def _block_length(recording: Recording, count: int) -> int:
-    """Thinned samples of a block."""
-    low_pass = recording.low_pass
-    lost = low_pass.stride * len(low_pass.first) if low_pass else 0
-    return max(1, -(-(recording.log.samples - lost) // (recording.thinned * count)))
+    for _, block in groupby(numbered(), key=lambda piece: piece[0]):
+        yield (condensed for _, condensed in block)
 
 
 def thinned(
-    regressor: Regressor | Extended,
-    recording: Recording,
-    window: Window,
-    load: Parameters | None,
+    regressor: Regressor | Extended, recording: Recording, window: Window, load: Parameters | None
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
     """Nonzero regressor entries and torques, weighted, filtered and thinned alike, and z there."""
     drives, _ = regressor.regressor_pattern

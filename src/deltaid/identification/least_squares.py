@@ -133,7 +133,7 @@ def _gauss_markov(
     dynamics: Dynamics,
     recordings: Sequence[Recording],
 ) -> BaseEstimate:
-    """W = Σ⁻¹ with the covariance Σ of the drives' torque residuals over the samples of all logs."""
+    """W = Σ⁻¹ with the covariance Σ of the drives' torque residuals over all samples."""
     full = estimate_base(base, information, "weighted").full
     covariances = [torque_error(dynamics, full, recording).covariance for recording in recordings]
     samples = [recording.log.samples for recording in recordings]

@@ -18,8 +18,27 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
 _WORSE, _SHARE = 3.0, 0.1
-# Errors beyond these shares of the torque have other causes than friction and load.
-_WORSE_THAN_NOTHING, _MOSTLY = 1.2, 0.5
+# How much is missed, cause and next step, where the error is beyond a share of the torque.
+_LIKELIEST = (
+    (
+        1.2,
+        "worse than no model at all",
+        "sign, unit or order of its columns are not those of the identification",
+        "deltaid check finds which",
+    ),
+    (
+        0.5,
+        "most of it",
+        "it is another robot, or its gear or torque constant is another one",
+        "deltaid check compares them",
+    ),
+    (
+        0.0,
+        "a part of it",
+        "load, temperature or speeds are not those of the identification",
+        "identify from both recordings, or record under the same conditions",
+    ),
+)
 
 
 class _Pair(NamedTuple):
@@ -41,7 +60,6 @@ class Validation(Shown, Plotted, Tabled, Reported, _Pair):
     model: Model
 
     def __new__(cls, error: TorqueError, log: Log, model: Model) -> "Validation":
-        """A pair, and whose it is."""
         made = super().__new__(cls, error, log)
         made.model = model
         return made
@@ -81,33 +99,25 @@ class Compared(Protocol):
     """A recording that a model was compared with: surveyed, or in a factor file."""
 
     @property
-    def sha256(self) -> str:
-        """Its checksum."""
-        ...
+    def sha256(self) -> str: ...
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is to be said of it."""
-        ...
+    def warnings(self) -> tuple[str, ...]: ...
 
 
 def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, ...]:
     """What is to be said about comparing a model with a recording, one sentence each."""
-    return (*log.warnings, *_seen(load(model), log), *misfit(model, error))
-
-
-def _seen(model: Model, log: Compared) -> tuple[str, ...]:
-    """A warning when the model was identified from the very recording."""
-    sources = model.identified.sources if model.identified else ()
-    own = [source.log for source in sources if source.sha256 == log.sha256]
-    if not own:
-        return ()
-    said = Doubt(
-        f"the model was identified from this recording ({own[0]}), so it verifies nothing",
-        cause="the file was given twice",
-        cure="take a recording of another motion",
-    )
-    return (said,)
+    known = load(model).identified
+    own = [source.log for source in (known.sources if known else ()) if source.sha256 == log.sha256]
+    twice = [
+        Doubt(
+            f"the model was identified from this recording ({name}), so it verifies nothing",
+            cause="the file was given twice",
+            cure="take a recording of another motion",
+        )
+        for name in own[:1]
+    ]
+    return (*log.warnings, *twice, *misfit(model, error))
 
 
 def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
@@ -126,33 +136,12 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     drives = ", ".join(model.robot.drives[i] for i in bad)
     worst = int(bad[np.argmax(error.nrmse[bad])])
     drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
-    how_much, cause, cure = _likeliest(float(now))
-    said = Doubt(
+    how_much, cause, cure = next(rest for least, *rest in _LIKELIEST if now > least)
+    doubt = Doubt(
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "
         "identification",
         cause=cause,
         cure=cure,
     )
-    return (said,)
-
-
-def _likeliest(error: float) -> tuple[str, str, str]:
-    """How much is missed, cause and next step, by the error as a share of the torque."""
-    if error > _WORSE_THAN_NOTHING:
-        return (
-            "worse than no model at all",
-            "sign, unit or order of its columns are not those of the identification",
-            "deltaid check finds which",
-        )
-    if error > _MOSTLY:
-        return (
-            "most of it",
-            "it is another robot, or its gear or torque constant is another one",
-            "deltaid check compares them",
-        )
-    return (
-        "a part of it",
-        "load, temperature or speeds are not those of the identification",
-        "identify from both recordings, or record under the same conditions",
-    )
+    return (doubt,)

@@ -5,14 +5,12 @@ array, a row an entry and a column a point; elimination runs over blocks of one 
 together, with no loop but over rows and columns of a block.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.estimation.conic import normalised
-from deltaid.estimation.free_body import Block
+from deltaid.estimation.conic import affine
 from deltaid.estimation.reduction import INTERIOR, Reduction
 
 Entries = Float[np.ndarray, "entries points"]
@@ -43,10 +41,17 @@ class Cones:
 
         Upper bounds of coefficients are blocks too.
         """
+        blocks = [
+            (at, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
+            for at, fixed, per_variable in map(affine, reduction.blocks)
+        ]
+        for k, variable in enumerate(reduction.variables):
+            if np.isfinite(variable.high):
+                bound, slope = np.array([[variable.high]]), np.array([[[-1.0]]])
+                blocks.append((np.array([k]), bound / variable.scale, slope / variable.scale))
         constant, slopes, places = list[float](), list[np.ndarray](), dict[int, list[np.ndarray]]()
         x_of_y = np.column_stack([mean, root])
-        for matrices in (*map(_of_block, reduction.blocks), *_upper_bounds(reduction)):
-            at, fixed, per_variable = matrices
+        for at, fixed, per_variable in blocks:
             k = len(fixed)
             place = np.zeros((k, k), dtype=int)
             for i, j in zip(*np.tril_indices(k), strict=True):
@@ -60,7 +65,7 @@ class Cones:
 
     def turned(self, Q: Float[np.ndarray, "n n"]) -> "Cones":
         """The same for y = Q·y'."""
-        return Cones(self.constant, self.slopes @ Q, self.groups)
+        return replace(self, slopes=self.slopes @ Q)
 
     def hold(self, entries: Entries) -> Bool[np.ndarray, " points"]:
         """Which points lie inside, by the entries of their blocks (Gauss, pivots positive)."""
@@ -90,22 +95,3 @@ class Cones:
                 flat = np.einsum("ij,jkn,lk->nil", W, self.slopes[block], W).reshape(len(y), -1)
                 found += flat @ flat.T
         return found
-
-
-_Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarray, "own k k"]]
-
-
-def _of_block(block: Block) -> _Affine:
-    """Variables of a block, its matrix without them, and its slopes; the prior is the identity."""
-    at = np.unique(block.index[block.index >= 0])
-    fixed = normalised(block.prior, block.constant) - INTERIOR * np.eye(len(block.prior))
-    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in at]
-    return at, fixed, np.array(slopes)
-
-
-def _upper_bounds(reduction: Reduction) -> Sequence[_Affine]:
-    return [
-        (np.array([k]), np.array([[one.high / one.scale]]), np.array([[[-1.0 / one.scale]]]))
-        for k, one in enumerate(reduction.variables)
-        if np.isfinite(one.high)
-    ]

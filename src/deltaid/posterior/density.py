@@ -11,18 +11,19 @@ With a quadratic ρ the posterior is a normal distribution on the cones. Else ρ
 prior stands in the normal distribution, and the rest of ρ is a factor beside it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from deltaid.errors import DescriptionError, IdentificationError
+from deltaid.errors import DescriptionError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Regularizer, SpectralTerm
+from deltaid.estimation.regularizer import Regularizer, SpectralTerm, prior_root
+from deltaid.estimation.scatter import inverse
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
 from deltaid.posterior.cones import Cones
@@ -42,7 +43,7 @@ class Density:
         mean, root: of the normal distribution.
         cones: what y must hold.
         fitted, prior: y of the model and of its prior.
-        rest: what the regulariser has beside its curvature; None if it is quadratic.
+        rest: logarithm of the factor at some x inside; None if the regulariser is quadratic.
     """
 
     reduction: Reduction
@@ -51,7 +52,7 @@ class Density:
     cones: Cones
     fitted: Float[np.ndarray, " n"]
     prior: Float[np.ndarray, " n"]
-    rest: "Factor | None" = None
+    rest: Callable[[Points], Float[np.ndarray, " points"]] | None = None
 
     def variables(self, y: Points) -> Points:
         """x of some y."""
@@ -63,32 +64,7 @@ class Density:
 
     def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
         """Logarithm of what stands beside the normal distribution, inside the cones."""
-        return np.zeros(len(y)) if self.rest is None else self.rest.log(self.variables(y))
-
-
-@runtime_checkable
-class Factor(Protocol):
-    """What stands beside a normal distribution."""
-
-    def log(self, x: Points) -> Float[np.ndarray, " points"]:
-        """Its logarithm at some points inside."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class SpectralRest:
-    """−(ρ − its curvature at the prior) / (2 spread²) of a spectral regulariser."""
-
-    term: SpectralTerm
-    prior: Float[np.ndarray, " n"]
-    hessian: Float[np.ndarray, "n n"]
-    spread: float
-
-    def log(self, x: Points) -> Float[np.ndarray, " points"]:
-        """At some points inside."""
-        off = x - self.prior
-        curved = 0.5 * np.einsum("ci,ij,cj->c", off, self.hessian, off)
-        return (curved - self.term.values(x)) / (2 * self.spread**2)
+        return np.zeros(len(y)) if self.rest is None else self.rest(self.variables(y))
 
 
 def density(model: IdentifiedModel, where: str = "") -> Density:
@@ -110,8 +86,7 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
     mean, root = _normal(record, reduction, regularizer)
     rest = None
     if regularizer.spectral is not None:
-        _, _, hessian = regularizer.spectral.evaluate(reduction.prior)
-        rest = SpectralRest(regularizer.spectral, reduction.prior, hessian, record.spread)
+        rest = _spectral_rest(regularizer.spectral, reduction.prior, record.spread)
     fitted, prior = (
         np.linalg.solve(root, x - mean) for x in (_fitted(model, reduction), reduction.prior)
     )
@@ -136,41 +111,40 @@ def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
 def _normal(
     record: PosteriorRecord, reduction: Reduction, regularizer: Regularizer
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-    """Mean and root of data and curvature of the prior together.
-
-    Raises:
-        IdentificationError: the prior's sizes are too far apart for the arithmetic.
-    """
+    """Mean and root of data and curvature of the prior together."""
     K, scale = record.combination(reduction.layout.names), reduction.scale
     _, _, curvature = regularizer.evaluate(reduction.prior)
-    try:
-        prior = np.linalg.cholesky(0.5 * curvature * np.outer(scale, scale)).T / record.spread
-    except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "the prior's sizes differ too much to be weighed against each other",
-            where="bodies",
-            cure="check masses and lengths of the prior in the description",
-        ) from None
+    prior = prior_root(0.5 * curvature * np.outer(scale, scale)) / record.spread
     off = np.array(record.values) - K @ reduction.p_reg
     data = np.column_stack([K @ (reduction.A * scale), off])
-    rows = np.vstack(
-        [
-            solve_triangular(record.root, data, lower=True),
-            np.column_stack([prior, np.zeros(len(prior))]),
-        ]
-    )
-    R, n = triangle(rows), reduction.size
-    root = scale[:, None] * solve_triangular(R[:n, :n], np.eye(n))
+    data, n = solve_triangular(record.root, data, lower=True), reduction.size
+    R = triangle(np.vstack([data, np.column_stack([prior, np.zeros(n)])]))
+    root = scale[:, None] * inverse(R[:n, :n])
     return reduction.prior + root @ R[:n, n], root
+
+
+def _spectral_rest(
+    term: SpectralTerm, prior: Float[np.ndarray, " n"], spread: float
+) -> Callable[[Points], Float[np.ndarray, " points"]]:
+    """−(ρ − its curvature at the prior) / (2 spread²) of a spectral regulariser."""
+    _, _, hessian = term.evaluate(prior)
+
+    def rest(x: Points) -> Float[np.ndarray, " points"]:
+        off = x - prior
+        curved = 0.5 * np.einsum("ci,ij,cj->c", off, hessian, off)
+        return (curved - term.values(x)) / (2 * spread**2)
+
+    return rest
 
 
 def _fitted(model: IdentifiedModel, reduction: Reduction) -> Float[np.ndarray, " n"]:
     """x of the model."""
-    x = []
-    for variable in reduction.variables:
-        if variable.kind == "inertia":
-            M = pseudo_inertia(model.p[model.layout.body(variable.owner)])
-            x.append(M[PSEUDO_INERTIA_ENTRIES[variable.symbol]])
-        else:
-            x.append(model.value(variable.name))
-    return np.array(x)
+    M = {body: pseudo_inertia(model.p[model.layout.body(body)]) for body in model.layout.bodies}
+    return np.array(
+        [
+            M[variable.owner][PSEUDO_INERTIA_ENTRIES[variable.symbol]]
+            if variable.kind == "inertia"
+            else model.value(variable.name)
+            for variable in reduction.variables
+        ]
+    )

@@ -1,12 +1,15 @@
-"""Models drawn from a posterior, or a refusal where the draws could not be trusted."""
+"""Models drawn from a posterior, or a refusal where the draws could not be trusted; intervals of
+parameters from them, which feel edges of consistency."""
 
 import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
-from deltaid.model.model import Model
+from deltaid.model.model import Model, load
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.posterior.density import density
 from deltaid.posterior.diagnostics import effective_size, rhat
@@ -19,6 +22,9 @@ _CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 3
 _AIMED, _LONGER = (1.04, 0.4), 4
 # Beyond these, draws are refused.
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
+# Models that quantiles are taken of: the ends of an interval are then off by some 3 % of its width.
+_MODELS = 8000
+_ENDS = (0.025, 0.975)
 
 Draws = Float[np.ndarray, "draws chains n"]
 Each = Float[np.ndarray, " parameters"]
@@ -38,8 +44,10 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
         DescriptionError: the model is a robot at its prior, or of a version that kept no posterior.
         IdentificationError: the chains do not agree, so their draws are not of the posterior.
     """
-    _within("n", float(n), SAMPLES_LIMITS)
-    _within("limb_tolerance", float(limb_tolerance), TOLERANCE_LIMITS)
+    bounded = ("n", n, SAMPLES_LIMITS), ("limb_tolerance", limb_tolerance, TOLERANCE_LIMITS)
+    for name, value, (low, high) in bounded:
+        if not low <= value <= high:
+            raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=name)
     if seed < 0:
         raise DeltaidError(f"must not be negative, and is {seed}", where="seed")
     if model.identified is None:
@@ -70,14 +78,12 @@ def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Eac
     Raises:
         IdentificationError: the chains do not agree after the longest walk.
     """
-    y = _walked(chains, draws, _BETWEEN)
-    size, factor = _judged(chains, y)
-    for k in range(_LONGER):
-        if factor.max() < _AIMED[0] and size.min() > _AIMED[1] * y.shape[0] * y.shape[1]:
-            return y, size, factor
-        y = _walked(chains, draws, _BETWEEN << (k + 1))
-        size, factor = _judged(chains, y)
-    share = float(size.min()) / (y.shape[0] * y.shape[1])
+    y, size, factor = _walked(chains, draws, _BETWEEN)
+    for k in range(1, _LONGER + 1):
+        if factor.max() < _AIMED[0] and size.min() > _AIMED[1] * y[..., 0].size:
+            break
+        y, size, factor = _walked(chains, draws, _BETWEEN << k)
+    share = float(size.min()) / y[..., 0].size
     if factor.max() > _LARGEST_RHAT or share < _LEAST_SHARE:
         names = chains.density.reduction.layout.names
         raise IdentificationError(
@@ -92,26 +98,43 @@ def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Eac
     return y, size, factor
 
 
-def _walked(chains: Chains, draws: int, between: int) -> Draws:
-    """So many draws of all chains, and rounds before each."""
+def _walked(chains: Chains, draws: int, between: int) -> tuple[Draws, Each, Each]:
+    """So many draws of all chains, with rounds before each; effective number of draws and R̂ of
+    every parameter, all of them and 1 of what is held."""
     kept = []
     for _ in range(draws):
         chains.walk(between)
         kept.append(chains.y)
-    return np.array(kept)
-
-
-def _judged(chains: Chains, y: Draws) -> tuple[Each, Each]:
-    """Effective number of draws and R̂ of every parameter; all of them and 1 of what is held."""
+    y = np.array(kept)
     p = chains.density.parameters(y.reshape(-1, y.shape[2])).reshape(*y.shape[:2], -1)
     varies = np.any(chains.density.reduction.A != 0, axis=1)
-    size, factor = np.full(p.shape[2], float(y.shape[0] * y.shape[1])), np.ones(p.shape[2])
+    size, factor = np.full(p.shape[2], float(y[..., 0].size)), np.ones(p.shape[2])
     size[varies], factor[varies] = effective_size(p[:, :, varies]), rhat(p[:, :, varies])
-    return size, factor
+    return y, size, factor
 
 
-def _within(name: str, value: float, limits: tuple[float, float]) -> None:
-    if not limits[0] <= value <= limits[1]:
-        raise DeltaidError(
-            f"must lie between {limits[0]:g} and {limits[1]:g}, not {value:g}", where=name
-        )
+def with_posterior_intervals(model: IdentifiedModel) -> IdentifiedModel:
+    """The model with intervals and deviations of its parameters as drawn models have them.
+
+    What is held has no spread, and keeps what it had. Labels, base parameters, loads and friction
+    curves stay.
+
+    Raises:
+        IdentificationError: draws could not be trusted.
+    """
+    p = draw(load(model), _MODELS).p
+    low, high = np.quantile(p, _ENDS, axis=0)
+    deviation = p.std(axis=0)
+    parameters = tuple(
+        _redrawn(parameter, float(low[i]), float(high[i]), float(deviation[i]))
+        for i, parameter in enumerate(model.parameters)
+    )
+    settings = model.settings.changed(intervals="posterior")
+    return model.changed(parameters=parameters, settings=settings)
+
+
+def _redrawn(parameter: Parameter, low: float, high: float, deviation: float) -> Parameter:
+    if low == high:
+        return parameter
+    low, high = min(low, parameter.value), max(high, parameter.value)
+    return parameter.changed(low=low, high=high, std=deviation)

@@ -52,20 +52,17 @@ def scattered(
     tolerance: float,
     rng: np.random.Generator,
 ) -> tuple[Vectors, list[int]]:
-    """Parameters of a robot with own limbs, and which one of the shared ones each comes from.
+    """Parameters of a robot with own limbs, from p of one with limbs that are the same, and which
+    of the shared ones each comes from.
 
-    Args:
-        robot: with limbs that are the same, whose parameters p are.
-        own: the same with own limbs.
-        tolerance: relative standard deviation of a mass or second moment from limb to limb.
+    The tolerance is the relative standard deviation of a mass or second moment from limb to limb.
     """
     before, after = parameter_layout(robot), parameter_layout(own)
     assert robot.limbs is not None
-    count, shared = robot.limbs.count, robot.limb_bodies(0)
-    place = {name: i for i, name in enumerate(before.names)}
+    count, place = robot.limbs.count, {name: i for i, name in enumerate(before.names)}
     origin = [place.get(name, -1) for name in after.names]
     found = p[:, origin]
-    for name in shared:
+    for name in robot.limb_bodies(0):
         bodies = _scattered(p[:, before.body(name)], count, tolerance, rng)
         for i in range(count):
             part = after.body(f"{name}{i + 1}")
@@ -84,13 +81,10 @@ def _scattered(
         block = np.ix_(range(len(M)), rows, rows)
         L = np.linalg.cholesky(M[block])
         Z = _wishart_factors((len(M), count), len(rows), freedom, rng)
-        W = Z @ np.swapaxes(Z, -1, -2)
+        W = Z @ Z.mT
         values, V = np.linalg.eigh(W.sum(axis=1))
-        half = (V / np.sqrt(values)[:, None]) @ np.swapaxes(V, 1, 2)
-        H = (L @ half)[:, None]
-        result[np.ix_(range(len(M)), range(count), rows, rows)] = (
-            count * H @ W @ np.swapaxes(H, -1, -2)
-        )
+        H = (L @ (V / np.sqrt(values)[:, None]) @ V.mT)[:, None]
+        result[np.ix_(range(len(M)), range(count), rows, rows)] = count * H @ W @ H.mT
     return inertia_parameters(result)
 
 

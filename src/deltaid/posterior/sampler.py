@@ -13,13 +13,10 @@ meets an edge, in some of those chosen at random, in all that meet none, and in 
 take turns. Each leaves the distribution as it is, for axes stay once draws count.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import IdentificationError
-from deltaid.posterior.cones import Cones
 from deltaid.posterior.density import Density
 
 # An axis has steps of its own above the first curvature, and is next to free below the second one.
@@ -37,30 +34,15 @@ _WIDER = 2.0
 Points = Float[np.ndarray, "n chains"]
 Moved = Float[np.ndarray, "some chains"]
 Entries = Float[np.ndarray, "entries chains"]
+Each = Float[np.ndarray, " chains"]
 
 
-@dataclass(eq=False)
 class Chains:
-    """Chains that walk over a posterior.
+    """So many chains that walk over a posterior."""
 
-    Attributes:
-        density: of the posterior.
-        count: number of chains.
-        rng: whose numbers they take.
-    """
-
-    density: Density
-    count: int
-    rng: np.random.Generator
-    _cones: Cones = field(init=False)
-    _turn: Float[np.ndarray, "n n"] = field(init=False)
-    _near: int = field(init=False)
-    _middle: int = field(init=False)
-    _steps: int = field(init=False, default=0)
-
-    def __post_init__(self) -> None:
-        self._turn = np.eye(self.density.reduction.size)
-        self._cones = self.density.cones
+    def __init__(self, density: Density, count: int, rng: np.random.Generator) -> None:
+        self.density, self.count, self.rng = density, count, rng
+        self._turn, self._steps = np.eye(density.reduction.size), 0
         self._y = self._starts()
         self.turn()
 
@@ -116,8 +98,8 @@ class Chains:
         axes: Int[np.ndarray, " some"],
         ends: tuple[Moved, Moved],
         entries: tuple[Entries, Entries, Entries],
-        least: Float[np.ndarray, " chains"],
-    ) -> Float[np.ndarray, " chains"]:
+        least: Each,
+    ) -> Each:
         """Angles on the ellipses at which chains may go on."""
         angle = self.rng.uniform(0, 2 * np.pi, self.count)
         low, high = angle - 2 * np.pi, angle.copy()
@@ -142,9 +124,9 @@ class Chains:
         self,
         axes: Int[np.ndarray, " some"],
         ends: tuple[Moved, Moved],
-        angle: Float[np.ndarray, " chains"],
+        angle: Each,
         left: Int[np.ndarray, " trying"],
-        least: Float[np.ndarray, " chains"],
+        least: Each,
         inside: Bool[np.ndarray, " trying"],
     ) -> Bool[np.ndarray, " trying"]:
         """Which of the points inside have enough of the factor beside the normal distribution."""
@@ -154,18 +136,17 @@ class Chains:
         found[inside] = self._factor(y) > least[at]
         return found
 
-    def _factor(self, y: Points) -> Float[np.ndarray, " chains"]:
+    def _factor(self, y: Points) -> Each:
         return self.density.log_factor((self._turn @ y).T)
 
     def _starts(self) -> Points:
         """Points inside that lie farther apart than the distribution does."""
-        rays = _WIDER * self.rng.standard_normal((len(self._turn), self.count))
-        centre = self._turn.T @ _inner(self.density)
-        entries = self._cones.constant + self._cones.slopes @ centre
-        along = self._cones.slopes @ rays
+        cones, centre = self.density.cones, _inner(self.density)
+        rays = _WIDER * self.rng.standard_normal((len(centre), self.count))
+        entries, along = cones.constant + cones.slopes @ centre, cones.slopes @ rays
         length = np.ones(self.count)
         for _ in range(_TRIALS):
-            outside = ~self._cones.hold(entries[:, None] + along * length)
+            outside = ~cones.hold(entries[:, None] + along * length)
             if not outside.any():
                 break
             length[outside] *= 0.7 * self.rng.random(outside.sum()) + 0.3
@@ -174,9 +155,9 @@ class Chains:
 
 def _inner(density: Density) -> Float[np.ndarray, " n"]:
     """The model, a little way towards its prior where it touches the edge."""
+    cones = density.cones
     for share in (0.0, *np.geomspace(1e-9, 1.0, 19)):
         y = density.fitted + share * (density.prior - density.fitted)
-        cones = density.cones
         if cones.hold((cones.constant + cones.slopes @ y)[:, None])[0]:
             return y
     raise IdentificationError(
