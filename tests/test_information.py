@@ -4,12 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.linalg import qr
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.estimation.base_parameters import _pivots, base_parameters
+from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.information import gather_samples, merge
 from deltaid.identification.gathering import BLOCKS, gather, places_of
 from deltaid.identification.generic_motion import random_motion_base
@@ -265,14 +264,3 @@ def test_every_method_has_intervals_from_the_scatter(tmp_path, method) -> None:
     assert np.all(estimate.interval > 1.96 * estimate.std)
     within = np.abs(estimate.values - base.combination() @ truth) <= estimate.interval
     assert within.mean() > 0.8
-
-
-@pytest.mark.parametrize("rank", [4, 7])
-def test_pivots_are_those_of_lapack(rank: int) -> None:
-    rng = np.random.default_rng(rank)
-    A = rng.normal(size=(12, rank)) @ rng.normal(size=(rank, 7))
-    R, _ = qr(A, mode="r", pivoting=True)
-    found = _pivots(A)
-    np.testing.assert_allclose(found[:rank], np.abs(np.diag(R))[:rank], rtol=1e-10)
-    assert np.all(found[rank:] < 1e-13 * found[0])
-    np.testing.assert_array_equal(_pivots(np.zeros((3, 2))), [0.0, 0.0])

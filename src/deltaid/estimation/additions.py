@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
-from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.estimation.free_body import Free, free_coefficients
 from deltaid.estimation.information import entries_at
 from deltaid.mechanism.kinematics import Kinematics
@@ -101,12 +100,10 @@ class Extended:
 
     @property
     def kinematics(self) -> Kinematics:
-        """The robot's kinematics."""
         return self.regressor.kinematics
 
     @property
     def dof(self) -> int:
-        """Number of drives δ."""
         return self.regressor.dof
 
     @property
@@ -145,12 +142,6 @@ def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Ex
         return dynamics
     behind = tuple(addition.on(dynamics) for addition in additions)
     return Extended(dynamics, len(dynamics.layout.names), behind)
-
-
-def extended_layout(layout: ParameterLayout, additions: Sequence[Addition]) -> ParameterLayout:
-    """The robot's layout with the parameters of additions behind its own."""
-    more = tuple(parameter for addition in additions for parameter in addition.parameters)
-    return ParameterLayout((*layout.parameters, *more), layout.bodies) if more else layout
 
 
 def entries(

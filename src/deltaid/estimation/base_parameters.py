@@ -1,7 +1,6 @@
 """Base parameters (Sec. IV A): the combinations of parameters that torques can tell.
 
-The rank comes from a QR factorisation with column pivoting of the regressor's factor, its columns
-scaled to unit length. Pivoting alone picks an arbitrary basis, so the representatives are then
+The rank is that of the regressor's factor, its columns scaled to unit length. Representatives are
 chosen in a fixed order (platform first), and each other column is written as a combination of them:
 Y p = Y_B (p_B) with p_B = p_rep + K p_rest.
 """
@@ -14,12 +13,12 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.estimation.information import Information
+from deltaid.estimation.span import DEPENDENT, Span
 from deltaid.robot.parameter import ADDED
 from deltaid.shown import Shown
 
-# A pivot below this share of the largest one is a linear dependence. Dependences of the mechanism
-# come out at 1e-15 and the weakest parameters of the shipped robots at 1e-3.
-_DEPENDENT = 1e-9
+# Dependences of the mechanism come out at 1e-15, the weakest parameters of the shipped robots at
+# 1e-3; `DEPENDENT` lies between.
 _NEGLIGIBLE = 1e-8
 # What is fitted beside the robot may hang on what is known of it: below this share it is not told.
 _HARDLY = 1e-5
@@ -55,24 +54,19 @@ class BaseParameters(Shown):
         groups: one for each base parameter.
         invisible: parameters that no torque shows.
         condition: condition number of the base regressor, columns scaled to unit length.
-        pivots: |R_kk| of the pivoted factorisation of the robot's columns as shares of the first;
-            what follows its rank is rounding.
     """
 
     layout: ParameterLayout
     groups: tuple[BaseGroup, ...]
     invisible: tuple[int, ...]
     condition: float
-    pivots: Float[np.ndarray, " columns"]
 
     @property
     def rank(self) -> int:
-        """Number of base parameters."""
         return len(self.groups)
 
     @property
     def formulas(self) -> tuple[str, ...]:
-        """All groups as formulas."""
         return tuple(group.formula(self.layout) for group in self.groups)
 
     def combination(self) -> Float[np.ndarray, "base parameters"]:
@@ -85,7 +79,6 @@ class BaseParameters(Shown):
 
     @property
     def representatives(self) -> list[int]:
-        """One parameter of each group."""
         return [group.representative for group in self.groups]
 
     def values(self, p: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " base"]:
@@ -99,20 +92,18 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     """The base parameters that some motion determines.
 
     Raises:
-        IdentificationError: the rank is not the same by both factorisations; the motion leaves some
+        IdentificationError: the rank is not the number of representatives; the motion leaves some
             parameter on the edge of being determined.
     """
     Y = information.weighted(np.ones(len(information.factors)))[:, :-1]
     if information.facts is not None:
         Y = np.vstack([Y, information.facts[:, :-1]])
     norms = np.linalg.norm(Y, axis=0)
-    shown = np.flatnonzero(norms > _DEPENDENT * norms.max())
+    shown = np.flatnonzero(norms > DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]
     columns = information.columns[shown]
     own = columns < len(layout.names) - layout.added
-    pivots = _pivots(scaled[:, own])
-    pivots /= pivots[0]
-    rank = int(np.sum(pivots > _DEPENDENT))
+    rank = Span.of(scaled[:, own]).rank
     chosen = _representatives(scaled, columns, layout)
     of_robot = int(np.sum(own[chosen]))
     if of_robot != rank:
@@ -126,27 +117,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
         groups=_groups(scaled, norms[shown], chosen, columns),
         invisible=tuple(np.setdiff1d(np.arange(len(layout.names)), columns).tolist()),
         condition=float(np.linalg.cond(scaled[:, chosen])),
-        pivots=pivots,
     )
-
-
-def _pivots(A: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " pivots"]:
-    """|R_kk| of a QR factorisation with column pivoting, by Householder reflections.
-
-    Written out, because loading SciPy for one small matrix takes longer than all the rest.
-    """
-    A, pivots = A.copy(), []
-    for k in range(min(A.shape)):
-        norms = np.linalg.norm(A[k:, k:], axis=0)
-        largest = k + int(np.argmax(norms))
-        A[:, [k, largest]] = A[:, [largest, k]]
-        pivots.append(norms.max())
-        v = A[k:, k].copy()
-        v[0] += np.copysign(pivots[-1], v[0])
-        square = v @ v
-        if square > 0:
-            A[k:, k:] -= np.outer(v, 2 / square * (v @ A[k:, k:]))
-    return np.array(pivots)
 
 
 def _representatives(
@@ -172,7 +143,7 @@ def _representatives(
         for _ in range(2):  # twice, so that rounding leaves it orthogonal
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
-        if length > (_HARDLY if parameters[k].kind in ADDED else _DEPENDENT):
+        if length > (_HARDLY if parameters[k].kind in ADDED else DEPENDENT):
             basis = np.column_stack([basis, rest / length])
             chosen.append(k)
     return chosen

@@ -32,7 +32,14 @@ class DriveRows:
     @classmethod
     def by_noise(cls, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over what a drive's own columns leave of its torques, root mean square."""
-        return cls(noise_of_drives(A, b), b.shape[1])
+        noise = []
+        for columns, right in zip(A, b, strict=True):
+            own = columns[:, np.any(columns != 0, axis=0)]
+            own = own / lengths(own)
+            left = right - own @ np.linalg.lstsq(own, right, rcond=DEPENDENT)[0]
+            floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
+            noise.append(max(float(np.sqrt(np.mean(left**2))), floor))
+        return cls(np.array(noise), b.shape[1])
 
     def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over what the columns of all drives together leave of each drive's b, root mean
@@ -74,18 +81,6 @@ def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
     out = np.zeros((dof, samples, dof, count))
     out[np.arange(dof), :, np.arange(dof)] = own
     return out.reshape(dof, samples, dof * count)
-
-
-def noise_of_drives(A: ColumnsOfDrives, b: OfDrives) -> Float[np.ndarray, " dof"]:
-    """What each drive's own columns leave of b, root mean square."""
-    noise = []
-    for columns, right in zip(A, b, strict=True):
-        own = columns[:, np.any(columns != 0, axis=0)]
-        own = own / lengths(own)
-        left = right - own @ np.linalg.lstsq(own, right, rcond=DEPENDENT)[0]
-        floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
-        noise.append(max(float(np.sqrt(np.mean(left**2))), floor))
-    return np.array(noise)
 
 
 def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:

@@ -33,7 +33,6 @@ class Block:
     prior: Float[np.ndarray, "k k"]
 
     def matrix(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
-        """M_b(x)."""
         return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
 
     def moved(self, first: int) -> "Block":

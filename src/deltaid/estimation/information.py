@@ -78,7 +78,6 @@ class Information:
 
     @property
     def drives(self) -> slice:
-        """Which of the factors are of drives."""
         return slice(0, len(self.factors) - self.channels)
 
     @property
@@ -89,7 +88,6 @@ class Information:
 
     @property
     def rows(self) -> float:
-        """Number of values behind it."""
         return float(self.samples.sum()) + (0 if self.facts is None else len(self.facts))
 
     @property
@@ -138,7 +136,6 @@ class Information:
         return np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(self.samples, 1.0))
 
     def torque_rms(self) -> Float[np.ndarray, " dof"]:
-        """Root mean square of τ_i for each drive."""
         return np.linalg.norm(self.factors[:, :, -1], axis=1) / np.sqrt(self.samples)
 
 

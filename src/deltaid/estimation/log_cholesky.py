@@ -135,7 +135,6 @@ class LogCholeskyMap:
         self._x = entries + INTERIOR * ca.DM(reduction.prior)
 
     def x(self, pi: Vector) -> Vector:
-        """x(π)."""
         return np.asarray(self._functions(pi, np.zeros(len(pi)))[0]).ravel()
 
     def derivatives(self, pi: Vector, weights: Vector) -> tuple[Vector, np.ndarray, np.ndarray]:

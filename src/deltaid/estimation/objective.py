@@ -56,7 +56,6 @@ class Objective:
         return value + self.gamma * v, gradient + self.gamma * g, hessian + self.gamma * H
 
     def value(self, x: Vector) -> float:
-        """J(x)."""
         return self.evaluate(x)[0]
 
 

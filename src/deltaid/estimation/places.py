@@ -68,7 +68,6 @@ class Places:
         return found
 
     def add(self, visits: list[Visits]) -> None:
-        """Take in some samples."""
         if not self._totals:
             self._totals = [(columns, np.zeros_like(products)) for columns, products in visits]
         for (_, total), (_, products) in zip(self._totals, visits, strict=True):

@@ -78,7 +78,6 @@ class LinearProblem:
 
     @property
     def measured(self) -> float:
-        """Number of measured values."""
         own = self.groups != KNOWN
         return float(own.sum()) if self.values is None else self.values
 
@@ -103,7 +102,6 @@ class LinearProblem:
 
     @cached_property
     def residual(self) -> Rows:
-        """b − A x."""
         return self.b - self.A @ self.x
 
     @property
@@ -134,7 +132,6 @@ class LinearProblem:
         return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
 
     def of_columns(self, which: Int[np.ndarray, " _"]) -> "LinearProblem":
-        """The same with some columns alone."""
         return replace(self, A=self.A[:, which])
 
     def covariance(self, which: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:

@@ -68,7 +68,6 @@ class Reduction:
 
     @property
     def size(self) -> int:
-        """Number of optimisation variables."""
         return len(self.variables)
 
     @cached_property
@@ -93,7 +92,6 @@ class Reduction:
 
     @cached_property
     def prior(self) -> Float[np.ndarray, " n"]:
-        """x at the prior."""
         return np.array([variable.prior for variable in self.variables])
 
     @cached_property

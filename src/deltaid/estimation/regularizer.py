@@ -102,7 +102,6 @@ class Regularizer:
 
     @property
     def convex(self) -> bool:
-        """Whether it is convex in x."""
         return self.spectral is None or self.spectral.divergence.convex
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
@@ -130,7 +129,6 @@ class Metric:
     divergence: Divergence | None = None
 
     def regularizer(self, reduction: Reduction) -> Regularizer:
-        """The regulariser of a reduction."""
         blocks = reduction.blocks if self.divergence else ()
         D = reduction.A.copy()
         for block in blocks:

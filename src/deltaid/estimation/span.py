@@ -39,7 +39,6 @@ class Span:
 
     @property
     def rank(self) -> int:
-        """Number of independent columns."""
         return self.Q.shape[1]
 
     def without(self, A: np.ndarray) -> np.ndarray:

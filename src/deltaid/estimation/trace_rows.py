@@ -52,7 +52,6 @@ class TraceRows:
 
     @property
     def size(self) -> int:
-        """Number of free parameters."""
         return self.reduction.size
 
     def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> RecordingRows:

@@ -63,7 +63,6 @@ class Trace:
         return np.concatenate(parts, axis=1)
 
     def torques(self) -> Values:
-        """Measured torques, filtered."""
         return self.filtered(lambda w: w.tau.T, np.arange(self.dynamics.dof))
 
     def regressor(
@@ -78,7 +77,6 @@ class Trace:
         return Y
 
     def pattern(self, additions: Sequence[Addition] = ()) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and column of each of `entries`."""
         return extended(self.dynamics, additions).regressor_pattern
 
     def entries(self, w: Samples, additions: Sequence[Addition] = ()) -> Values:
@@ -97,7 +95,6 @@ class Trace:
         return replace(self, stretches=long)
 
     def model(self, p: Parameters) -> Float[np.ndarray, "dof thinned"]:
-        """Torques of parameters, filtered."""
         dynamics = self.dynamics
         return self.filtered(
             lambda w: dynamics.torque(w.z, w.qd, w.qdd, p).T, np.arange(dynamics.dof)

@@ -93,7 +93,6 @@ class ConsistentRanges:
         self._cones, self._matrix = [cone for _, _, cone in parts], sparse.csc_matrix(self._rows)
 
     def of(self, c: Coefficients) -> Range:
-        """The range of c·p."""
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
-from deltaid.estimation.additions import Addition, Extended, entries, extended, extended_layout
+from deltaid.estimation.additions import Addition, Extended, entries, extended
 from deltaid.estimation.information import active_columns
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.recording import Recording
@@ -45,8 +45,9 @@ class Source:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the active columns."""
-        layout = extended_layout(self.dynamics.layout, self.additions)
-        return tuple(layout.parameters[k] for k in self.active)
+        more = (parameter for one in self.additions for parameter in one.parameters)
+        every = (*self.dynamics.layout.parameters, *more)
+        return tuple(every[k] for k in self.active)
 
     @cached_property
     def pattern(self) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:

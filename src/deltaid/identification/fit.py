@@ -59,7 +59,6 @@ class FittedProblem:
 
     @property
     def information(self) -> Information:
-        """What all recordings together say."""
         return self.gathered.information
 
     @property
@@ -71,7 +70,6 @@ class FittedProblem:
 
     @property
     def reduction(self) -> Reduction:
-        """The free variables."""
         return self.objective.reduction
 
     @property
@@ -86,7 +84,6 @@ class FittedProblem:
 
     @property
     def p(self) -> Float[np.ndarray, " own"]:
-        """The fitted parameters of the robot."""
         return self.values[: len(self.values) - self.layout.added]
 
     @property

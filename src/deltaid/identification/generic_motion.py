@@ -80,7 +80,6 @@ def _by_torques(dynamics: Dynamics, motion: Motion) -> Information:
 
 
 def _widened(rows: np.ndarray, at: np.ndarray, columns: int) -> np.ndarray:
-    """Rows over more columns."""
     wide = np.zeros((len(rows), columns))
     wide[:, at] = rows
     return wide

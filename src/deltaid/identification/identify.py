@@ -66,7 +66,6 @@ class Identification(Shown, Plotted, Tabled, Reported):
 
     @property
     def robot(self) -> RobotDescription:
-        """The robot as it was fitted."""
         return self.model.robot
 
     def report(self, path: str | Path, verification: "Validation | None" = None) -> Path:
@@ -86,7 +85,6 @@ class Identification(Shown, Plotted, Tabled, Reported):
 
     @property
     def base(self) -> BaseParameters:
-        """Which combinations of parameters the motion determines."""
         return self.problem.base
 
 

@@ -59,7 +59,6 @@ class Labels:
         self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
 
     def of(self, i: int) -> Label:
-        """The label of parameter i."""
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
             added = self._parameters[i].kind in ADDED

@@ -42,8 +42,6 @@ _LIKELIEST = (
 
 
 class _Pair(NamedTuple):
-    """Torque errors on a recording, and the recording."""
-
     error: TorqueError
     log: Log
 

@@ -55,11 +55,9 @@ class Density:
     rest: Callable[[Points], Float[np.ndarray, " points"]] | None = None
 
     def variables(self, y: Points) -> Points:
-        """x of some y."""
         return self.mean + y @ self.root.T
 
     def parameters(self, y: Points) -> Float[np.ndarray, "points parameters"]:
-        """p of some y."""
         return self.variables(y) @ self.reduction.A.T + self.reduction.p_0
 
     def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
@@ -138,7 +136,6 @@ def _spectral_rest(
 
 
 def _fitted(model: IdentifiedModel, reduction: Reduction) -> Float[np.ndarray, " n"]:
-    """x of the model."""
     M = {body: pseudo_inertia(model.p[model.layout.body(body)]) for body in model.layout.bodies}
     return np.array(
         [

@@ -59,11 +59,9 @@ class Chains:
 
     @property
     def y(self) -> Float[np.ndarray, "chains n"]:
-        """Where they are."""
         return (self._turn @ self._y).T
 
     def walk(self, rounds: int) -> None:
-        """Go on so many rounds."""
         n = len(self._y)
         for _ in range(rounds):
             for k in range(self._near):
