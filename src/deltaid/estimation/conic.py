@@ -46,12 +46,6 @@ class Conic:
     certifies: ClassVar[bool] = True
 
     def solve(self, objective: Objective) -> Solution:
-        """The global optimum.
-
-        Raises:
-            IdentificationError: the regulariser has no conic program, or the solver did not
-                converge.
-        """
         spectral = objective.regularizer.spectral
         if not (spectral is None or spectral.divergence is LOG_DET):
             raise IdentificationError(

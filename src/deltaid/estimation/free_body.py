@@ -18,19 +18,12 @@ from deltaid.robot.parameter import Parameter, ParameterKind
 
 @dataclass(frozen=True)
 class Block:
-    """A symmetric matrix, affine in x, that must be positive definite.
+    """A symmetric matrix, affine in x, that must be positive definite."""
 
-    Attributes:
-        name: such as 'S[x,m]'.
-        index: position in x of each entry, or −1 where the entry is constant.
-        constant: values of the constant entries, 0 elsewhere.
-        prior: the matrix at the prior, positive definite.
-    """
-
-    name: str
-    index: Int[np.ndarray, "k k"]
-    constant: Float[np.ndarray, "k k"]
-    prior: Float[np.ndarray, "k k"]
+    name: str  # such as 'S[x,m]'
+    index: Int[np.ndarray, "k k"]  # position in x of each entry, or −1 where the entry is constant
+    constant: Float[np.ndarray, "k k"]  # values of the constant entries, 0 elsewhere
+    prior: Float[np.ndarray, "k k"]  # the matrix at the prior, positive definite
 
     def matrix(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
         return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
@@ -42,12 +35,8 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Free:
-    """What a fit may change of some consecutive entries of p: p = A x + p_0.
-
-    Attributes:
-        variables, A, p_0, blocks: as of `Reduction`, of these entries and their variables alone;
-            blocks count both from 0.
-    """
+    """What a fit may change of some consecutive entries of p: p = A x + p_0, as of `Reduction`,
+    blocks counting from 0."""
 
     variables: tuple[Parameter, ...]
     A: Float[np.ndarray, "entries n"]
@@ -72,14 +61,8 @@ def free_body(
     free: Collection[str],
     is_visible: Bool[np.ndarray, " 10"],
 ) -> tuple[Free, tuple[int, ...]]:
-    """What is free of ten parameters about a consistent prior, and rows of M̄ to complete.
-
-    Args:
-        kind, body: of its parameters.
-        p_reg: the prior; entries of M̄ that are not free keep its values.
-        free: entries of M̄.
-        is_visible: which of the ten a torque shows.
-    """
+    """What is free of ten parameters, of which torques show the visible ones, and rows of M̄ to
+    complete; entries of M̄ that are not free keep the values of the consistent prior p_reg."""
     M, to_p = pseudo_inertia(p_reg), entry_map()
     variables, columns, hidden = list[Parameter](), list[np.ndarray](), list[int]()
     index, p_0 = np.full((4, 4), -1), np.zeros(10)

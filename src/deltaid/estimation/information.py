@@ -52,28 +52,23 @@ Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 
 @dataclass(frozen=True)
 class Information:
-    """What a recording says about the parameters.
+    """What a recording says about the parameters."""
 
-    Attributes:
-        columns: the parameters (positions in p) that the factors' columns stand for; all others
-            have no effect on what is measured.
-        factors: for each drive, then for each channel of sensors, a matrix F with
-            Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
-        samples: number of samples behind each factor; one whose noise the weights of a
-            recording leave in part counts as that part.
-        torque_max: largest |τ| of each.
-        channels: how many of the factors, the last ones, are of sensors.
-        levels: what each channel counts as 1 of, so that its noise is σ̂ like that of torques over
-            their largest (`balance`); none before that is known.
-        facts: rows [c, v] of what is known without any sample, cᵀp = v, in the same measure.
-    """
-
+    # the parameters (positions in p) that the factors' columns stand for; all others have no effect
+    # on what is measured
     columns: Int[np.ndarray, " columns"]
+    # for each drive, then for each channel of sensors, a matrix F with τ in the last column and
+    # Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]
     factors: Float[np.ndarray, "rows augmented augmented"]
+    # number of samples behind each factor; one whose noise the weights of a recording leave in part
+    # counts as that part
     samples: Float[np.ndarray, " rows"]
-    torque_max: Float[np.ndarray, " rows"]
-    channels: int = 0
+    torque_max: Float[np.ndarray, " rows"]  # largest |τ| of each
+    channels: int = 0  # how many of the factors, the last ones, are of sensors
+    # what each channel counts as 1 of, so that its noise is σ̂ like that of torques over their
+    # largest (`balance`); none before that is known
     levels: Float[np.ndarray, " channels"] | None = None
+    # rows [c, v] of what is known without any sample, cᵀp = v, in the same measure
     facts: Float[np.ndarray, "facts augmented"] | None = None
 
     @property
@@ -162,11 +157,8 @@ def condense(
 def collect(
     regressor: Columns, parts: Iterable[Condensed], where: str, channels: int = 0
 ) -> Information:
-    """The information of condensed samples, taken in one after the other; `channels` as there.
-
-    Raises:
-        IdentificationError: the regressor is not finite somewhere; `where` says in what.
-    """
+    """The information of condensed samples, taken in one after the other; `channels` as there. An
+    IdentificationError says in what the regressor is not finite somewhere, by `where`."""
     columns = active_columns(regressor)
     n, dof = len(columns) + 1, regressor.dof
     factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
@@ -226,10 +218,8 @@ def chunks_of_drives(
     tau: Float[np.ndarray, "dof samples"],
     active: Int[np.ndarray, " columns"] | None = None,
 ) -> list[Chunk]:
-    """Each drive's rows of [Y, τ], without the columns that are zero for it by structure.
-
-    Gathered are the active columns, if they are more than torques show.
-    """
+    """Each drive's rows of [Y, τ], without the columns that are zero for it by structure; gathered
+    are the active columns, if they are more than torques show."""
     columns = active_columns(regressor) if active is None else active
     rows, entries = regressor.regressor_pattern
     return [

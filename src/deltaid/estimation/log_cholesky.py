@@ -51,11 +51,6 @@ class LogCholesky:
     certifies: ClassVar[bool] = False
 
     def solve(self, objective: Objective) -> Solution:
-        """A minimum near the path of relaxed regularisers.
-
-        Raises:
-            IdentificationError: the pattern of free entries has no Cholesky factor.
-        """
         from scipy import optimize  # slow to load, and seldom needed
 
         chart = LogCholeskyMap(objective.reduction)
@@ -143,11 +138,7 @@ class LogCholeskyMap:
         return x.ravel(), J, H
 
     def pi(self, x: Vector) -> Vector:
-        """The inverse map: π(x), by Cholesky factorisation.
-
-        Raises:
-            IdentificationError: x is not consistent.
-        """
+        """π(x), by Cholesky factorisation; an IdentificationError where x is not consistent."""
         reduction, pi = self.reduction, np.empty(len(x))
         inner = x - INTERIOR * reduction.prior
         p = reduction.A @ inner + reduction.p_0
@@ -160,8 +151,7 @@ class LogCholeskyMap:
 
     def _coefficients(self) -> list[tuple[int, Parameter]]:
         """The free variables that are no entries of a body, with their positions."""
-        variables = enumerate(self.reduction.variables)
-        return [(k, variable) for k, variable in variables if variable.kind != "inertia"]
+        return [(k, v) for k, v in enumerate(self.reduction.variables) if v.kind != "inertia"]
 
     @cached_property
     def _functions(self) -> ca.Function:

@@ -1,9 +1,8 @@
 """What a recording says, place by place: sums of [Y, τ]ᵀ[Y, τ] over all visits to a place.
 
 An error that comes with the pose (torque ripple, a wrong length, friction that changes along the
-way) repeats whenever the robot comes back, and a motion of several periods does so all the time.
-Stretches of time then agree with one another although all of them are wrong alike. Samples of the
-same place, whenever it was visited, keep such errors together.
+way) repeats whenever the robot comes back, so stretches of time agree although all are wrong alike.
+Samples of the same place, whenever it was visited, keep such errors together.
 """
 
 from collections.abc import Iterable
@@ -25,11 +24,8 @@ Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
 class Places:
     """Running sums by place; `add` the `visits` of all samples, then read `sums`.
 
-    Args:
-        box: lowest and highest corner of what is cut into places [m].
-        drives: how many rows a sample has.
-        augmented: how many columns [Y, τ] has.
-        parts: along each axis.
+    Places are parts of a box [m], lowest and highest corner, along each axis. A sample has a row
+    for each drive (or channel), and [Y, τ] so many augmented columns.
     """
 
     def __init__(

@@ -31,11 +31,7 @@ def pose(information: Information, reduction: Reduction, settings: Settings) -> 
 
 
 def minimise(objective: Objective, solver: Solver) -> Solution:
-    """Minimise J by a solver; one that does not certify borrows the bound of one that does.
-
-    Raises:
-        IdentificationError: a solver did not reach its end.
-    """
+    """Minimise J by a solver; one that does not certify borrows the bound of one that does."""
     solution = solver.solve(objective)
     if solver.certifies or not objective.regularizer.convex:
         return solution

@@ -24,20 +24,15 @@ KNOWN = -1
 
 @dataclass(frozen=True, eq=False)
 class LinearProblem:
-    """Rows A x = b, each divided by the standard deviation of its noise.
+    """Rows A x = b, each divided by the standard deviation of its noise."""
 
-    Attributes:
-        A, b: columns and right side.
-        groups: of each row; `KNOWN` for what is known before, whose noise is 1.
-        Z: instruments; the columns themselves where they have no noise.
-        values: how many measured values the rows of groups stand for; fewer rows than values where
-            these have been condensed to triangles.
-    """
-
-    A: Columns
+    A: Columns  # A, b: columns and right side
     b: Rows
+    # of each row; `KNOWN` for what is known before, whose noise is 1
     groups: Int[np.ndarray, " rows"]
+    # instruments; the columns themselves where they have no noise
     Z: Float[np.ndarray, "rows instruments"] | None = None
+    # how many measured values the rows of groups stand for, where these have been condensed
     values: float | None = None
 
     @classmethod

@@ -3,9 +3,8 @@
 The free variables x are entries of the bodies' pseudo-inertia matrices (12), friction coefficients
 and rotor inertias. p = A x + p_0. Physical consistency of x is: every block M_b(x), affine in x, is
 positive definite. A block is a principal part of a body's M̄ whose entries hang together, or a
-single coefficient; constant offsets of friction are in no block, for they may have either sign.
-Diagonal entries that are neither free nor visible in any torque are left out of the blocks and
-completed afterwards, because they can always be made large enough.
+coefficient that may not have either sign. Diagonal entries that are neither free nor visible in any
+torque are left out of the blocks and completed afterwards, for they can be made large enough.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,29 +40,22 @@ _COMPLETION_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class Reduction:
-    """The free variables of a robot and what they mean.
-
-    Attributes:
-        variables: what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj),
-            or a coefficient of a joint.
-        A, p_0: p = A x + p_0.
-        blocks: what must be positive definite.
-        p_reg: p at the prior, reduced.
-        completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
-        stated: spread of the prior over that of the fit, for entries of p that have one of their
-            own.
-        widened: how many times wider than stated the prior is, for entries of p whose prior the
-            recording contradicts (`widening`).
-    """
+    """The free variables of a robot and what they mean."""
 
     layout: ParameterLayout
+    # what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj), or a
+    # coefficient of a joint
     variables: tuple[Parameter, ...]
-    A: Float[np.ndarray, "parameters n"]
+    A: Float[np.ndarray, "parameters n"]  # A, p_0: p = A x + p_0
     p_0: Float[np.ndarray, " parameters"]
-    blocks: tuple[Block, ...]
-    p_reg: Float[np.ndarray, " parameters"]
+    blocks: tuple[Block, ...]  # what must be positive definite
+    p_reg: Float[np.ndarray, " parameters"]  # p at the prior, reduced
+    # for each body, the rows of M̄ (0–3) whose diagonal entry is completed
     completed: dict[str, tuple[int, ...]]
+    # spread of the prior over that of the fit, for entries of p that have one of their own
     stated: Mapping[str, float] = field(default_factory=dict[str, float])
+    # how many times wider than stated the prior is, for entries of p whose prior the recording
+    # contradicts (`widening`)
     widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -108,11 +100,8 @@ class Reduction:
         }
 
     def parameters(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " parameters"]:
-        """p for free variables x, with the completed entries of every body made consistent.
-
-        Raises:
-            IdentificationError: x is not consistent.
-        """
+        """p for free variables x, with the completed entries of every body made consistent; an
+        IdentificationError where x is not."""
         p = self.A @ x + self.p_0
         for body in self.layout.bodies:
             part = self.layout.body(body)
@@ -134,12 +123,9 @@ def build_reduction(
     additions: Sequence[tuple[Sequence[Parameter], Free]] = (),
     spread: float = PRIOR_SPREAD,
 ) -> Reduction:
-    """The reduction of a described robot.
-
-    Args:
-        visible: parameters whose regressor column is not zero.
-        spread: of the prior where the description gives none; the fit's own.
-        additions: groups of parameters behind those of the robot, and what is free of them.
+    """The reduction of a described robot, from the parameters whose regressor column is not zero,
+    groups of parameters behind those of the robot with what is free of them, and the spread of the
+    prior where the description gives none.
 
     Raises:
         IdentificationError: the prior is not consistent after the reduction.

@@ -166,11 +166,8 @@ def parameter_scale(
 
 
 def prior_root(scaled: Matrix) -> Matrix:
-    """R with RᵀR = the curvature of a prior, in units of the variables.
-
-    Raises:
-        IdentificationError: the prior's sizes are too far apart for the arithmetic.
-    """
+    """R with RᵀR = the curvature of a prior, in units of the variables; an IdentificationError
+    where the prior's sizes are too far apart for the arithmetic."""
     try:
         return np.linalg.cholesky(scaled).T
     except np.linalg.LinAlgError:

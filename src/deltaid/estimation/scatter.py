@@ -103,21 +103,13 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of a fit: its white level, and the scatter that is believed instead, if any.
+    """The noise of a fit: its white level, and the scatter that is believed instead, if any."""
 
-    Attributes:
-        root: R; errors of the fit are R⁻¹ s.
-        sigma: level of the residual, for white noise.
-        freedom: its degrees of freedom.
-        scatter: between groups of samples; None if there are no groups.
-        groups: what these are: 'time', 'place', or 'none'.
-    """
-
-    root: Float[np.ndarray, "n n"]
-    sigma: float
-    freedom: float
-    scatter: Scatter | None = None
-    groups: str = "none"
+    root: Float[np.ndarray, "n n"]  # R; errors of the fit are R⁻¹ s
+    sigma: float  # level of the residual, for white noise
+    freedom: float  # its degrees of freedom
+    scatter: Scatter | None = None  # between groups of samples; None if there are no groups
+    groups: str = "none"  # what these are: 'time', 'place', or 'none'
 
     def deviations(self, U: Combinations) -> tuple[Each, Each]:
         """Standard deviations of uᵀs for the columns of U, and their degrees of freedom."""

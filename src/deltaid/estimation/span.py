@@ -17,14 +17,10 @@ Rows = Float[np.ndarray, " rows"]
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """The span of columns A = Q S, rank decided by singular values of columns of unit length.
+    """The span of columns A = Q S, rank decided by singular values of columns of unit length."""
 
-    Attributes:
-        Q: orthonormal columns.
-        inverse: takes Qᵀb to the x of least squares that is shortest in units of the columns.
-    """
-
-    Q: Float[np.ndarray, "rows rank"]
+    Q: Float[np.ndarray, "rows rank"]  # orthonormal columns
+    # takes Qᵀb to the x of least squares that is shortest in units of the columns
     inverse: Float[np.ndarray, "columns rank"]
 
     @classmethod

@@ -1,9 +1,6 @@
-"""A recording in memory: motion and torques at the full rate, and anything of them filtered.
-
-What a fit condenses block by block, checks and lags want to look at again and again: shifted in
-time, with further columns. So a stretch of a recording that fits into memory is kept as it is, and
-everything formed from it goes through the same low-pass and is thinned alike.
-"""
+"""A recording in memory: motion and torques at the full rate, for checks and lags that need them
+again and again, shifted in time or with further columns; all that is formed from them goes through
+the same low-pass and is thinned alike."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -33,15 +30,11 @@ Delay = Float[np.ndarray, " dof"]
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A recording's motion and torques in memory.
-
-    Attributes:
-        load: parameters by which friction that depends on load knows what gears carry.
-        stretches: runs of samples without a gap; motion filtered, torques as recorded.
-    """
+    """A recording's motion and torques in memory."""
 
     dynamics: Dynamics
-    load: Parameters
+    load: Parameters  # parameters by which friction that depends on load knows what gears carry
+    # runs of samples without a gap; motion filtered, torques as recorded
     stretches: tuple[Samples, ...]
     low_pass: LowPass
     recording: Recording
@@ -52,13 +45,9 @@ class Trace:
         drives: Int[np.ndarray, " channels"],
         margin: int = 0,
     ) -> Values:
-        """m(t) x(t), low-passed and thinned, for quantities x that follow from samples.
-
-        Args:
-            of: gives x, a few samples at a time.
-            drives: whose weight m goes with each channel.
-            margin: so many samples at either end x is wrong, for want of those before and after.
-        """
+        """m(t) x(t), low-passed and thinned, for quantities x that `of` gives, a few samples at a
+        time, with the weight m of a drive for each channel; so many samples at either end, the
+        margin, x is wrong, for want of those before and after."""
         parts = [_through(self.low_pass, run, of, drives, margin) for run in self.stretches]
         return np.concatenate(parts, axis=1)
 

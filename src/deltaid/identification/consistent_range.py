@@ -54,14 +54,6 @@ class Range(NamedTuple):
     high: float
 
 
-class _Reach(NamedTuple):
-    """t, in units of white noise: scatter and geometry make a combination more uncertain; and the
-    share of noise in its variance."""
-
-    t: float
-    noise: float
-
-
 class ConsistentRanges:
     """Ranges of combinations c·p in a fit, of whose regulariser nothing is used."""
 
@@ -96,27 +88,28 @@ class ConsistentRanges:
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)
-        low, high = self._ends(cost, self._reach(cost).t)
+        low, high = self._ends(cost, self._reach(cost)[0])
         more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
         return Range(middle + low - more, middle + high + more)
 
     def share(self, c: Coefficients, within: Range) -> Share:
         """What the range of c·p, which must end, comes from."""
         cost = self._map.T @ (self._reduction.A.T @ c)
-        reach = self._reach(cost)
+        t, by_noise = self._reach(cost)
         whole = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
-        rest = float(np.ptp(self._ends(cost, _VANISHED * reach.t)))
+        rest = float(np.ptp(self._ends(cost, _VANISHED * t)))
         ratio = float(rest / whole) if whole > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
-        parts = self._sources.parts(self._in_scores(cost))
-        noise = (1 - unseen) * reach.noise
+        parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
+        noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()
+        geometry = (1 - unseen) * (1 - by_noise)
         return Share(
-            noise=noise * float(parts.torques[0]),
+            noise=noise,
             prior=0.0,
-            geometry=(1 - unseen) * (1 - reach.noise),
+            geometry=geometry,
             unseen=unseen,
-            sensors=noise * float(parts.sensors[0]),
-            measured=noise * float(parts.measured[0]),
+            sensors=sensors,
+            measured=measured,
         )
 
     def _in_scores(self, cost: Vector) -> Float[np.ndarray, "base 1"]:
@@ -127,16 +120,17 @@ class ConsistentRanges:
         radius = float(np.hypot(self._least, t))
         return self._extreme(cost, radius), -self._extreme(-cost, radius)
 
-    def _reach(self, cost: Vector) -> _Reach:
-        """How far v may be off along a combination of it."""
+    def _reach(self, cost: Vector) -> tuple[float, float]:
+        """t, in units of white noise: scatter and geometry make a combination more uncertain; and
+        the share of noise in its variance."""
         U = self._in_scores(cost)
         size = float(np.linalg.norm(U))
         if size == 0:
-            return _Reach(float(quantile(np.array([self._noise.freedom]))[0]), 1.0)
+            return float(quantile(np.array([self._noise.freedom]))[0]), 1.0
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._shifts))
         t = half_width(std, by_noise, nu)[0] / (self._white * size)
-        return _Reach(float(t), float((by_noise[0] / std[0]) ** 2) if std[0] > 0 else 1.0)
+        return float(t), float((by_noise[0] / std[0]) ** 2) if std[0] > 0 else 1.0
 
     @cached_property
     def _least(self) -> float:

@@ -37,24 +37,17 @@ _LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-4
 
 @dataclass(frozen=True)
 class FittedProblem:
-    """A fit, what it was posed from, and its result.
-
-    Attributes:
-        gathered: what the recordings say, together, in stretches of time and by place.
-        base: which combinations of parameters the motion determines.
-        estimate: their weighted least-squares values, without prior and consistency.
-        additions: what was fitted beside the robot.
-        geometry: what the robot's tolerances do to base parameters; None before that is known.
-    """
+    """A fit, what it was posed from, and its result."""
 
     dynamics: Dynamics
     settings: Settings
-    gathered: Gathered
+    gathered: Gathered  # what the recordings say, together, in stretches of time and by place
     objective: Objective
     solution: Solution
-    base: BaseParameters
-    estimate: BaseEstimate
-    additions: tuple[Addition, ...] = ()
+    base: BaseParameters  # which combinations of parameters the motion determines
+    estimate: BaseEstimate  # their weighted least-squares values, without prior and consistency
+    additions: tuple[Addition, ...] = ()  # what was fitted beside the robot
+    # what the robot's tolerances do to base parameters; None before that is known
     geometry: Geometry | None = None
 
     @property
@@ -152,9 +145,6 @@ def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) 
 
     A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
     friction depends on it the fit is posed again until its shares stay as they are.
-
-    Raises:
-        IdentificationError: the solver did not reach its end.
     """
     wide = widened(problem)
     if wide is problem or not problem.dynamics.robot.load_drives:

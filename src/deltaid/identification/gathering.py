@@ -42,20 +42,16 @@ _Chunks = Callable[[_Values, _Torques], Sequence[Chunk]]
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """What recordings of one robot say.
+    """What recordings of one robot say."""
 
-    Attributes:
-        parts: for each recording its consecutive blocks of equal length; apart they say how much
-            results change from one stretch of the recording to the next.
-        places: the same samples place by place.
-        levels, facts: as of `Information`, for everything together (`balance`).
-        whole: everything together, where it is known more exactly than in parts.
-    """
-
+    # for each recording its consecutive blocks of equal length; apart they say how much results
+    # change from one stretch of the recording to the next
     parts: tuple[tuple[Information, ...], ...]
-    places: Float[np.ndarray, "places rows augmented augmented"]
+    places: Float[np.ndarray, "places rows augmented augmented"]  # the same samples place by place
+    # levels, facts: as of `Information`, for everything together (`balance`)
     levels: Float[np.ndarray, " channels"] | None = None
     facts: Float[np.ndarray, "facts augmented"] | None = None
+    # everything together, where it is known more exactly than in parts
     whole: Information | None = None
 
     @property
@@ -74,11 +70,7 @@ def gather_all(
     load: Parameters | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Gathered:
-    """The information of recordings of the same robot, in blocks and by place; as `gather`.
-
-    Raises:
-        IdentificationError: the regressor is not finite somewhere.
-    """
+    """The information of recordings of the same robot, in blocks and by place; as `gather`."""
     rows = _measured(regressor)
     places, parts = places_of(rows, recordings), []
     for recording in recordings:

@@ -30,9 +30,6 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     """The same by torques together with the sensors and measured values of the description.
 
     Sensors' own unknowns count as unknown; their rows are of the size of torques' rows.
-
-    Raises:
-        KinematicsError: the description's limits leave no room for a motion.
     """
     motion, layout = _motion(dynamics, seed), dynamics.layout
     torques, facts, channels = _by_torques(dynamics, motion), weighings(dynamics.robot), []

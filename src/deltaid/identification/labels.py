@@ -29,19 +29,14 @@ REACH = 1.959963984540054
 
 @dataclass(frozen=True)
 class Label:
-    """What decided a parameter, its standard deviation, and the ends of its 95 % interval.
-
-    Attributes:
-        rests_on: other parameters whose priors it rests on, if it does.
-        share: what its interval comes from, where data has a part in it.
-    """
+    """What decided a parameter, its standard deviation, and the ends of its 95 % interval."""
 
     by: Origin
     std: float
     low: float
     high: float
-    rests_on: tuple[str, ...] = ()
-    share: Share | None = None
+    rests_on: tuple[str, ...] = ()  # other parameters whose priors it rests on, if it does
+    share: Share | None = None  # what its interval comes from, where data has a part in it
 
 
 class Labels:

@@ -41,22 +41,15 @@ from deltaid.sensors.weighings import weighings
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Least-squares values p_B of the base parameters and how far they can be trusted.
+    """Least-squares values p_B of the base parameters and how far they can be trusted."""
 
-    Attributes:
-        method: the weight.
-        interval: half the widths of their 95 % intervals.
-        full: a vector p with these base parameters: representatives carry the values, the rest is
-            zero.
-        noise: what standard deviations and intervals come from.
-    """
-
-    method: LeastSquaresMethod
+    method: LeastSquaresMethod  # the weight
     values: Float[np.ndarray, " base"]
     std: Float[np.ndarray, " base"]
-    interval: Float[np.ndarray, " base"]
+    interval: Float[np.ndarray, " base"]  # half the widths of their 95 % intervals
+    # a vector p with these base parameters: representatives carry the values, the rest is zero
     full: Float[np.ndarray, " parameters"]
-    noise: Noise
+    noise: Noise  # what standard deviations and intervals come from
 
     @property
     def by_noise(self) -> tuple[Float[np.ndarray, " base"], Float[np.ndarray, " base"]]:

@@ -1,12 +1,8 @@
 """What data says about a robot's parameters, once all that was fitted beside them is averaged out.
 
-Base parameters err by R⁻¹ s (`scatter`). How large s is the scatter of the recording says of any
-direction, so it is asked along the singular vectors of R: what torques show best and worst has each
-its own level. Covariances between single groups of samples are not used: there are as many unknown
-ones as groups.
-
-Of all normal distributions whose deviations are those of the intervals, the one nearest to that
-(Kullback–Leibler) is taken,
+Base parameters err by R⁻¹ s (`scatter`), whose size comes from the scatter of the recording along
+each singular vector of R. Of all normal distributions whose deviations are those of the intervals,
+the one nearest to that (Kullback–Leibler) is taken,
 
     V⁻¹ = V_0⁻¹ + diag(λ)    with    V_ii = (half an interval / 1.96)².
 

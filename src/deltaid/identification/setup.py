@@ -20,28 +20,21 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A fit that is about to be posed.
+    """A fit that is about to be posed."""
 
-    Attributes:
-        robot: the description, with the friction laws that have been chosen so far.
-        recordings: each with its filter and what has been corrected in it.
-        additions: columns beside the robot's.
-        corrections: in the order in which they were made.
-        closely: whether every row of recordings is inspected for events; else excerpts are first.
-        glanced: numbers of the recordings of which nothing but an excerpt was inspected for events,
-            and what was expected of them.
-        studies: what each recording looks like before anything in it is corrected that was not
-            declared; none before they have been studied.
-    """
-
-    robot: RobotDescription
-    recordings: tuple[Recording, ...]
+    robot: RobotDescription  # the description, with the friction laws that have been chosen so far
+    recordings: tuple[Recording, ...]  # each with its filter and what has been corrected in it
     settings: Settings
-    additions: tuple[Addition, ...] = ()
-    corrections: tuple[Correction, ...] = ()
+    additions: tuple[Addition, ...] = ()  # columns beside the robot's
+    corrections: tuple[Correction, ...] = ()  # in the order in which they were made
     friction_choice: FrictionChoice | None = None
+    # whether every row of recordings is inspected for events; else excerpts are first
     closely: bool = False
+    # numbers of the recordings of which nothing but an excerpt was inspected for events, and what
+    # was expected of them
     glanced: tuple[tuple[int, Expectation], ...] = ()
+    # what each recording looks like before anything in it is corrected that was not declared; none
+    # before they have been studied
     studies: tuple[Study | None, ...] = ()
 
     def is_disturbed(self, k: int) -> bool:

@@ -1,7 +1,6 @@
 """How far identified parameters can be trusted, given data and prior, and what that comes from."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,14 +16,6 @@ from deltaid.identification.fit import FittedProblem
 # Others whose priors a parameter rests on are named until they make up this share of what priors
 # leave open, so many at most.
 _NAMED, _MOST = 0.7, 2
-
-
-class Parts(NamedTuple):
-    """Shares of the variance by noise, together one."""
-
-    torques: Each
-    sensors: Each
-    measured: Each
 
 
 class Sources:
@@ -44,11 +35,8 @@ class Sources:
         self._sensors = sensors.reshape(-1, sensors.shape[2])[:, at] @ over
         self._facts, self._noise = facts @ over, noise
 
-    def parts(self, U: Combinations) -> Parts:
-        """Of the columns of U; where there is nothing but torques, these are all."""
-        n = U.shape[1]
-        if not len(self._sensors) + len(self._facts):
-            return Parts(np.ones(n), np.zeros(n), np.zeros(n))
+    def parts(self, U: Combinations) -> tuple[Each, Each, Each]:
+        """Shares of torques, sensors and measured values in the variances of the columns of U."""
         size = np.maximum(np.sum(U**2, axis=0), np.finfo(float).tiny)
         variance = np.maximum(self._noise.deviations(U)[0] ** 2, np.finfo(float).tiny)
         known = np.sum((self._facts @ U) ** 2, axis=0)
@@ -56,28 +44,25 @@ class Sources:
         rest = np.maximum(1.0 - known / size, np.finfo(float).eps)
         rows = np.sum((self._sensors @ U) ** 2, axis=0) / size
         sensors = (1.0 - measured) * np.clip(rows / rest, 0.0, 1.0)
-        return Parts(1.0 - measured - sensors, sensors, measured)
+        return 1.0 - measured - sensors, sensors, measured
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far the parameters p of a fit can be trusted, given data and prior.
+    """How far the parameters p of a fit can be trusted, given data and prior."""
 
-    Attributes:
-        std, interval: standard deviation, and half the width of the 95 % interval.
-        prior_std: standard deviation given the prior alone, widened where it is.
-        shares: of the variance: by noise of torques, of sensors and of measured values, by the
-            prior, and by geometry.
-        moves: column i is by how many standard deviations of its own prior each parameter moves
-            along what priors leave open of parameter i.
-        follows: how far each parameter goes with least-squares base parameters.
-    """
-
+    # std, interval: standard deviation, and half the width of the 95 % interval
     std: Float[np.ndarray, " parameters"]
     interval: Float[np.ndarray, " parameters"]
+    # standard deviation given the prior alone, widened where it is
     prior_std: Float[np.ndarray, " parameters"]
+    # of the variance: by noise of torques, of sensors and of measured values, by the prior, and by
+    # geometry
     shares: Float[np.ndarray, "parameters 5"]
+    # column i is by how many standard deviations of its own prior each parameter moves along what
+    # priors leave open of parameter i
     moves: Float[np.ndarray, "others parameters"]
+    # how far each parameter goes with least-squares base parameters
     follows: Float[np.ndarray, "base parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
@@ -108,9 +93,6 @@ def uncertainty(
 
     A sharp sum of two parameters does not make the two known: each keeps the part by the prior of
     the other, and is as good as that (`consistent_range` does without).
-
-    Raises:
-        IdentificationError: the prior's sizes are too far apart for the arithmetic.
     """
     objective, reduction, noise = problem.objective, problem.reduction, problem.estimate.noise
     samples, sigma = problem.information.mean_samples, max(problem.noise, NOISE_FLOOR)

@@ -14,11 +14,9 @@ stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain t
     twice the gain of log evidence = κ q² / (1 + κ a) − log(1 + κ a)
 
 which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
-Tipping and Faul 2003), or all of a body together, which may be of another density than described,
-or its moments of inertia, as it may be of another size. A sum that is off may be so by any of its
-terms; of those that gain nearly the same, the one that needs the least widening is taken.
-
-Friction is not asked: it shows by itself, and no prior bends it.
+Tipping and Faul 2003), or all of a body together (another density), or its moments of inertia
+(another size). Of those that gain nearly the same, the one that needs the least widening is taken.
+Friction shows by itself, and no prior bends it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,23 +62,16 @@ class _Wider(NamedTuple):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a recording says against a prior.
+    """What a recording says against a prior."""
 
-    Attributes:
-        names: of the entries of p whose priors may be widened.
-        bodies: which of them belong to one body, and which are moments of inertia of one.
-        rows: r of all entries of p that x can change; those of `names` come first.
-        columns: K A.
-        d: b − K p_prior.
-        N: covariance of b given the truth.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the entries of p whose priors may be widened
+    # which of them belong to one body, and which are moments of inertia of one
     bodies: tuple[list[int], ...]
+    # r of all entries of p that x can change; those of `names` come first
     rows: Float[np.ndarray, "rows n"]
-    columns: Float[np.ndarray, "base n"]
-    d: Float[np.ndarray, " base"]
-    N: Float[np.ndarray, "base base"]
+    columns: Float[np.ndarray, "base n"]  # K A
+    d: Float[np.ndarray, " base"]  # b − K p_prior
+    N: Float[np.ndarray, "base base"]  # covariance of b given the truth
 
     def contradicted(self) -> dict[str, float]:
         """Entries whose prior the recording contradicts, with the factor of its spread."""

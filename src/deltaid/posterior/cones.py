@@ -18,16 +18,11 @@ Entries = Float[np.ndarray, "entries points"]
 
 @dataclass(frozen=True, eq=False)
 class Cones:
-    """Blocks C_b + Σ y_k S_bk ≻ 0, each written as the entries of its lower triangle.
+    """Blocks C_b + Σ y_k S_bk ≻ 0, each written as the entries of its lower triangle."""
 
-    Attributes:
-        constant: entries at y = 0.
-        slopes: by how much each changes with y.
-        groups: for each size of blocks, the place of every entry (row, column, block).
-    """
-
-    constant: Float[np.ndarray, " entries"]
-    slopes: Float[np.ndarray, "entries n"]
+    constant: Float[np.ndarray, " entries"]  # entries at y = 0
+    slopes: Float[np.ndarray, "entries n"]  # by how much each changes with y
+    # for each size of blocks, the place of every entry (row, column, block)
     groups: tuple[Int[np.ndarray, "_ _ _"], ...]
 
     @classmethod

@@ -36,22 +36,15 @@ Points = Float[np.ndarray, "points n"]
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """A normal distribution on cones, perhaps with a factor: x = mean + root·y, y ~ N(0, 1).
+    """A normal distribution on cones, perhaps with a factor: x = mean + root·y, y ~ N(0, 1)."""
 
-    Attributes:
-        reduction: what x means.
-        mean, root: of the normal distribution.
-        cones: what y must hold.
-        fitted, prior: y of the model and of its prior.
-        rest: logarithm of the factor at some x inside; None if the regulariser is quadratic.
-    """
-
-    reduction: Reduction
-    mean: Float[np.ndarray, " n"]
+    reduction: Reduction  # what x means
+    mean: Float[np.ndarray, " n"]  # mean, root: of the normal distribution
     root: Float[np.ndarray, "n n"]
-    cones: Cones
-    fitted: Float[np.ndarray, " n"]
+    cones: Cones  # what y must hold
+    fitted: Float[np.ndarray, " n"]  # fitted, prior: y of the model and of its prior
     prior: Float[np.ndarray, " n"]
+    # logarithm of the factor at some x inside; None if the regulariser is quadratic
     rest: Callable[[Points], Float[np.ndarray, " points"]] | None = None
 
     def variables(self, y: Points) -> Points:

@@ -73,11 +73,7 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
 
 
 def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Each]:
-    """Draws of chains that have forgotten where they began, their effective number and R̂.
-
-    Raises:
-        IdentificationError: the chains do not agree after the longest walk.
-    """
+    """Draws of chains that have forgotten where they began, their effective number and R̂."""
     y, size, factor = _walked(chains, draws, _BETWEEN)
     for k in range(1, _LONGER + 1):
         if factor.max() < _AIMED[0] and size.min() > _AIMED[1] * y[..., 0].size:

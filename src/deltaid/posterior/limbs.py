@@ -25,11 +25,7 @@ Vectors = Float[np.ndarray, "samples _"]
 
 
 def with_own_limbs(robot: RobotDescription) -> RobotDescription:
-    """The same robot with bodies of each limb's own.
-
-    Raises:
-        DescriptionError: it has no limbs that are the same.
-    """
+    """The same robot with bodies of each limb's own; an error if it has no limbs of one kind."""
     limbs = robot.limbs
     if limbs is None or not limbs.identical or limbs.count < 2:
         raise DescriptionError(

@@ -7,10 +7,9 @@ exactly. On the ellipse all entries of the blocks are combinations of those of y
 costs no product of matrices.
 
 Where data would like a body to be one that cannot exist, the distribution is a thin layer at an
-edge, and no ellipse across it is long. Most directions, those that data knows well, meet no edge at
-all. So axes are turned to those of the curvature of −Σ log det M_b. Steps along each axis that soon
-meets an edge, in some of those chosen at random, in all that meet none, and in what is not alone
-take turns. Each leaves the distribution as it is, for axes stay once draws count.
+edge, and no ellipse across it is long; most directions meet no edge at all. So axes are turned to
+those of the curvature of −Σ log det M_b. Steps along each axis that soon meets an edge, in some of
+those chosen at random, in all that meet none, and in what is not alone take turns.
 """
 
 import numpy as np
