@@ -48,12 +48,18 @@ class BaseGroup:
 
 @dataclass(frozen=True, repr=False)
 class BaseParameters(Shown):
-    """The identifiable combinations of a robot's parameters."""
+    """The identifiable combinations of a robot's parameters.
+
+    Attributes:
+        groups: one for each base parameter.
+        invisible: parameters that no torque shows.
+        condition: condition number of the base regressor, columns scaled to unit length.
+    """
 
     layout: ParameterLayout
-    groups: tuple[BaseGroup, ...]  # one for each base parameter
-    invisible: tuple[int, ...]  # parameters that no torque shows
-    condition: float  # condition number of the base regressor, columns scaled to unit length
+    groups: tuple[BaseGroup, ...]
+    invisible: tuple[int, ...]
+    condition: float
 
     @property
     def rank(self) -> int:

@@ -52,23 +52,28 @@ Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 
 @dataclass(frozen=True)
 class Information:
-    """What a recording says about the parameters."""
+    """What a recording says about the parameters.
 
-    # the parameters (positions in p) that the factors' columns stand for; all others have no effect
-    # on what is measured
+    Attributes:
+        columns: the parameters (positions in p) that the factors' columns stand for; all others
+            have no effect on what is measured.
+        factors: for each drive, then for each channel of sensors, a matrix F with
+            Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
+        samples: number of samples behind each factor; one whose noise the weights of a
+            recording leave in part counts as that part.
+        torque_max: largest |τ| of each.
+        channels: how many of the factors, the last ones, are of sensors.
+        levels: what each channel counts as 1 of, so that its noise is σ̂ like that of torques over
+            their largest (`balance`); none before that is known.
+        facts: rows [c, v] of what is known without any sample, cᵀp = v, in the same measure.
+    """
+
     columns: Int[np.ndarray, " columns"]
-    # for each drive, then for each channel of sensors, a matrix F with τ in the last column and
-    # Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]
     factors: Float[np.ndarray, "rows augmented augmented"]
-    # number of samples behind each factor; one whose noise the weights of a recording leave in part
-    # counts as that part
     samples: Float[np.ndarray, " rows"]
-    torque_max: Float[np.ndarray, " rows"]  # largest |τ| of each
-    channels: int = 0  # how many of the factors, the last ones, are of sensors
-    # what each channel counts as 1 of, so that its noise is σ̂ like that of torques over their
-    # largest (`balance`); none before that is known
+    torque_max: Float[np.ndarray, " rows"]
+    channels: int = 0
     levels: Float[np.ndarray, " channels"] | None = None
-    # rows [c, v] of what is known without any sample, cᵀp = v, in the same measure
     facts: Float[np.ndarray, "facts augmented"] | None = None
 
     @property

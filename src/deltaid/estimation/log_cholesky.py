@@ -51,6 +51,7 @@ class LogCholesky:
     certifies: ClassVar[bool] = False
 
     def solve(self, objective: Objective) -> Solution:
+        """A minimum near the path of relaxed regularisers; errors as of `Solver.solve`."""
         from scipy import optimize  # slow to load, and seldom needed
 
         chart = LogCholeskyMap(objective.reduction)

@@ -37,12 +37,17 @@ class DataTerm:
 
 @dataclass(frozen=True)
 class Objective:
-    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit."""
+    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit.
 
-    reduction: Reduction  # what x means, and where it is consistent
+    Attributes:
+        reduction: what x means, and where it is consistent.
+        gamma: γ_p.
+    """
+
+    reduction: Reduction
     data: DataTerm
     regularizer: Regularizer
-    gamma: float  # γ_p
+    gamma: float
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian with respect to x."""
@@ -56,12 +61,18 @@ class Objective:
 
 @dataclass(frozen=True)
 class Solution:
-    """A minimiser x of the objective and how good it is."""
+    """A minimiser x of the objective and how good it is.
+
+    Attributes:
+        objective: J(x).
+        bound: no consistent x has a smaller J; −∞ where nothing is known.
+        iterations, status: of the solver.
+    """
 
     x: Vector
-    objective: float  # J(x)
-    bound: float  # no consistent x has a smaller J; −∞ where nothing is known
-    iterations: int  # iterations, status: of the solver
+    objective: float
+    bound: float
+    iterations: int
     status: str
 
     @property

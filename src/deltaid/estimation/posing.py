@@ -31,7 +31,8 @@ def pose(information: Information, reduction: Reduction, settings: Settings) -> 
 
 
 def minimise(objective: Objective, solver: Solver) -> Solution:
-    """Minimise J by a solver; one that does not certify borrows the bound of one that does."""
+    """Minimise J by a solver; one that does not certify borrows the bound of one that does. Errors
+    as of `Solver.solve`."""
     solution = solver.solve(objective)
     if solver.certifies or not objective.regularizer.convex:
         return solution

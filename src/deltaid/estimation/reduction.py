@@ -40,22 +40,29 @@ _COMPLETION_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class Reduction:
-    """The free variables of a robot and what they mean."""
+    """The free variables of a robot and what they mean.
+
+    Attributes:
+        variables: what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj),
+            or a coefficient of a joint.
+        A, p_0: p = A x + p_0.
+        blocks: what must be positive definite.
+        p_reg: p at the prior, reduced.
+        completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
+        stated: spread of the prior over that of the fit, for entries of p that have one of their
+            own.
+        widened: how many times wider than stated the prior is, for entries of p whose prior the
+            recording contradicts (`widening`).
+    """
 
     layout: ParameterLayout
-    # what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj), or a
-    # coefficient of a joint
     variables: tuple[Parameter, ...]
-    A: Float[np.ndarray, "parameters n"]  # A, p_0: p = A x + p_0
+    A: Float[np.ndarray, "parameters n"]
     p_0: Float[np.ndarray, " parameters"]
-    blocks: tuple[Block, ...]  # what must be positive definite
-    p_reg: Float[np.ndarray, " parameters"]  # p at the prior, reduced
-    # for each body, the rows of M̄ (0–3) whose diagonal entry is completed
+    blocks: tuple[Block, ...]
+    p_reg: Float[np.ndarray, " parameters"]
     completed: dict[str, tuple[int, ...]]
-    # spread of the prior over that of the fit, for entries of p that have one of their own
     stated: Mapping[str, float] = field(default_factory=dict[str, float])
-    # how many times wider than stated the prior is, for entries of p whose prior the recording
-    # contradicts (`widening`)
     widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property

@@ -37,17 +37,24 @@ _LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-4
 
 @dataclass(frozen=True)
 class FittedProblem:
-    """A fit, what it was posed from, and its result."""
+    """A fit, what it was posed from, and its result.
+
+    Attributes:
+        gathered: what the recordings say, together, in stretches of time and by place.
+        base: which combinations of parameters the motion determines.
+        estimate: their weighted least-squares values, without prior and consistency.
+        additions: what was fitted beside the robot.
+        geometry: what the robot's tolerances do to base parameters; None before that is known.
+    """
 
     dynamics: Dynamics
     settings: Settings
-    gathered: Gathered  # what the recordings say, together, in stretches of time and by place
+    gathered: Gathered
     objective: Objective
     solution: Solution
-    base: BaseParameters  # which combinations of parameters the motion determines
-    estimate: BaseEstimate  # their weighted least-squares values, without prior and consistency
-    additions: tuple[Addition, ...] = ()  # what was fitted beside the robot
-    # what the robot's tolerances do to base parameters; None before that is known
+    base: BaseParameters
+    estimate: BaseEstimate
+    additions: tuple[Addition, ...] = ()
     geometry: Geometry | None = None
 
     @property

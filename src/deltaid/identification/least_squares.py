@@ -41,15 +41,22 @@ from deltaid.sensors.weighings import weighings
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Least-squares values p_B of the base parameters and how far they can be trusted."""
+    """Least-squares values p_B of the base parameters and how far they can be trusted.
 
-    method: LeastSquaresMethod  # the weight
+    Attributes:
+        method: the weight.
+        interval: half the widths of their 95 % intervals.
+        full: a vector p with these base parameters: representatives carry the values, the rest is
+            zero.
+        noise: what standard deviations and intervals come from.
+    """
+
+    method: LeastSquaresMethod
     values: Float[np.ndarray, " base"]
     std: Float[np.ndarray, " base"]
-    interval: Float[np.ndarray, " base"]  # half the widths of their 95 % intervals
-    # a vector p with these base parameters: representatives carry the values, the rest is zero
+    interval: Float[np.ndarray, " base"]
     full: Float[np.ndarray, " parameters"]
-    noise: Noise  # what standard deviations and intervals come from
+    noise: Noise
 
     @property
     def by_noise(self) -> tuple[Float[np.ndarray, " base"], Float[np.ndarray, " base"]]:

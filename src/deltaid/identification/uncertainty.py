@@ -49,20 +49,23 @@ class Sources:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far the parameters p of a fit can be trusted, given data and prior."""
+    """How far the parameters p of a fit can be trusted, given data and prior.
 
-    # std, interval: standard deviation, and half the width of the 95 % interval
+    Attributes:
+        std, interval: standard deviation, and half the width of the 95 % interval.
+        prior_std: standard deviation given the prior alone, widened where it is.
+        shares: of the variance: by noise of torques, of sensors and of measured values, by the
+            prior, and by geometry.
+        moves: column i is by how many standard deviations of its own prior each parameter moves
+            along what priors leave open of parameter i.
+        follows: how far each parameter goes with least-squares base parameters.
+    """
+
     std: Float[np.ndarray, " parameters"]
     interval: Float[np.ndarray, " parameters"]
-    # standard deviation given the prior alone, widened where it is
     prior_std: Float[np.ndarray, " parameters"]
-    # of the variance: by noise of torques, of sensors and of measured values, by the prior, and by
-    # geometry
     shares: Float[np.ndarray, "parameters 5"]
-    # column i is by how many standard deviations of its own prior each parameter moves along what
-    # priors leave open of parameter i
     moves: Float[np.ndarray, "others parameters"]
-    # how far each parameter goes with least-squares base parameters
     follows: Float[np.ndarray, "base parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
@@ -92,7 +95,7 @@ def uncertainty(
     beyond it. Geometry that is off shifts least squares by δp_B, and x by H⁻¹ D δp_B.
 
     A sharp sum of two parameters does not make the two known: each keeps the part by the prior of
-    the other, and is as good as that (`consistent_range` does without).
+    the other, and is as good as that (`consistent_range` does without). Errors as of `prior_root`.
     """
     objective, reduction, noise = problem.objective, problem.reduction, problem.estimate.noise
     samples, sigma = problem.information.mean_samples, max(problem.noise, NOISE_FLOOR)
