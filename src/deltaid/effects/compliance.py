@@ -186,7 +186,7 @@ def _pooled(fit: "_Fit", found: Found) -> Found:
     return fit.swept(together, together @ np.append(common, found.sizes[~alike]), found.p)
 
 
-def _together(S: Groups, alike: Bool[np.ndarray, " groups"]) -> Groups:
+def _together(S: Groups, alike: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
     """Groups of which some are made one, the first."""
     return np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]]) if alike.any() else S
 

@@ -127,7 +127,7 @@ def late(trace: Trace, p: Parameters) -> ColumnsOfDrives:
 
 
 def rows_of(
-    rows: TraceRows, trace: Trace, p: Parameters, *columns: ColumnsOfDrives
+    rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
 ) -> RecordingRows:
     """Rows of a trace, with columns beside the parameters', those of friction behind.
 

@@ -120,7 +120,7 @@ class FrictionRows:
     traces: tuple[Trace, ...]
     largest: Float[np.ndarray, " dof"]
     Y: Float[np.ndarray, "dof samples columns"]
-    beside: Columns
+    beside: Float[np.ndarray, "rows beside"]
     drive_rows: DriveRows
     span: Span
     tau: Rows

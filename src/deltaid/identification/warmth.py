@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.estimation.additions import Addition, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.span import lengths
 from deltaid.identification.friction_choice import rows_for_friction
 from deltaid.identification.friction_rows import FrictionRows
@@ -106,7 +106,7 @@ class Warmth(Addition):
         at = self._entries
         return rows[at], np.searchsorted(self._changing, columns[at])
 
-    def entries(self, w: Samples, own: Values, recording: Recording) -> Values:
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """Those of friction times g."""
         at = self._entries
         for course in self.courses:

@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -74,7 +75,8 @@ class FrictionTerm(ABC):
         """∂h/∂ln c of each constant c, by a complex step, which has no rounding."""
         found = dict[str, Speeds]()
         for name in self.constants:
-            moved: Any = replace(self, **{name: getattr(self, name) * (1 + _STEP * 1j)})
+            moved = copy(self)
+            object.__setattr__(moved, name, getattr(self, name) * (1 + _STEP * 1j))
             found[name] = np.imag(moved.h(v, np.sign(v), 0.0)) / _STEP
         return found
 
