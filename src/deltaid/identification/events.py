@@ -7,23 +7,34 @@ of these changes are left out, under a name of their own. What lasts, or fills m
 is no event either but a load or a model that does not fit, and stays for others to tell.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.identification.events_told import REASONS, events_told
 from deltaid.identification.expectation import Expectation, expect
 from deltaid.identification.expectation_source import Source
-from deltaid.identification.outstanding import Stretch, outstanding
-from deltaid.identification.recurring import recurring
+from deltaid.identification.outstanding import Course, OfDrives, Stretch, outstanding
+from deltaid.identification.recurring import without_recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.log import Log
+from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 
+# What events are left out for, and what is said of it.
+_TEXT = {
+    CONTACT: "{times} something pushed the platform, {largest}: torques stand out from all that "
+    "the motion asks for",
+    STOP: "{times} the robot was stopped by more than its drives, {largest}",
+    SPIKE: "{times} the torque of one drive jumps for a sample or three, as errors of a fieldbus "
+    "do",
+    JOLT: "{times} torque and motion change faster than the low-pass of the positions follows",
+    BACKLASH: "its gear has play: torques do not follow from the motion where its torque changes "
+    "its sign, {spans} times. All drives' are left out there",
+}
 # Time that is left out before and after what stands out [s]; stretches of a contact may be so far
 # apart [s].
 _BESIDE, _ONE = 4e-3, 0.02
@@ -54,19 +65,18 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     told, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
-        kept = tuple(span for span in recording.repairs.left_out if span.reason not in REASONS)
+        kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
         bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
+        spans, repairs = (), dict[str, object]()
         if expected and not setup.closely and _is_quiet_in_brief(expected):
-            spans = ()
             glanced.append((k, expected))
-        else:
-            spans = events(expected) if expected else ()
-        repairs: dict[str, object] = {"left_out": (*kept, *spans)}
+        elif expected:
+            spans = events(expected)
         if expected and setup.settings.lag == "estimate":  # to begin with
             repairs["delay"] = expected.source.recording.repairs.delay
-        setup = setup.repaired(setup.recordings[k], **repairs)
-        told += events_told(spans, recording, setup.robot.drives)
+        setup = setup.repaired(setup.recordings[k], left_out=(*kept, *spans), **repairs)
+        told += _told(spans, recording, setup.robot.drives)
     return setup.told(told, "contact", "backlash").changed(glanced=tuple(glanced))
 
 
@@ -79,38 +89,62 @@ def _is_quiet_in_brief(expected: Expectation) -> bool:
     return not outstanding(replace(expected, source=brief)).stretches
 
 
+def _told(
+    spans: Sequence[LeftSpan], recording: Recording, drives: Sequence[str]
+) -> list[Correction]:
+    """One correction for each kind of event of a recording, and for each gear with play."""
+    found, kinds = list[Correction](), list(_TEXT)
+    for reason, gear in sorted(
+        {(one.reason, one.gear) for one in spans}, key=lambda of: (kinds.index(of[0]), of[1] or 0)
+    ):
+        own = [one for one in spans if (one.reason, one.gear) == (reason, gear)]
+        times = joined_times(np.array([(one.first, one.last) for one in own]))
+        pushes = [(float(np.linalg.norm(one.push.force)), one.push.time) for one in own if one.push]
+        force, when = max(pushes, key=lambda push: push[0], default=(0.0, 0.0))
+        found.append(
+            Correction(
+                kind="contact" if gear is None else "backlash",
+                subject=reason if gear is None else drives[gear],
+                log=recording.path.name,
+                value=float(np.diff(times).sum()),
+                unit="s",
+                text=_TEXT[reason].format(
+                    times="once" if len(own) == 1 else f"{len(own)} times",
+                    largest=f"the largest {force:.3g} N at {when:.3f} s",
+                    spans=len(times),
+                ),
+            )
+        )
+    return found
+
+
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be left out, in the order of time."""
-    seen = outstanding(expected)
-    recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    spikes = [one for one in seen.stretches if one.spike]
-    others = [one for one in seen.stretches if not one.spike]
-    others = [one for one in others if not _is_friction(one, expected.coulomb)]
-    drives = recurring(seen, others, recording.low_pass)
-    known = drives.friction | drives.play
-    pushes = _joined([one for one, own in zip(others, known, strict=True) if not own])
-    pushes = _brief(pushes, seen.duration)
+    seen, recording = outstanding(expected), expected.source.recording
+    step, low_pass = 1.0 / recording.log.rate, recording.low_pass
+    margin = max(_BESIDE, step)
+    spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
+    lasting = [o for o in seen.stretches if not (o.spike or _is_friction(o, expected.coulomb))]
+    rest, found = without_recurring(seen, lasting, low_pass, margin + spread)
+    course = Course(_ONE)
+    course.join(rest)
+    pushes = _brief(course.reaching, seen.duration)
     jolts = [one for one in pushes if one.sharp > _SHARP]
     if sum(one.end - one.start for one in jolts) > _JOLTS * seen.duration:
-        pushes = [one for one in pushes if one not in jolts]
-    step = 1.0 / recording.log.rate
-    margin = max(_BESIDE, step)
-    found = [_span(one, SPIKE, step, one.drives) for one in spikes]
-    beside = margin + _PERIOD / recording.low_pass.motion_cutoff if recording.low_pass else margin
+        pushes, jolts = [one for one in pushes if one not in jolts], []
     found += [
-        LeftSpan(first, last, BACKLASH, gear=gear)
-        for first, last, gear in drives.turns(seen, others, beside)
+        LeftSpan(one.start - step, one.end + step, SPIKE, one.drives)
+        for one in seen.stretches
+        if one.spike
     ]
     for one in pushes:
-        if one in jolts:
-            found.append(_span(one, JOLT, margin))
-            continue
         reason = STOP if _stops(one, recording.log) else CONTACT
-        found.append(replace(_span(one, reason, margin), push=_push(one, kinematics)))
-    return tuple(
-        _as_recorded(span, recording.repairs.delay)
-        for span in sorted(found, key=lambda span: span.first)
-    )
+        push = _push(one, expected.source.dynamics.kinematics)
+        if one in jolts:
+            reason, push = JOLT, None
+        found.append(LeftSpan(one.start - margin, one.end + margin, reason, push=push))
+    spans = sorted(found, key=lambda span: span.first)
+    return tuple(_as_recorded(span, recording.repairs.delay) for span in spans)
 
 
 def on_time(source: Source) -> Expectation | None:
@@ -132,10 +166,6 @@ def on_time(source: Source) -> Expectation | None:
     return expected if expected and np.all(expected.misfit < _MISFIT) else first
 
 
-def _span(one: Stretch, reason: str, margin: float, drives: tuple[int, ...] = ()) -> LeftSpan:
-    return LeftSpan(one.start - margin, one.end + margin, reason, drives)
-
-
 def _as_recorded(span: LeftSpan, delay: Sequence[float]) -> LeftSpan:
     """A span by the stamps of its torques, which come so much later than its motion."""
     if not delay:
@@ -144,24 +174,11 @@ def _as_recorded(span: LeftSpan, delay: Sequence[float]) -> LeftSpan:
     return replace(span, first=span.first + min(own), last=span.last + max(own))
 
 
-def _is_friction(one: Stretch, coulomb: Float[np.ndarray, " dof"]) -> bool:
+def _is_friction(one: Stretch, coulomb: OfDrives) -> bool:
     """Whether friction of one drive that hardly moves may be all there is."""
     i = int(np.argmax(one.sizes))
-    others = np.delete(one.sizes, i)
-    alone = np.all(others < _ALONE * one.sizes[i])
-    slow = one.speed[i] < _SLOW
-    return bool(alone and slow and abs(one.left[i]) <= coulomb[i])
-
-
-def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
-    """Stretches of one contact as one."""
-    found: list[Stretch] = []
-    for one in stretches:
-        if found and one.start - found[-1].end <= _ONE:
-            found[-1] = found[-1].with_next(one)
-        else:
-            found.append(one)
-    return found
+    alone = np.all(np.delete(one.sizes, i) < _ALONE * one.sizes[i])
+    return bool(alone and one.speed[i] < _SLOW and abs(one.left[i]) <= coulomb[i])
 
 
 def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:

@@ -1,7 +1,7 @@
 """What torques a recording's drives should have shown, by a fit that a push does not bend.
 
 In short blocks of time, whose means take the place of the filter, torques are fitted robustly
-(`expectation_blocks.py`). Columns of all that a description may lack take part (`slack.py`).
+(`expectation_blocks.py`) by the robot's columns and nuisance columns (`expectation_source.py`).
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +19,7 @@ from deltaid.identification.expectation_blocks import (
     deviation,
     fitted,
 )
-from deltaid.identification.expectation_source import Source
-from deltaid.identification.slack import OF_TORQUE, Slack, joint_rates
+from deltaid.identification.expectation_source import Nuisance, Source, Torques, joint_rates
 from deltaid.recording.delay import around
 from deltaid.recording.windows import Samples
 
@@ -33,29 +32,12 @@ NOISE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
-    """Torques at consecutive samples, drives in rows.
-
-    Attributes:
-        tau: the expected ones.
-        left: recorded ones less these; NaN where they do not count.
-        gear: what the gears carry of the expected ones: those without friction and rotors.
-    """
-
-    tau: Float[np.ndarray, "dof samples"]
-    left: Float[np.ndarray, "dof samples"]
-    gear: Float[np.ndarray, "dof samples"]
-
-
-@dataclass(frozen=True, eq=False)
 class Expectation:
     """Torques that a robot's motion asks for, and how far recorded ones scatter about them.
 
     Attributes:
-        source: robot and recording.
-        p: parameters of its active columns.
-        slack: columns of what a description may lack.
-        friction, of_torque: their coefficients.
+        p: parameters of the source's active columns.
+        x: coefficients of the nuisance columns.
         speeds: for each drive the ends of ranges of its speed [rad/s or m/s], ascending.
         scale: standard deviation of the residual's mean over `MEAN`, in each range [N m or N].
         noise: the same of single samples, from one to the next.
@@ -63,9 +45,8 @@ class Expectation:
 
     source: Source
     p: Float[np.ndarray, " active"]
-    slack: Slack
-    friction: Float[np.ndarray, " laws"]
-    of_torque: Float[np.ndarray, " torques"]
+    nuisance: Nuisance
+    x: Float[np.ndarray, " columns"]
     speeds: Float[np.ndarray, "dof ends"]
     scale: Float[np.ndarray, "dof ranges"]
     noise: Float[np.ndarray, " dof"]
@@ -76,9 +57,14 @@ class Expectation:
         return self.source.recording.log.rate
 
     @property
+    def length(self) -> int:
+        """Samples that are averaged."""
+        return _length(self.rate)
+
+    @property
     def lags(self) -> Float[np.ndarray, " dof"]:
         """How late torques are, to first order [s]."""
-        return 1e-3 * self.of_torque[::OF_TORQUE]
+        return self.nuisance.lags(self.x)
 
     @cached_property
     def coulomb(self) -> Float[np.ndarray, " dof"]:
@@ -90,22 +76,22 @@ class Expectation:
     @property
     def misfit(self) -> Float[np.ndarray, " dof"]:
         """How many times what noise would be the residual's mean scatters."""
-        return self.scale.min(axis=1) * np.sqrt(length(self.rate)) / self.noise
+        return self.scale.min(axis=1) * np.sqrt(self.length) / self.noise
 
     @property
     def fits(self) -> bool:
         """Whether the residual is noise."""
         return bool(np.all(self.misfit <= NOISE))
 
-    def compared(self, w: Samples) -> "Compared":
-        """Recorded torques and expected ones at consecutive samples."""
+    def compared(self, w: Samples) -> tuple[Torques, Torques]:
+        """Recorded torques less expected ones at consecutive samples, NaN where they do not count;
+        and what gears carry of the expected ones: those without friction and rotors."""
         values = self.source.entries(w)
-        tau = self._slackened(w, self.source.torques(values, self.p), self.rate)
+        tau = self._expected(w, values, self.rate)
         gear = self.source.torques(values, np.where(self._of_motors, 0.0, self.p))
-        left = np.where(self.source.counts(w), w.tau.T - tau, np.nan)
-        return Compared(tau, left, gear)
+        return np.where(self.source.counts(w), w.tau.T - tau, np.nan), gear
 
-    def roughly_left(self, w: Samples, every: int) -> Float[np.ndarray, "dof samples"]:
+    def roughly_left(self, w: Samples, every: int) -> Torques:
         """Recorded torques less expected ones, as `compared` has it but for its errors.
 
         Expected ones are computed at each so-manieth sample, and follow between them from the two
@@ -113,23 +99,18 @@ class Expectation:
         them, it is NaN.
         """
         if len(w.time) <= 3 * every:
-            return self.compared(w).left
+            return self.compared(w)[0]
         knots = w.part(slice(None, None, every))
-        tau = self.source.torques(self.source.entries(knots), self.p)
-        tau = self._slackened(knots, tau, self.rate / every)
-        forward, _ = joint_rates(self.slack.kinematics, knots)
+        tau = self._expected(knots, self.source.entries(knots), self.rate / every)
+        forward, _ = joint_rates(self.nuisance.kinematics, knots)
         turns = np.append(np.any(np.diff(forward > 0, axis=0), axis=1), False)
         tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
         return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, every, len(w.time)), np.nan)
 
-    def _slackened(
-        self, w: Samples, tau: Float[np.ndarray, "dof samples"], rate: float
-    ) -> Float[np.ndarray, "dof samples"]:
-        """Torques with those of the slack, at samples of some rate [Hz]."""
-        rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        more = self.slack.friction_torque(w, self.friction)
-        more += np.einsum("dcs,c->ds", self.slack.of_torque(tau, rise, w.qd.T), self.of_torque)
-        return tau + more
+    def _expected(
+        self, w: Samples, values: Float[np.ndarray, "entries samples"], rate: float
+    ) -> Torques:
+        return self.nuisance.added(w, self.source.torques(values, self.p), rate, self.x)
 
     def scales(self, w: Samples) -> Float[np.ndarray, "dof samples"]:
         """Standard deviation of the residual's mean at some samples."""
@@ -141,7 +122,7 @@ class Expectation:
         return np.array([one.kind in ("friction", "rotor") for one in self.source.parameters])
 
 
-def length(rate: float) -> int:
+def _length(rate: float) -> int:
     """Samples that are averaged: odd, so that their middle is one of them."""
     return max(1, 2 * round(0.5 * (MEAN * rate - 1)) + 1)
 
@@ -149,23 +130,18 @@ def length(rate: float) -> int:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def expect(source: Source) -> Expectation | None:
     """Fit a recording; of a long one its excerpt. None if it tells nothing."""
-    recording, kinematics = source.recording, source.dynamics.kinematics
-    size = length(recording.log.rate)
-    parts = [w.own for w in recording.brief.spread(kinematics, _MOST)]
+    recording, size = source.recording, _length(source.recording.log.rate)
+    parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, _MOST)]
     parts = [w for w in parts if len(w.time) >= size]
     blocks = blocks_of(source, parts, size) if parts else None
     if blocks is None or not blocks.tells:
         return None
-    p, friction, of_torque, scale = fitted(blocks, source.parameters)
-    left = blocks.tau - blocks.Y @ p - np.einsum("dcb,c->db", blocks.friction, friction)
-    left -= np.einsum("dcb,c->db", blocks.torque_columns(p), of_torque)
-    speeds, scale = by_speed(blocks, left, scale)
-    found = Expectation(
-        source, p, blocks.slack, friction, of_torque, speeds, scale, np.zeros(len(scale))
-    )
-    steps = [np.diff(found.compared(w).left, axis=1) for w in parts]
+    p, x, scale = fitted(blocks, source.parameters)
+    speeds, scale = by_speed(blocks, blocks.tau - blocks.Y @ p - blocks.beside(p) @ x, scale)
+    found = Expectation(source, p, blocks.nuisance, x, speeds, scale, np.zeros(len(scale)))
+    steps = [np.diff(found.compared(w)[0], axis=1) for w in parts]
     noise = deviation(np.concatenate(steps, axis=1)) / np.sqrt(2)
-    return replace(found, noise=np.maximum(noise, FLOOR * np.sqrt(size) * blocks.slack.torque))
+    return replace(found, noise=np.maximum(noise, FLOOR * np.sqrt(size) * blocks.nuisance.torque))
 
 
 def _between(

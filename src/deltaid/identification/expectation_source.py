@@ -1,4 +1,10 @@
-"""Whose torques are expected: a recording, and the columns that explain them."""
+"""Whose torques are expected: a recording, and the columns that explain them.
+
+Beside the robot's columns stand those of what drives do beside a description: friction of other
+forms, lags, gains, offsets. A residual is large where somebody pushes, but also at low speed or in
+one direction, and wherever torques change fast if they come late; with these columns in the fit
+none of that looks like an event. They are drawn to zero and forgotten afterwards.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,8 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
+from deltaid.effects.friction import SHAPES
 from deltaid.estimation.additions import Addition, Extended, entries, extended
 from deltaid.estimation.information import active_columns
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.masks.directions import Directions
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
@@ -16,17 +24,18 @@ from deltaid.robot.parameter import Parameter
 
 # Torques may be late by so much [s] before that is known; a reversal says nothing for so long.
 _APART = 5e-3
+# Columns of a joint's speed, and of a drive's torque: lag, load friction, gain.
+_OF_SPEED, _OF_TORQUE = len(SHAPES) + 1, 3
+# Standard deviations that nuisance coefficients are drawn to zero with: friction and offsets as
+# shares of the usual torque, lags [ms], load friction and gains.
+_FRICTION, _LAG, _SHARE = 0.1, 4.0, 0.1
+
+Torques = Float[np.ndarray, "dof samples"]
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Whose torques are expected: a recording, and the columns that explain them.
-
-    Attributes:
-        dynamics: of the robot.
-        additions: columns beside the robot's.
-        recording: with the repairs that are known.
-    """
+    """A robot with columns beside its own, and a recording with the repairs that are known."""
 
     dynamics: Dynamics
     additions: tuple[Addition, ...]
@@ -61,7 +70,7 @@ class Source:
 
     def torques(
         self, values: Float[np.ndarray, "entries samples"], p: Float[np.ndarray, " active"]
-    ) -> Float[np.ndarray, "dof samples"]:
+    ) -> Torques:
         """Y p from the entries of Y."""
         rows, at = self.pattern
         return np.stack([p[at[rows == i]] @ values[rows == i] for i in range(self.dynamics.dof)])
@@ -72,3 +81,85 @@ class Source:
             self.dynamics.kinematics, w.z, w.qd, w.qdd, within=_APART
         )
         return ((w.weights > 0.5) & known).T
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Columns of what a description lacks: offsets, friction of joints, then those of torques.
+
+    Attributes:
+        kinematics: of the robot.
+        speed: of each joint, drives first, that shapes of friction are scaled with [rad/s or m/s].
+        torque: of each drive that offsets and friction are scaled with [N m or N].
+    """
+
+    kinematics: Kinematics
+    speed: Float[np.ndarray, " joints"]
+    torque: Float[np.ndarray, " dof"]
+
+    @property
+    def deviations(self) -> Float[np.ndarray, " columns"]:
+        """Standard deviations that coefficients are drawn to zero with."""
+        dof = len(self.torque)
+        friction = np.full(dof + _OF_SPEED * len(self.speed), _FRICTION)
+        return np.append(friction, np.tile([_LAG, _SHARE, _SHARE], dof))
+
+    def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
+        """Offsets of the drives, and shapes of friction of all joints."""
+        shapes, arms = self._joints(w)
+        of_joints = np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.z))
+        offsets = np.diag(self.torque)[:, :, None]
+        return np.hstack([np.broadcast_to(offsets, (*offsets.shape[:2], len(w.z))), of_joints])
+
+    def added(
+        self, w: Samples, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
+    ) -> Torques:
+        """Torques of the model with those of these columns, at samples of some rate [Hz]."""
+        dof, (shapes, arms) = len(self.torque), self._joints(w)
+        offsets, of_speed, own = np.split(x, [dof, -_OF_TORQUE * dof])
+        of_joints = (of_speed.reshape(-1, 1, _OF_SPEED) @ shapes)[:, 0]
+        rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
+        of_torque = of_torques(tau, rise, w.qd.T)
+        return (
+            tau
+            + (offsets * self.torque)[:, None]
+            + np.einsum("jds,js->ds", arms, of_joints)
+            + np.einsum("dks,dk->ds", of_torque, own.reshape(dof, -1))
+        )
+
+    def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:
+        """How late torques are, to first order [s]."""
+        return 1e-3 * x[-_OF_TORQUE * len(self.torque) :: _OF_TORQUE]
+
+    def _joints(
+        self, w: Samples
+    ) -> tuple[Float[np.ndarray, "joints shapes samples"], Float[np.ndarray, "joints dof samples"]]:
+        """Shapes of friction of each joint, and what that makes at the drives."""
+        speed, slope = joint_rates(self.kinematics, w)
+        v = (speed / self.speed).T
+        size, sign = np.abs(v), np.sign(v)
+        shapes = np.stack([size, *(sign * shape(size) for shape, _ in SHAPES)], axis=1)
+        passive = slope.transpose(1, 2, 0)
+        largest = np.maximum(np.abs(passive).max(axis=2, initial=0.0), 1e-12)
+        passive = passive * (self.torque / largest).min(axis=1)[:, None, None]
+        drives = np.diag(self.torque)[:, :, None]
+        return shapes, np.vstack([np.broadcast_to(drives, (*drives.shape[:2], len(v[0]))), passive])
+
+
+def of_torques(
+    tau: Torques, rise: Torques, speed: Torques
+) -> Float[np.ndarray, "dof columns samples"]:
+    """Each drive's lag [ms], share of load friction and error of gain, from the model's torques,
+    their rise [1/s] and the drives' speeds."""
+    return np.stack([-1e-3 * rise, np.abs(tau) * np.sign(speed), tau], axis=1)
+
+
+def joint_rates(
+    kinematics: Kinematics, w: Samples
+) -> tuple[Float[np.ndarray, "samples joints"], Float[np.ndarray, "samples passive dof"]]:
+    """Speeds of drives and passive joints with friction, and ∂ϑ/∂q of the latter."""
+    passive = kinematics.passive_friction
+    if not passive.names:
+        return w.qd, np.zeros((len(w.time), 0, kinematics.dof))
+    rates = passive.rates(w.z, w.qd, w.qdd)
+    return np.hstack([w.qd, rates.speed]), rates.slope

@@ -1,13 +1,13 @@
 """A window of a recording looked at: whether anything comes near to standing out, and what does."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.identification.expectation import NOISE, Expectation, length
-from deltaid.identification.slack import joint_rates
-from deltaid.identification.spikes import spikes
+from deltaid.identification.expectation import NOISE, Expectation
+from deltaid.identification.expectation_source import Torques, joint_rates
 from deltaid.recording.windows import Window
 
 # What must be reached to stand out, in standard deviations; and by restless torque, in those of
@@ -18,36 +18,50 @@ _ENOUGH = 5
 # A window is looked at closely where anything comes this near to standing out; to see that, torques
 # are expected at so many places over the time of a mean.
 _NEAR, _PLACES = 0.8, 2
+# A spike stands out by so many standard deviations of single samples, for so many at most; several
+# drives at once have one only where it is over in less than this [s].
+_SPIKE, _LONGEST, _AT_ONCE = 12.0, 3, 3e-3
+# Samples on either side of a spike, whose range it exceeds so many times.
+_BESIDE, _STEEP = 4, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """A window's own samples: residual's mean, in standard deviations, spikes, changes of the signs
-    of gears' torques and of joints' speeds, and the torques that the low-pass took off."""
+    """A window's own samples, one a column.
+
+    Attributes:
+        z: task coordinates.
+        mean, size: the residual's mean over 9 ms [N m or N], and in standard deviations.
+        rough: how restless the torque is, in standard deviations of single samples.
+        spikes, jump: which samples are spikes, and by how much [N m or N].
+        signs: where gears' torques change their sign, then where joints' speeds do.
+        taken: torques of what the low-pass took off the motion [N m or N].
+        speed: of the drives, as shares of their usual ones.
+    """
 
     time: Float[np.ndarray, " samples"]
-    z: Float[np.ndarray, "samples dof"]
-    mean: Float[np.ndarray, "dof samples"]
-    size: Float[np.ndarray, "dof samples"]
-    rough: Float[np.ndarray, "dof samples"]
+    z: Torques
+    mean: Torques
+    size: Torques
+    rough: Torques
     spikes: Bool[np.ndarray, "dof samples"]
-    jump: Float[np.ndarray, "dof samples"]
+    jump: Torques
     signs: Bool[np.ndarray, "changes samples"]
-    taken: Float[np.ndarray, "dof samples"]
-    speed: Float[np.ndarray, "dof samples"]
+    taken: Torques
+    speed: Torques
 
     def part(self, which: slice) -> "Looked":
-        own = (x[:, which] for x in self.by_drive)
-        return Looked(self.time[which], self.z[which], *own)
+        """Some of them."""
+        return Looked(*(getattr(self, one.name)[..., which] for one in fields(self)))
 
-    @property
-    def by_drive(self) -> tuple[np.ndarray, ...]:
-        """All but times and places."""
-        first = (self.mean, self.size, self.rough, self.spikes, self.jump)
-        return *first, self.signs, self.taken, self.speed
+    @classmethod
+    def joined(cls, windows: Sequence["Looked"]) -> "Looked":
+        """One after the other."""
+        names = [one.name for one in fields(cls)]
+        return cls(*(np.concatenate([getattr(w, k) for w in windows], axis=-1) for k in names))
 
 
-def glance(expected: Expectation, window: Window) -> "tuple[int, Looked | None]":
+def glance(expected: Expectation, window: Window) -> tuple[int, Looked | None]:
     """Samples of a window, and a close look at it if that can show anything."""
     quiet = expected.fits and _is_quiet(expected, window)
     return len(window.own.time), None if quiet else _look(expected, window)
@@ -58,19 +72,19 @@ def _is_quiet(expected: Expectation, window: Window) -> bool:
 
     Neither a mean nor a single sample; a spike and restless torque have some that are far off.
     """
-    n, wide = length(expected.rate), window.wide
+    n, wide = expected.length, window.wide
     left = expected.roughly_left(wide, max(1, n // _PLACES))
     mean, count = _mean(left, n)
     far = np.abs(mean) * np.sqrt(count / n) > _NEAR * STRONG * expected.scales(wide)
     rough = np.abs(left - mean) > _NEAR * ROUGH * expected.noise[:, None]
-    return not (window.trimmed(far.T).any() or window.trimmed(rough.T).any())
+    return not window.trimmed((far | rough).T).any()
 
 
 def _look(expected: Expectation, window: Window) -> Looked:
-    wide, n = window.wide, length(expected.rate)
-    found = expected.compared(wide)
-    flags, jump = spikes(found.left, expected)
-    left = np.where(flags, np.nan, found.left)
+    wide, n = window.wide, expected.length
+    left, gear = expected.compared(wide)
+    flags, jump = _spikes(left, expected)
+    left = np.where(flags, np.nan, left)
     mean, count = _mean(left, n)
     with np.errstate(invalid="ignore"):
         size = mean * np.sqrt(count / n) / expected.scales(wide)
@@ -79,25 +93,22 @@ def _look(expected: Expectation, window: Window) -> Looked:
     if n < _ENOUGH:
         rough = np.zeros_like(rough)
     speeds, _ = joint_rates(expected.source.dynamics.kinematics, wide)
-    signs = np.signbit(np.vstack([found.gear, speeds.T]))
+    signs = np.signbit(np.vstack([gear, speeds.T]))
     signs = np.diff(signs, axis=1, append=signs[:, -1:])
     taken = np.zeros_like(mean)
     if np.any(np.nan_to_num(np.abs(size)) > STRONG) or np.any(np.nan_to_num(rough) > ROUGH):
         taken = _taken_off(window, expected, mean)
-    speed = np.abs(wide.qd.T) / expected.slack.speed[: len(mean), None]
-    by_drive = (mean, size, rough, flags, jump, signs, taken, speed)
-    own = (window.trimmed(x.T).T for x in by_drive)
-    return Looked(window.own.time, window.own.z, *own)
+    speed = np.abs(wide.qd.T) / expected.nuisance.speed[: len(mean), None]
+    by_drive = (wide.z.T, mean, size, rough, flags, jump, signs, taken, speed)
+    return Looked(window.own.time, *(window.trimmed(x.T).T for x in by_drive))
 
 
-def _taken_off(
-    window: Window, expected: Expectation, mean: Float[np.ndarray, "dof wide"]
-) -> Float[np.ndarray, "dof wide"]:
+def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
     """Torques of what the low-pass took off the motion, in the mean over the time of one.
 
     Where a robot starts, stops or turns sharply, the filtered motion does so smoothly, and earlier.
     """
-    source, wide, n = expected.source, window.wide, length(expected.rate)
+    source, wide, n = expected.source, window.wide, expected.length
     rate = _slope(window.off, max(1, n // 4), expected.rate)
     rise = _slope(rate, max(1, n // 2), expected.rate)
     before = replace(wide, qd=wide.qd + rate, qdd=wide.qdd + rise)
@@ -113,18 +124,46 @@ def _slope(x: Float[np.ndarray, "samples dof"], k: int, rate: float) -> np.ndarr
     return out
 
 
-def _mean(
-    x: Float[np.ndarray, "dof samples"], n: int
-) -> tuple[Float[np.ndarray, "dof samples"], Float[np.ndarray, "dof samples"]]:
+def _mean(x: Torques, n: int) -> tuple[Torques, Torques]:
     """Mean over the n samples about each one, without those that are NaN, and how many they are.
 
     NaN where the sample itself does not count.
     """
-    good = np.isfinite(x)
-    half = n // 2
-    sums, counts = (
-        np.cumsum(np.pad(y, ((0, 0), (half + 1, half))), axis=1)
-        for y in (np.where(good, x, 0.0), good.astype(float))
+    good, half = np.isfinite(x), n // 2
+    sums = np.cumsum(
+        np.pad([np.where(good, x, 0.0), good], ((0, 0), (0, 0), (half + 1, half))), axis=2
     )
-    total, count = sums[:, n:] - sums[:, :-n], counts[:, n:] - counts[:, :-n]
+    total, count = sums[..., n:] - sums[..., :-n]
     return np.where(good, total / np.maximum(count, 1.0), np.nan), count
+
+
+def _spikes(
+    left: Torques, expected: Expectation
+) -> tuple[Bool[np.ndarray, "dof samples"], Torques]:
+    """Single samples, or two or three, that stand out from both sides; and by how much [N m or N].
+
+    Both edges must be far steeper than what goes before and after, or the top of a hump would do.
+    """
+    dof, samples = left.shape
+    flags, jump = np.zeros((dof, samples), dtype=bool), np.zeros((dof, samples))
+    limit, far = _SPIKE * expected.noise[:, None], _LONGEST + 1
+    apart = np.abs(left[:, far:] - left[:, :-far]) > limit
+    if not np.any(apart[:, :-far] & apart[:, far:]):  # as nearly always
+        return flags, jump
+    brief = 1 if dof == 1 else _LONGEST
+    for rows in range(1, _LONGEST + 1):
+        if samples < rows + 2 * _BESIDE:
+            continue
+        x = np.lib.stride_tricks.sliding_window_view(left, rows + 2 * _BESIDE, axis=1)
+        before, inside, after = x[..., :_BESIDE], x[..., _BESIDE:-_BESIDE], x[..., -_BESIDE:]
+        up, down = inside - before[..., -1:], inside - after[..., :1]
+        same = np.all(np.sign(up) == np.sign(up[..., :1]), axis=-1) & np.all(up * down > 0, axis=-1)
+        size = np.where(same, np.minimum(np.abs(up), np.abs(down)).min(axis=-1), 0.0)
+        beside = np.maximum(np.ptp(before, axis=-1), np.ptp(after, axis=-1))
+        quiet = np.sum(size > 0.5 * limit, axis=0) == 1
+        at_once = rows <= _AT_ONCE * expected.rate
+        seen = (size > limit) & (size > _STEEP * beside) & (at_once | ((rows <= brief) & quiet))
+        for i, k in np.argwhere(seen):
+            here = slice(k + _BESIDE, k + _BESIDE + rows)
+            flags[i, here], jump[i, here] = True, np.maximum(jump[i, here], size[i, k])
+    return flags, jump

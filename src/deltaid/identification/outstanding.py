@@ -3,16 +3,16 @@
 The residual's mean over 9 ms is compared with its usual scatter: a stretch begins and ends where a
 drive's is within 3 standard deviations, and counts if it is beyond 6 somewhere. Both are wider
 where the scatter is no noise but a model that does not fit. Single samples that stand out are
-spikes, and are looked for first (`spikes.py`). Windows overlap, so that their cuts do not show.
+spikes, and are looked for first. Windows overlap, so that their cuts do not show.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.identification.expectation import NOISE, Expectation, length
+from deltaid.identification.expectation import NOISE, Expectation
 from deltaid.identification.expectation_blocks import deviation
 from deltaid.identification.looked import ROUGH, STRONG, Looked, glance
 from deltaid.recording.masks.runs import runs_of
@@ -29,6 +29,8 @@ _FEW, _NEARLY = 0.5, 0.5
 _TOGETHER = 4.0
 # A step in time so many times the usual one ends a stretch.
 _GAP = 1.5
+
+OfDrives = Float[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +52,11 @@ class Stretch:
     start: float
     end: float
     drives: tuple[int, ...]
-    sizes: Float[np.ndarray, " dof"]
+    sizes: OfDrives
     peak: float
-    z: Float[np.ndarray, " dof"]
-    speed: Float[np.ndarray, " dof"]
-    left: Float[np.ndarray, " dof"]
+    z: OfDrives
+    speed: OfDrives
+    left: OfDrives
     spike: bool = False
     sharp: float = 0.0
 
@@ -89,42 +91,32 @@ class Outstanding:
     reversals: tuple[Float[np.ndarray, " _"], ...]
 
 
-class _Course:
-    """Stretches along a recording, joined; of those that fall short of the threshold their number.
+@dataclass
+class Course:
+    """Stretches along a recording, those no more than `gap` [s] apart as one.
 
-    Args:
-        step: time between two samples [s].
+    Of those that fall short of the threshold no more is kept than the number that nearly reach it.
     """
 
-    def __init__(self, step: float) -> None:
-        self._step, self._found, self._nearly = step, list[Stretch](), 0
+    gap: float
+    reaching: list[Stretch] = field(default_factory=list[Stretch])
+    nearly: int = 0
 
-    def join(self, more: Iterable[Stretch]) -> None:
-        """Add stretches of consecutive samples; the first may go on where the last one ended."""
-        for one in more:
-            last = self._found[-1] if self._found else None
-            if last is None or last.spike or one.spike or one.start - last.end > _GAP * self._step:
-                self._count_last()
-                self._found.append(one)
+    def join(self, stretches: Iterable[Stretch]) -> None:
+        """Add stretches; the first may go on where the last one ended."""
+        for stretch in stretches:
+            last = self.reaching[-1] if self.reaching else None
+            apart = last is None or last.spike or stretch.spike
+            if last is None or apart or stretch.start - last.end > self.gap:
+                self.end()
+                self.reaching.append(stretch)
             else:
-                self._found[-1] = last.with_next(one)
+                self.reaching[-1] = last.with_next(stretch)
 
-    @property
-    def reaching(self) -> list[Stretch]:
-        """Those that reach the threshold."""
-        self._count_last()
-        return self._found
-
-    @property
-    def apart(self) -> bool:
-        """Whether what stands out is set apart from all the rest, by few that nearly do."""
-        reaching = sum(not one.spike for one in self.reaching)
-        return self._nearly <= _FEW * reaching
-
-    def _count_last(self) -> None:
+    def end(self) -> None:
         """No more of the last one comes: if it falls short, noise has many like it."""
-        if self._found and self._found[-1].size < 1.0:
-            self._nearly += self._found.pop().size >= _NEARLY
+        if self.reaching and self.reaching[-1].size < 1.0:
+            self.nearly += self.reaching.pop().size >= _NEARLY
 
 
 def outstanding(expected: Expectation) -> Outstanding:
@@ -139,8 +131,8 @@ def stands_out(expected: Expectation, window: Window) -> bool:
     return bool(_of(expected, [glance(expected, window)]).stretches)
 
 
-def _of(expected: Expectation, windows: "Iterable[tuple[int, Looked | None]]") -> Outstanding:
-    """What stands out of some windows."""
+def _of(expected: Expectation, windows: Iterable[tuple[int, Looked | None]]) -> Outstanding:
+    """What stands out of some windows, each with the number of its samples."""
     step, samples, looked = 1.0 / expected.rate, 0, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
 
@@ -148,10 +140,10 @@ def _of(expected: Expectation, windows: "Iterable[tuple[int, Looked | None]]") -
         nonlocal samples
         for count, seen in windows:
             samples += count
-            if seen is not None:
+            if seen is not None and len(seen.time):
                 yield seen
 
-    narrow, wide = _Course(step), _Course(step)
+    narrow, wide = Course(_GAP * step), Course(_GAP * step)
     changes: list[list[np.ndarray]] = []
     for part in _together(close()):
         looked += len(part.time)
@@ -163,8 +155,11 @@ def _of(expected: Expectation, windows: "Iterable[tuple[int, Looked | None]]") -
             narrow.join(_stretches(one, local))
             if not expected.fits:
                 wide.join(_stretches(one, local * wider))
-    shortest = step * (length(expected.rate) // 2 - 0.5)
-    found = narrow if expected.fits or narrow.apart else wide
+    narrow.end()
+    wide.end()
+    apart = narrow.nearly <= _FEW * sum(not one.spike for one in narrow.reaching)
+    found = narrow if expected.fits or apart else wide
+    shortest = step * (expected.length // 2 - 0.5)
     kept = tuple(o for o in found.reaching if o.spike or o.end - o.start >= shortest)
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
@@ -175,72 +170,46 @@ def _together(windows: Iterable[Looked]) -> Iterator[Looked]:
     """Windows in groups of some seconds; a short rest belongs to the last."""
     ready: list[Looked] = []
     waiting: list[Looked] = []
-    for one in windows:
-        if not len(one.time):
-            continue
-        waiting.append(one)
-        if waiting[-1].time[-1] - waiting[0].time[0] >= _TOGETHER:
+    for window in windows:
+        waiting.append(window)
+        if window.time[-1] - waiting[0].time[0] >= _TOGETHER:
             if ready:
-                yield _joined(ready)
+                yield Looked.joined(ready)
             ready, waiting = waiting, []
     if ready or waiting:
-        yield _joined([*ready, *waiting])
+        yield Looked.joined([*ready, *waiting])
 
 
-def _joined(parts: list[Looked]) -> Looked:
-    by_drive = zip(*(w.by_drive for w in parts), strict=True)
-    return Looked(
-        np.concatenate([w.time for w in parts]),
-        np.concatenate([w.z for w in parts]),
-        *(np.concatenate(own, axis=1) for own in by_drive),
-    )
-
-
-def _stretches(w: Looked, limits: Float[np.ndarray, " dof"]) -> list[Stretch]:
-    """Runs of samples without a gap in which any drive is beyond the weak threshold."""
+def _stretches(w: Looked, limits: OfDrives) -> list[Stretch]:
+    """Runs of samples without a gap in which any drive is beyond the weak threshold, and spikes."""
     lasting = np.nan_to_num(np.abs(w.size)) / (STRONG * limits[:, None])
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
+    taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
     found: list[Stretch] = []
-    weak = np.asarray(np.any(size > _WEAK / STRONG, axis=0))
-    for first, last in runs_of(weak).tolist():
+    for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
-        largest = size[:, inside].max(axis=1)
-        if largest.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
+        sizes = size[:, inside].max(axis=1)
+        if sizes.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
             continue  # nor does it go on in the next window
         at = first + int(np.argmax(np.sum(lasting[:, inside] ** 2, axis=0)))
-        which = tuple(np.flatnonzero(largest > _WEAK / STRONG).tolist())
-        one = _stretch(w, (first, at, last), which, largest, w.mean[:, at])
-        if one.size >= 1.0:
-            one = replace(one, sharp=_share(w.taken[:, inside], w.mean[:, inside]))
-        found.append(one)
-    for i in range(len(size)):
-        for first, last in runs_of(w.spikes[i]).tolist():
+        drives = tuple(np.flatnonzero(sizes > _WEAK / STRONG).tolist())
+        share = np.linalg.norm(taken[:, inside]) / max(np.linalg.norm(mean[:, inside]), 1e-300)
+        one = _stretch(w, (first, at, last), drives, sizes, mean[:, at].copy())
+        found.append(replace(one, sharp=float(share)))
+    for i, flags in enumerate(w.spikes):
+        for first, last in runs_of(flags).tolist():
             at = first + int(np.argmax(w.jump[i, first : last + 1]))
-            left = np.zeros(len(size))
-            left[i] = w.jump[i, at]
-            sizes = np.where(left > 0, np.inf, 0.0)
-            found.append(replace(_stretch(w, (first, at, last), (i,), sizes, left), spike=True))
+            left = np.where(np.arange(len(size)) == i, w.jump[i, at], 0.0)
+            one = _stretch(w, (first, at, last), (i,), np.where(left > 0, np.inf, 0.0), left)
+            found.append(replace(one, spike=True))
     return sorted(found, key=lambda one: one.start)
 
 
-def _share(
-    part: Float[np.ndarray, "dof samples"], whole: Float[np.ndarray, "dof samples"]
-) -> float:
-    """Size of one residual as a share of another's."""
-    return float(
-        np.linalg.norm(np.nan_to_num(part)) / max(np.linalg.norm(np.nan_to_num(whole)), 1e-300)
-    )
-
-
 def _stretch(
-    w: Looked,
-    at: tuple[int, int, int],
-    drives: tuple[int, ...],
-    sizes: Float[np.ndarray, " dof"],
-    left: Float[np.ndarray, " dof"],
+    w: Looked, at: tuple[int, int, int], drives: tuple[int, ...], sizes: OfDrives, left: OfDrives
 ) -> Stretch:
     """A stretch from its first sample, that of the peak, and its last."""
-    start, peak, end = (float(w.time[k]) for k in at)
+    start, peak, end = w.time[list(at)].tolist()
     # Copies: a view would keep all samples about it, for as long as the recording is looked at.
-    z, speed = w.z[at[1]].copy(), w.speed[:, at[1]].copy()
-    return Stretch(start, end, drives, sizes, peak, z, speed, np.nan_to_num(left))
+    z, speed = w.z[:, at[1]].copy(), w.speed[:, at[1]].copy()
+    return Stretch(start, end, drives, sizes, peak, z, speed, left)
