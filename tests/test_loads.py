@@ -10,10 +10,10 @@ import pytest
 from command import run
 from deltaid.check.identified import identify as judged
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError, UnknownNameError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import declared_loads, held, joined
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied

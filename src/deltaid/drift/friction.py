@@ -17,13 +17,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
 from deltaid.factors.file import FactorFile
 from deltaid.factors.keys import require_alike
 from deltaid.factors.merged import Merging, merging_of
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.model.record import IdentifiedModel
 
 # What is held beside what was told: so many times what the carrier weighs, this far off its axis

@@ -6,8 +6,10 @@ solvers, base parameters and intervals treat all alike.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,6 +26,8 @@ from deltaid.robot.parameter import Parameter
 
 Values = Float[np.ndarray, "entries samples"]
 Own = Float[np.ndarray, "own samples"]
+_Added = TypeVar("_Added", bound="Addition")
+_Value = TypeVar("_Value")
 
 
 class Addition(ABC):
@@ -142,6 +146,14 @@ def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Ex
         return dynamics
     behind = tuple(addition.on(dynamics) for addition in additions)
     return Extended(dynamics, len(dynamics.layout.names), behind)
+
+
+def of_each(
+    additions: Sequence[_Added], values: Iterable[_Value]
+) -> Iterator[tuple[_Added, tuple[_Value, ...]]]:
+    """Each addition with its own of values that stand in the order of their parameters."""
+    rest = iter(values)
+    return ((one, tuple(islice(rest, len(one.parameters)))) for one in additions)
 
 
 def entries(

@@ -13,6 +13,7 @@ from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.places import Places
@@ -24,7 +25,6 @@ from deltaid.factors.record import record_of
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings

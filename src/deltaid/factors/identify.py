@@ -11,6 +11,7 @@ import numpy as np
 from deltaid.check.identified import Judged
 from deltaid.check.verdicts import Verdicts
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
 from deltaid.factors.file import FactorFile
@@ -18,7 +19,6 @@ from deltaid.factors.keys import require_alike
 from deltaid.factors.merged import fitted, holding, merged, merging_of, ordered
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import assembled, judged_parameters
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import found_loads, known_load
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.corrections import Correction

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.information import Information, merge
 from deltaid.estimation.span import Span
@@ -20,7 +21,6 @@ from deltaid.identification.fit import FittedProblem, fit_to, widened
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows, shifted
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.loads import Held, joined
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription

@@ -17,8 +17,10 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.estimation.additions import Extended
+from deltaid.estimation.additions import Extended, Values
 from deltaid.recording.windows import Samples
+
+Factor = Float[np.ndarray, "dof samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +42,18 @@ class LoadSlope:
         """At parameters p of the robot; entries of additions behind its own are not of X."""
         robot = regressor.kinematics.robot
         layout, (drives, columns) = parameter_layout(robot), regressor.regressor_pattern
-        of_links = np.zeros(columns.max(initial=0) + 1, dtype=bool)
-        for k, one in enumerate(layout.parameters):
-            motor = one.owner in robot.drives and one.kind in ("friction", "rotor")
-            of_links[k] = not motor
+        of_links = [
+            k for k, one in enumerate(layout.parameters)
+            if not (one.owner in robot.drives and one.kind in ("friction", "rotor"))
+        ]  # fmt: skip
         values = dict(zip(layout.names, p.tolist(), strict=True))
         shares = np.array([values.get(f"load.{drive}", 0.0) for drive in robot.drives])
-        return cls(shares, drives, of_links[columns])
+        return cls(shares, drives, np.isin(columns, of_links))
 
-    def factor(
-        self, w: Samples, x: Float[np.ndarray, "samples dof"]
-    ) -> Float[np.ndarray, "dof samples"]:
+    def factor(self, w: Samples, x: Float[np.ndarray, "samples dof"]) -> Factor:
         """μ₀ s sign(x₀) of each drive, where gears carry x₀."""
         return (self.shares * np.sign(w.qd) * np.sign(x)).T
 
-    def scaled(
-        self,
-        entries: Float[np.ndarray, "entries samples"],
-        factor: Float[np.ndarray, "dof samples"],
-    ) -> Float[np.ndarray, "entries samples"]:
+    def scaled(self, entries: Values, factor: Factor) -> Values:
         """Entries of the regressor with this slope."""
         return entries * (1.0 + self.carried[:, None] * factor[self.drives])

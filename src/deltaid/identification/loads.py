@@ -1,34 +1,29 @@
 """What recordings say is held: found roughly before the fit, and told after it.
 
 Before the fit, p_L is found roughly and its torques are taken out of the recordings, so that
-whatever is done to these sees the robot alone; the columns of the fit (`load_columns.py`) then have
-p_L less what was taken out.
+whatever is done to these sees the robot alone; the columns of the fit (`effects.load_columns`) then
+have p_L less what was taken out.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.load_columns import LoadColumns, Ten
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, extended
+from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.gathering import gather_all
-from deltaid.identification.load_columns import LoadColumns, Ten
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
-
-# Windows of each recording that a first estimate is made from.
-_WINDOWS = 16
-
 
 # Of each recording its name, for messages, and the loads that it holds.
 Held = Sequence[tuple[str, Sequence[Load]]]
@@ -65,19 +60,13 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
     loads = joined(held(setup.recordings))
     if not loads:
         return setup
-    spread, none = setup.settings.prior_spread, np.zeros(10)
-    columns = tuple(LoadColumns(setup.dynamics, load, spread, none) for load in loads)
     progress("finding what the robot carries")
-    found = _rough(setup, columns)
-    columns = tuple(replace(one, taken=p) for one, p in zip(columns, found, strict=True))
-    return with_loads(setup, {one.load.name: one.taken for one in columns}).changed(
-        additions=(*setup.additions, *columns)
-    )
-
-
-def with_loads(setup: Setup, loads: dict[str, Ten]) -> Setup:
-    """The same with torques of these loads taken out of the recordings that hold them."""
-    return setup.changed(recordings=tuple(unloaded(one, loads) for one in setup.recordings))
+    spread, none = setup.settings.prior_spread, np.zeros(10)
+    columns = [LoadColumns(setup.dynamics, load, spread, none) for load in loads]
+    found = [replace(one, taken=p) for one, p in zip(columns, _rough(setup, columns), strict=True)]
+    taken = {one.load.name: one.taken for one in found}
+    recordings = tuple(unloaded(one, taken) for one in setup.recordings)
+    return setup.changed(recordings=recordings, additions=(*setup.additions, *found))
 
 
 def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
@@ -91,24 +80,18 @@ def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
 def found_loads(
     additions: Sequence[Addition], judged: Sequence[Judged], holding: Held
 ) -> tuple[HeldLoad, ...]:
-    """Loads with what a fit found of them.
-
-    Args:
-        additions: of the fit.
-        judged: the parameters of all of them.
-        holding: which recording held what.
-    """
-    found, rest = list[HeldLoad](), iter(judged)
-    for one in additions:
-        own = tuple(islice(rest, len(one.parameters)))
-        if isinstance(one, LoadColumns):
-            name = one.load.name
-            logs = tuple(
-                Path(where).name for where, loads in holding if name in {x.name for x in loads}
-            )
-            parameters = one.whole(own)
-            found.append(HeldLoad(name=name, body=one.body, logs=logs, parameters=parameters))
-    return tuple(found)
+    """Loads of a fit's additions, with what it judged of all additions' parameters."""
+    names = [(Path(where).name, {load.name for load in loads}) for where, loads in holding]
+    return tuple(
+        HeldLoad(
+            name=one.load.name,
+            body=one.body,
+            logs=tuple(log for log, held in names if one.load.name in held),
+            parameters=one.whole(own),
+        )
+        for one, own in of_each(additions, judged)
+        if isinstance(one, LoadColumns)
+    )
 
 
 def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
@@ -117,8 +100,7 @@ def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
     Raises:
         RecordingError: neither.
     """
-    identified = model.identified.loads if model.identified else ()
-    known = {load.name: load.p for load in identified}
+    known = {load.name: load.p for load in model.identified.loads} if model.identified else {}
     name = columns.load.name
     if name not in known and columns.load.mass is None:
         raise RecordingError(
@@ -136,11 +118,10 @@ def as_known(recording: Recording, model: Model) -> Recording:
     Raises:
         RecordingError: one of the loads is neither.
     """
-    spread, known = model.prior_spread, dict[str, Ten]()
-    for load in recording.log.columns.loads:
-        columns = LoadColumns(model.dynamics, load, spread, np.zeros(10))
-        known[load.name] = known_load(columns, model, str(recording.path))
-    return unloaded(recording, known)
+    loads, none = recording.log.columns.loads, np.zeros(10)
+    columns = [LoadColumns(model.dynamics, load, model.prior_spread, none) for load in loads]
+    where = str(recording.path)
+    return unloaded(recording, {one.load.name: known_load(one, model, where) for one in columns})
 
 
 def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
@@ -148,18 +129,15 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
     so consistency is none of its business."""
     if all(one.is_fixed for one in columns):
         return [one.prior for one in columns]
-    dynamics, both = setup.dynamics, (*setup.additions, *columns)
+    both = (*setup.additions, *columns)
     some = [one.brief for one in setup.recordings]
     prior = prior_parameters(setup.robot)
-    information = gather_all(extended(dynamics, both), some, prior).information
+    information = gather_all(extended(setup.dynamics, both), some, prior).information
     added = [(one.parameters, one.free) for one in both]
     reduction = build_reduction(setup.robot, information.columns, added)
     objective = pose(information, reduction, setup.settings)
     _, gradient, hessian = objective.evaluate(reduction.prior)
     x = reduction.prior - np.linalg.solve(hessian, gradient)
     p = reduction.A @ x + reduction.p_0
-    rest = iter(p[len(p) - sum(len(one.parameters) for one in columns) :])
-    return [
-        one.prior if one.is_fixed else np.array(list(islice(rest, len(one.parameters))))
-        for one in columns
-    ]
+    found = of_each(columns, p[len(p) - sum(len(one.parameters) for one in columns) :])
+    return [one.prior if one.is_fixed else np.array(own) for one, own in found]

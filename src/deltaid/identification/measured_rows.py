@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Regressor
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Extended
 from deltaid.estimation.information import Chunk, active_columns
-from deltaid.identification.load_columns import LoadColumns
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.recording.carried import carrier
 from deltaid.recording.recording import Recording
@@ -31,17 +31,12 @@ Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What all sensors show along filtered samples.
+    """What all sensors show along filtered samples, entries of their rows there, and how many
+    samples each is worth."""
 
-    Attributes:
-        values: entries of their rows, in the order of the pattern.
-        y: what they show, one row a channel.
-        counted: how many samples each is worth.
-    """
-
-    values: Float[np.ndarray, "entries samples"]
-    y: Float[np.ndarray, "channels samples"]
-    counted: Float[np.ndarray, "channels samples"]
+    values: Values
+    y: PerChannel
+    counted: PerChannel
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +44,6 @@ class SensorPart:
     """The rows of one sensor among those of a fit.
 
     Attributes:
-        columns: the sensor.
         first: place of its unknowns among all parameters.
         pattern: channel and column of each entry, columns as of the fit; those of loads last.
         loads: each load with the entries of its carrier.
@@ -79,8 +73,8 @@ class SensorPart:
 
     def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
         """Entries, what it shows, and weights, along samples; zero where there is no number."""
-        rows, columns = self.columns.rows, recording.log.columns
-        shown = columns.shown(w.extra).get(rows.name)
+        rows, log = self.columns.rows, recording.log
+        shown = log.columns.shown(w.extra).get(rows.name)
         if shown is None:
             nothing = np.zeros((self.channels, len(w.time)))
             return np.zeros((len(self.pattern[0]), len(w.time))), nothing, nothing
@@ -90,31 +84,15 @@ class SensorPart:
         # reach a sensor; what makes all of them useless does.
         weights = counts * w.weights.max(axis=1, initial=0.0)
         own = rows.entries(w.z, w.qd, w.qdd, y)
-        values, held = [own], columns.held(w.time, w.extra)
-        names = [load.name for load in columns.loads]
-        for load, at in self.loads:
-            name = load.load.name
-            state = held[names.index(name)] if name in names else np.zeros(len(w.time))
-            values.append(own[at] * state)
-        y = y - self._carried(own, w, recording, held)
-        channels, _ = self.pattern
-        every = np.vstack(values)
-        return every * weights[channels], y * weights, weights
-
-    def _carried(
-        self, own: Values, w: Samples, recording: Recording, held: np.ndarray
-    ) -> Float[np.ndarray, "channels samples"]:
-        """What loads whose torques have been taken out of the recording make it show."""
-        robot, layout = self.columns.dynamics.robot, self.columns.dynamics.layout
-        total = np.zeros((self.channels, len(w.time)))
-        channels, columns = self.columns.rows.pattern
-        pairs = zip(recording.log.columns.loads, recording.repairs.loads, strict=False)
-        for k, (load, p) in enumerate(pairs):
-            part = layout.body(carrier(load, robot))
-            at = np.flatnonzero((columns >= part.start) & (columns < part.stop))
-            shares = np.array(p)[columns[at] - part.start][:, None] * held[k]
-            np.add.at(total, channels[at], own[at] * shares)
-        return total
+        # Loads whose torques have been taken out of the recording are taken out here.
+        dynamics, (channels, columns) = self.columns.dynamics, rows.pattern
+        held = log.columns.held(w.time, w.extra)
+        for load, p, state in zip(log.columns.loads, recording.repairs.loads, held, strict=False):
+            values = np.zeros(len(dynamics.layout.names) + len(rows.parameters))
+            values[dynamics.layout.body(carrier(load, dynamics.robot))] = p
+            np.add.at(y, channels, -own * values[columns][:, None] * state)
+        every = np.vstack([own, *(own[at] * load.held(w, recording) for load, at in self.loads)])
+        return every * weights[self.pattern[0]], y * weights, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +134,8 @@ class MeasuredRows:
         return active_columns(self)
 
     @property
-    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+    def regressor_pattern(self) -> Pattern:
         """Row and column of every entry that is not always zero."""
-        return self._pattern
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
         first = self.drives
         for part in self.sensors:
@@ -219,13 +193,12 @@ def _part(
     """A sensor whose unknowns stand in columns from `first` on, beside a robot's `own` columns."""
     channels, columns = one.rows.pattern
     beside = len(one.dynamics.layout.names)
-    placed = np.where(columns < beside, columns, columns - beside + first)
     assert beside == own or not np.any(columns >= own), "unknowns follow the robot's columns"
-    rows, at, carried = [channels], [placed], []
+    rows, at = [channels], [np.where(columns < beside, columns, columns - beside + first)]
+    carried = list[tuple[LoadColumns, Int[np.ndarray, " _"]]]()
     for load, start in loads:
-        part = one.dynamics.layout.body(load.body)
-        entries = np.flatnonzero((columns >= part.start) & (columns < part.stop))
-        rows.append(channels[entries])
-        at.append(columns[entries] - part.start + start)
+        entries = load.carried(columns)
         carried.append((load, entries))
+        rows.append(channels[entries])
+        at.append(columns[entries] - one.dynamics.layout.body(load.body).start + start)
     return SensorPart(one, first, (np.concatenate(rows), np.concatenate(at)), tuple(carried))

@@ -51,20 +51,24 @@ class SensorColumns(Addition):
         """A sensor of a robot by its name in the description."""
         known = known or {}
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
-        if any(_depends(one) for one in rows.parameters):
-            every = (*dynamics.layout.parameters, *rows.parameters)
-            rows = about(rows, np.array([known.get(one.name, one.prior) for one in every]))
-        return cls(dynamics, rows, prior_spread, known)
+        found = cls(dynamics, rows, prior_spread, known)
+        if not found.is_bilinear:
+            return found
+        every = (*dynamics.layout.parameters, *rows.parameters)
+        values = np.array([known.get(one.name, one.prior) for one in every])
+        return cls(dynamics, about(rows, values), prior_spread, known)
 
     @property
     def is_bilinear(self) -> bool:
-        """Whether some of its columns depend on the other parameters."""
-        return any(_depends(one) for one in self.rows.parameters)
+        """Whether some of its columns go by what it should show, and so by other parameters."""
+        return any(one.symbol == "gain" or is_of_pose(one) for one in self.rows.parameters)
 
     def on(self, dynamics: Dynamics) -> "SensorColumns":
-        if dynamics is self.dynamics:
-            return self
-        return self.of(dynamics, self.rows.name, self.prior_spread, self.known)
+        return self if dynamics is self.dynamics else self.seen_from(dynamics, self.known)
+
+    def seen_from(self, dynamics: Dynamics, known: Mapping[str, float]) -> "SensorColumns":
+        """The same beside the columns of a robot, its gain and pose seen from other parameters."""
+        return self.of(dynamics, self.rows.name, self.prior_spread, known)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -90,8 +94,3 @@ class SensorColumns(Addition):
         own = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
         text = f"what it showed was fitted with the torques, in its own units{own}"
         return (Correction(kind="sensor", subject=self.rows.name, text=text),)
-
-
-def _depends(one: Parameter) -> bool:
-    """Whether the column of a sensor's unknown goes by what the sensor should show."""
-    return one.symbol == "gain" or is_of_pose(one)

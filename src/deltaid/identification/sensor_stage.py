@@ -1,22 +1,104 @@
-"""Which sensors the recordings have, and what these and measured values make free."""
+"""Which sensors the recordings have, and what these and measured values make free.
 
-from collections.abc import Mapping, Sequence
-from itertools import islice
+What `free` leaves out of a body costs a fit of torques nothing where torques do not show it. A new
+row that does show it would take it for known exactly, and all intervals would be too narrow. So it
+varies around the prior as it was before the reduction. An entry that torques show and that is not
+free is a statement of the description, and stays; so does a body with `free: []`.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool, Int
 
-from deltaid.estimation.additions import Addition
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.estimation.additions import of_each
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.new_entries import with_new_entries
 from deltaid.identification.sensor_columns import SensorColumns
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.sensor_record import FittedChannel, FittedSensor
+from deltaid.robot.body import Body
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 from deltaid.sensors.weighings import weighings
 
 # Rounds at most until gain and pose of sensors stay, and the step, as a share of their priors'
 # deviations, below which they do.
 _ROUNDS, _SETTLED = 10, 1e-3
+
+
+def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
+    """The sensors of the description that some recording has a column of, as part of the fit."""
+    robot, dynamics, spread = setup.robot, setup.dynamics, setup.settings.prior_spread
+    recorded = {name for one in setup.recordings for name in one.log.columns.sensor_names}
+    names = [name for name in robot.sensors if name in recorded]
+    known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
+    if not (names or known):
+        return setup
+    if names:
+        progress(f"taking in {', '.join(names)}")
+    rows = [SensorColumns.of(dynamics, name, spread).rows for name in names]
+    shown = np.unique(np.concatenate([*known, *(one.pattern[1] for one in rows)]))
+    shown = shown[shown < len(dynamics.layout.names)]
+    setup = setup.changed(robot=with_new_entries(robot, shown, dynamics.regressor_pattern[1]))
+    sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
+    return setup.changed(additions=(*setup.additions, *sensors))
+
+
+def with_new_entries(
+    robot: RobotDescription,
+    shown: Int[np.ndarray, " shown"],
+    by_torques: Int[np.ndarray, " visible"],
+) -> RobotDescription:
+    """A description in which all is free that sensors and measured values show for the first time.
+
+    Args:
+        shown: parameters that these show.
+        by_torques: those that torques do.
+    """
+    layout = parameter_layout(robot)
+    new = np.isin(np.arange(len(layout.names)), np.setdiff1d(shown, by_torques))
+    bodies = {name: _freed(robot.bodies[name], new[layout.body(name)]) for name in layout.bodies}
+    return robot if bodies == robot.bodies else robot.changed(bodies=bodies)
+
+
+def _freed(body: Body, new: Bool[np.ndarray, " 10"]) -> Body:
+    """A body with entries of M̄ free that some of its ten parameters, newly seen, consist of."""
+    consists = np.any(entry_map()[new] != 0, axis=0)
+    entries = tuple(
+        entry for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES) if entry in body.free or consists[k]
+    )
+    same = not body.free or set(entries) == set(body.free)
+    return body if same else body.changed(free=entries)
+
+
+def sensors_settled(setup: Setup, progress: Progress) -> Setup:
+    """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
+    sensors = [one for one in setup.additions if isinstance(one, SensorColumns)]
+    if not any(one.is_bilinear for one in sensors):
+        return setup
+    progress("settling gain and pose of sensors")
+    for _ in range(_ROUNDS):
+        problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
+        known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
+        # As shares of the priors' deviations.
+        steps = [
+            abs(known[own.name] - one.known.get(own.name, own.prior))
+            / (one.prior_spread * own.scale)
+            for one in setup.additions
+            if isinstance(one, SensorColumns)
+            for own in one.parameters
+        ]
+        setup = setup.changed(
+            additions=tuple(
+                one.seen_from(setup.dynamics, known) if isinstance(one, SensorColumns) else one
+                for one in setup.additions
+            )
+        )
+        if max(steps, default=0.0) < _SETTLED:
+            break
+    return setup
 
 
 def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple[FittedSensor, ...]:
@@ -25,80 +107,22 @@ def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple
     Args:
         judged: the parameters of all additions.
     """
-    information, rest, found = problem.information, iter(judged), list[FittedSensor]()
-    left, k = information.rms(problem.values), information.drives.stop
-    for one in problem.additions:
-        own = tuple(islice(rest, len(one.parameters)))
+    information, found = problem.information, list[FittedSensor]()
+    rows = zip(information.rms(problem.values), information.torque_max, strict=True)
+    sizes = list(rows)[information.drives.stop :]
+    for one, own in of_each(problem.additions, judged):
         if not isinstance(one, SensorColumns):
             continue
-        at = range(k, k + len(one.rows.channels))
-        k = at.stop
         channels = tuple(
             FittedChannel(
                 name=channel.name,
                 unit=channel.unit,
                 stated=channel.noise,
-                left=float(left[i]),
-                largest=float(information.torque_max[i]),
+                left=float(left),
+                largest=float(largest),
             )
-            for channel, i in zip(one.rows.channels, at, strict=True)
+            for channel, (left, largest) in zip(one.rows.channels, sizes, strict=False)
         )
+        sizes = sizes[len(channels) :]
         found.append(FittedSensor(name=one.rows.name, channels=channels, parameters=own))
     return tuple(found)
-
-
-def sensors_settled(setup: Setup, progress: Progress) -> Setup:
-    """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
-    if not any(isinstance(one, SensorColumns) and one.is_bilinear for one in setup.additions):
-        return setup
-    progress("settling gain and pose of sensors")
-    for _ in range(_ROUNDS):
-        problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
-        known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
-        step = max(_step(one, known) for one in setup.additions)
-        setup = setup.changed(
-            additions=tuple(
-                SensorColumns.of(setup.dynamics, one.rows.name, one.prior_spread, known)
-                if isinstance(one, SensorColumns)
-                else one
-                for one in setup.additions
-            )
-        )
-        if step < _SETTLED:
-            break
-    return setup
-
-
-def _step(one: Addition, known: Mapping[str, float]) -> float:
-    """How far a sensor's unknowns have moved, at most, as a share of their priors' deviations."""
-    if not isinstance(one, SensorColumns):
-        return 0.0
-    moved = (
-        abs(known[each.name] - one.known.get(each.name, each.prior))
-        / (one.prior_spread * each.scale)
-        for each in one.parameters
-    )
-    return max(moved, default=0.0)
-
-
-def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
-    """The sensors of the description that some recording has a column of, as part of the fit."""
-    robot = setup.robot
-    names = [
-        name
-        for name in robot.sensors
-        if any(name in one.log.columns.sensor_names for one in setup.recordings)
-    ]
-    known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
-    if not (names or known):
-        return setup
-    if names:
-        progress(f"taking in {', '.join(names)}")
-    spread, dynamics = setup.settings.prior_spread, setup.dynamics
-    own = len(dynamics.layout.names)
-    rows = [SensorColumns.of(dynamics, name, spread).rows for name in names]
-    shown = np.concatenate([*known, *(one.pattern[1] for one in rows)])
-    freed = with_new_entries(robot, np.unique(shown[shown < own]), dynamics.regressor_pattern[1])
-    setup = setup.changed(robot=freed)
-    sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
-    return setup.changed(additions=(*setup.additions, *sensors))

@@ -3,7 +3,7 @@
 A load adds its ten parameters p_L to those of its carrier, so its columns are the carrier's times
 the state, 1 while it is held. What is unknown of it is free within its own cone, about a wide
 prior, and is one thing in all recordings that name it. The columns have p_L less what has been
-taken out of the recordings already (`loads.py`).
+taken out of the recordings already (`identification.loads`).
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
@@ -35,8 +35,12 @@ Ten = Float[np.ndarray, " 10"]
 # An unknown load is about as heavy as the body that carries it, and as dense as water [kg/m³];
 # deviations are compared with so many times this.
 _DENSITY, _WIDE = 1000.0, 20.0
-_SECOND = tuple(entry for entry in PSEUDO_INERTIA_ENTRIES if entry.startswith("S"))
-_FIRST = ("mcx", "mcy", "mcz")
+# Entries of M̄ that are unknown where a load does not say this.
+_ENTRIES = {
+    "mass": ("m",),
+    "centre": ("mcx", "mcy", "mcz"),
+    "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
+}
 # A mass that is known no better than this says less of torques than torque constants do.
 _SURE = 0.02
 # A mass whose interval is wider than so many times itself is hardly known.
@@ -67,19 +71,11 @@ class LoadColumns(Addition):
     @cached_property
     def prior(self) -> Ten:
         """p_L before any recording: a compact body, about its centre if that is known."""
-        weight = self.dynamics.robot.bodies[self.body].prior_parameters()[0]
-        mass = self.load.mass or weight
-        c = np.array(self.load.centre or (0.0, 0.0, 0.0))
-        own = mass * _radius(mass) ** 2 * np.eye(3)
-        if self.load.inertia is not None:
-            I = self.load.inertia
-            tensor = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
-            own = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-        M = np.zeros((4, 4))
-        M[:3, :3] = own + mass * np.outer(c, c)
-        M[:3, 3] = M[3, :3] = mass * c
-        M[3, 3] = mass
-        return inertia_parameters(M)
+        mass = self.load.mass or self.dynamics.robot.bodies[self.body].prior_parameters()[0]
+        around = [2 * mass * _radius(mass) ** 2] * 3 + [0.0] * 3
+        if (I := self.load.inertia) is not None:
+            around = [I.xx, I.yy, I.zz, I.xy, I.yz, I.xz]
+        return mass * self._kilogram + np.array([0.0] * 4 + around)
 
     @cached_property
     def is_fixed(self) -> bool:
@@ -107,76 +103,71 @@ class LoadColumns(Addition):
             )
         )  # fmt: skip
 
+    def carried(self, columns: Int[np.ndarray, " entries"]) -> Int[np.ndarray, " _"]:
+        """Which of the entries in some of the robot's columns are the carrier's."""
+        return np.flatnonzero(np.isin(columns, self._places))
+
+    def held(self, w: Samples, recording: Recording) -> Bool[np.ndarray, " samples"]:
+        """Whether a recording holds it, sample by sample."""
+        columns = recording.log.columns
+        names = [load.name for load in columns.loads]
+        if self.load.name not in names:
+            return np.zeros(len(w.time), dtype=bool)
+        return columns.held(w.time, w.extra)[names.index(self.load.name)]
+
     @cached_property
-    def _own(self) -> np.ndarray:
-        """Which of the robot's entries are the carrier's."""
-        if self.is_fixed:
-            return np.zeros(0, dtype=int)
-        part, (_, columns) = self.dynamics.layout.body(self.body), self.dynamics.regressor_pattern
-        return np.flatnonzero((columns >= part.start) & (columns < part.stop))
+    def _places(self) -> Int[np.ndarray, " 10"]:
+        return np.arange(len(self.dynamics.layout.names))[self.dynamics.layout.body(self.body)]
+
+    @cached_property
+    def _own(self) -> Int[np.ndarray, " entries"]:
+        none = np.zeros(0, dtype=int)
+        return none if self.is_fixed else self.carried(self.dynamics.regressor_pattern[1])
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         drives, columns = self.dynamics.regressor_pattern
-        return drives[self._own], columns[self._own] - self.dynamics.layout.body(self.body).start
+        return drives[self._own], columns[self._own] - self._places[0]
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        columns = recording.log.columns
-        names = [load.name for load in columns.loads]
-        if self.load.name not in names:
-            return np.zeros((len(self._own), len(w.time)))
-        held = columns.held(w.time, w.extra)[names.index(self.load.name)]
-        return own[self._own] * held
+        return own[self._own] * self.held(w, recording)
 
     @property
     def free(self) -> Free:
         if self.is_fixed:
             return Free((), np.zeros((0, 0)), np.zeros(0), ())
-        name, shown = self.load.name, self._visible
-        found, _ = free_body("load", name, self.prior, self._entries, shown)
-        A, variables = found.A, found.variables
+        found, _ = free_body("load", self.load.name, self.prior, self._entries, self._visible)
+        A, variables, p_0 = found.A, found.variables, found.p_0
         if self.load.mass_tolerance is not None:
-            mass = self.parameters[0]
-            A = np.column_stack([A, self._of_mass])
-            variables = (*variables, replace(mass, low=0.0, prior=float(self.prior[0])))
-            found = replace(found, p_0=found.p_0 - self._of_mass * self.prior[0])
-        return Free(variables, A, found.p_0 - self.taken, found.blocks)
+            per_mass = self._kilogram if self.load.inertia is None else self.prior / self.prior[0]
+            mass = replace(self.parameters[0], low=0.0, prior=float(self.prior[0]))
+            A, variables = np.column_stack([A, per_mass]), (*variables, mass)
+            p_0 = p_0 - per_mass * mass.prior
+        return Free(variables, A, p_0 - self.taken, found.blocks)
 
     @property
-    def _of_mass(self) -> Ten:
-        """How p_L changes with a mass that is known but for its tolerance."""
-        load, m = self.load, self.prior[0]
-        if load.centre is None:
-            return np.eye(10)[0]
-        if load.inertia is not None:
-            return self.prior / m
-        M, c = np.zeros((4, 4)), np.array([*load.centre, 1.0])
-        M += np.outer(c, c)
-        return inertia_parameters(M)
+    def _kilogram(self) -> Ten:
+        """p of 1 kg at its centre, or in the frame's origin where that is not known."""
+        c = np.array([*(self.load.centre or (0.0, 0.0, 0.0)), 1.0])
+        return inertia_parameters(np.outer(c, c))
 
     @cached_property
     def _visible(self) -> Bool[np.ndarray, " 10"]:
         """Which of the carrier's ten parameters torques show."""
-        first = self.dynamics.layout.body(self.body).start
-        return np.isin(first + np.arange(10), self.dynamics.regressor_pattern[1])
+        return np.isin(self._places, self.dynamics.regressor_pattern[1])
 
     @cached_property
     def _entries(self) -> tuple[str, ...]:
         """Entries of M̄ that are neither known nor out of sight with all of their row."""
-        to_p = entry_map()
-        shown = {
-            ends
-            for k, ends in enumerate(PSEUDO_INERTIA_ENTRIES.values())
-            if self._visible[np.abs(to_p[:, k]) > 0].any()
-        }
-        rows = {i for i, j in shown if i == j}
-        load = self.load
-        unknown = (
-            *(("m",) if load.mass is None else ()),
-            *(_FIRST if load.centre is None else ()),
-            *(_SECOND if load.inertia is None else ()),
+        shown = (entry_map() != 0)[self._visible].any(axis=0)
+        pairs = zip(PSEUDO_INERTIA_ENTRIES.values(), shown, strict=True)
+        rows = {i for (i, j), seen in pairs if i == j and seen}
+        return tuple(
+            entry
+            for key, entries in _ENTRIES.items()
+            for entry in entries
+            if getattr(self.load, key) is None and rows.issuperset(PSEUDO_INERTIA_ENTRIES[entry])
         )
-        return tuple(one for one in unknown if rows.issuperset(PSEUDO_INERTIA_ENTRIES[one]))
 
     @property
     def is_absolute(self) -> bool:
@@ -188,29 +179,23 @@ class LoadColumns(Addition):
         return "what the known load weighs and how it resists"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        mass = self.whole(judged)[0]
+        mass, body = self.whole(judged)[0], self.body
         known = self.load.mass is not None and not self.load.mass_tolerance
-        how = "is known" if known else "was identified with the robot"
         low, high = (None, None) if known else (mass.low, mass.high)
-        vague = low is not None and high is not None and high - low > _VAGUE * mass.value
-        return (
-            Correction(
-                kind="load",
-                subject=self.load.name,
-                value=mass.value,
-                low=low,
-                high=high,
-                unit="kg",
-                text=f"{self.body} holds it where that is declared, and its mass {how}; the model "
-                "is of the robot without it"
-                + (
-                    f"; torques hardly tell it from {self.body} itself: record a part without it, "
-                    "or give its mass"
-                    if vague
-                    else ""
-                ),
-            ),
+        text = (
+            f"{body} holds it where that is declared, and its mass "
+            f"{'is known' if known else 'was identified with the robot'}; the model is of the "
+            "robot without it"
         )
+        if low is not None and high is not None and high - low > _VAGUE * mass.value:
+            text += (
+                f"; torques hardly tell it from {body} itself: record a part without it, or give "
+                "its mass"
+            )
+        return (
+            Correction(kind="load", subject=self.load.name, value=mass.value, low=low, high=high,
+                       unit="kg", text=text),
+        )  # fmt: skip
 
     def whole(self, judged: Sequence[Judged]) -> tuple[Judged, ...]:
         """Its parameters with their intervals, with what had been taken out put back."""
@@ -221,13 +206,15 @@ class LoadColumns(Addition):
                        high=value, unit=unit, prior=value, determined_by="fixed")
                 for symbol, unit, value in pairs
             )  # fmt: skip
-        found: list[Judged] = []
-        for one, taken in zip(judged, self.taken.tolist(), strict=True):
-            low, high = (None if x is None else x + taken for x in (one.low, one.high))
-            found.append(
-                one.changed(value=one.value + taken, low=low, high=high, prior=one.prior + taken)
+        return tuple(
+            one.changed(
+                value=one.value + taken,
+                low=None if one.low is None else one.low + taken,
+                high=None if one.high is None else one.high + taken,
+                prior=one.prior + taken,
             )
-        return tuple(found)
+            for one, taken in zip(judged, self.taken.tolist(), strict=True)
+        )
 
 
 def _radius(mass: float) -> float:
