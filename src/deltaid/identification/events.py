@@ -122,15 +122,16 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be left out, in the order of time."""
     seen, recording = outstanding(expected), expected.source.recording
     step, low_pass = 1.0 / recording.log.rate, recording.low_pass
+    duration = step * recording.log.samples
     margin = max(_BESIDE, step)
     spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
     lasting = [o for o in seen.stretches if not (o.spike or _is_friction(o, expected.coulomb))]
     rest, found = without_recurring(seen, lasting, low_pass, margin + spread)
     course = Course(_ONE)
     course.join(rest)
-    pushes = _brief(course.reaching, seen.duration)
+    pushes = _brief(course.reaching, duration)
     jolts = [one for one in pushes if one.sharp > _SHARP]
-    if sum(one.end - one.start for one in jolts) > _JOLTS * seen.duration:
+    if sum(one.end - one.start for one in jolts) > _JOLTS * duration:
         pushes, jolts = [one for one in pushes if one not in jolts], []
     found += [
         LeftSpan(one.start - step, one.end + step, SPIKE, one.drives)

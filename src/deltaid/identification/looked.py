@@ -61,10 +61,10 @@ class Looked:
         return cls(*(np.concatenate([getattr(w, k) for w in windows], axis=-1) for k in names))
 
 
-def glance(expected: Expectation, window: Window) -> tuple[int, Looked | None]:
-    """Samples of a window, and a close look at it if that can show anything."""
+def glance(expected: Expectation, window: Window) -> Looked | None:
+    """A close look at a window, if that can show anything."""
     quiet = expected.fits and _is_quiet(expected, window)
-    return len(window.own.time), None if quiet else _look(expected, window)
+    return None if quiet else _look(expected, window)
 
 
 def _is_quiet(expected: Expectation, window: Window) -> bool:

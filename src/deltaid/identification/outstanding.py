@@ -8,6 +8,7 @@ spikes, and are looked for first. Windows overlap, so that their cuts do not sho
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -78,14 +79,12 @@ class Outstanding:
 
     Attributes:
         stretches: in the order of time.
-        duration: of all samples [s].
-        looked: of those in windows that were looked at closely [s].
+        looked: duration of the windows that were looked at closely [s].
         turns: when in these the torque that a gear carries changes its sign, drive by drive [s].
         reversals: when a joint turns round, drives first, then passive joints with friction [s].
     """
 
     stretches: tuple[Stretch, ...]
-    duration: float
     looked: float
     turns: tuple[Float[np.ndarray, " _"], ...]
     reversals: tuple[Float[np.ndarray, " _"], ...]
@@ -122,8 +121,7 @@ class Course:
 def outstanding(expected: Expectation) -> Outstanding:
     """What stands out of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    windows = recording.evaluate(kinematics, lambda window: glance(expected, window))
-    return _of(expected, windows)
+    return _of(expected, recording.evaluate(kinematics, lambda w: glance(expected, w)))
 
 
 def stands_out(expected: Expectation, window: Window) -> bool:
@@ -131,21 +129,13 @@ def stands_out(expected: Expectation, window: Window) -> bool:
     return bool(_of(expected, [glance(expected, window)]).stretches)
 
 
-def _of(expected: Expectation, windows: Iterable[tuple[int, Looked | None]]) -> Outstanding:
-    """What stands out of some windows, each with the number of its samples."""
-    step, samples, looked = 1.0 / expected.rate, 0, 0
+def _of(expected: Expectation, windows: Iterable[Looked | None]) -> Outstanding:
+    """What stands out of windows, of those that were looked at closely."""
+    step, looked = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
-
-    def close() -> Iterator[Looked]:
-        nonlocal samples
-        for count, seen in windows:
-            samples += count
-            if seen is not None and len(seen.time):
-                yield seen
-
     narrow, wide = Course(_GAP * step), Course(_GAP * step)
     changes: list[list[np.ndarray]] = []
-    for part in _together(close()):
+    for part in _together(w for w in windows if w is not None and len(w.time)):
         looked += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
         local = np.maximum(1.0, deviation(part.size))
@@ -163,7 +153,7 @@ def _of(expected: Expectation, windows: Iterable[tuple[int, Looked | None]]) -> 
     kept = tuple(o for o in found.reaching if o.spike or o.end - o.start >= shortest)
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
-    return Outstanding(kept, samples * step, looked * step, times[:dof], times[dof:])
+    return Outstanding(kept, looked * step, times[:dof], times[dof:])
 
 
 def _together(windows: Iterable[Looked]) -> Iterator[Looked]:
@@ -186,30 +176,26 @@ def _stretches(w: Looked, limits: OfDrives) -> list[Stretch]:
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
     taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
     found: list[Stretch] = []
+
+    def add(first: int, at: int, last: int, sizes: OfDrives, left: OfDrives, **more: Any) -> None:
+        drives = tuple(np.flatnonzero(sizes > _WEAK / STRONG).tolist())
+        start, peak, end = w.time[[first, at, last]].tolist()
+        # Copies: a view would keep all samples about it, for as long as the recording is looked at.
+        z, speed = w.z[:, at].copy(), w.speed[:, at].copy()
+        found.append(Stretch(start, end, drives, sizes, peak, z, speed, left.copy(), **more))
+
     for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
         if sizes.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
             continue  # nor does it go on in the next window
         at = first + int(np.argmax(np.sum(lasting[:, inside] ** 2, axis=0)))
-        drives = tuple(np.flatnonzero(sizes > _WEAK / STRONG).tolist())
-        share = np.linalg.norm(taken[:, inside]) / max(np.linalg.norm(mean[:, inside]), 1e-300)
-        one = _stretch(w, (first, at, last), drives, sizes, mean[:, at].copy())
-        found.append(replace(one, sharp=float(share)))
+        whole = max(float(np.linalg.norm(mean[:, inside])), 1e-300)
+        share = float(np.linalg.norm(taken[:, inside])) / whole
+        add(first, at, last, sizes, mean[:, at], sharp=share)
     for i, flags in enumerate(w.spikes):
         for first, last in runs_of(flags).tolist():
             at = first + int(np.argmax(w.jump[i, first : last + 1]))
             left = np.where(np.arange(len(size)) == i, w.jump[i, at], 0.0)
-            one = _stretch(w, (first, at, last), (i,), np.where(left > 0, np.inf, 0.0), left)
-            found.append(replace(one, spike=True))
+            add(first, at, last, np.where(left > 0, np.inf, 0.0), left, spike=True)
     return sorted(found, key=lambda one: one.start)
-
-
-def _stretch(
-    w: Looked, at: tuple[int, int, int], drives: tuple[int, ...], sizes: OfDrives, left: OfDrives
-) -> Stretch:
-    """A stretch from its first sample, that of the peak, and its last."""
-    start, peak, end = w.time[list(at)].tolist()
-    # Copies: a view would keep all samples about it, for as long as the recording is looked at.
-    z, speed = w.z[:, at[1]].copy(), w.speed[:, at[1]].copy()
-    return Stretch(start, end, drives, sizes, peak, z, speed, left)
