@@ -14,7 +14,7 @@ from deltaid.estimation.regularizer import prior_scale
 from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.fit import FittedProblem, fit, with_geometry
 from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.identification.measured_rows import SensorColumns
 from deltaid.identification.sensor_stage import with_new_entries
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings

@@ -13,8 +13,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.additions import extended
 from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import identify
-from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
 from identified import identified as shared

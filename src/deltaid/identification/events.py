@@ -86,7 +86,7 @@ def _is_quiet_in_brief(expected: Expectation) -> bool:
     if excerpt is None or excerpt.whole or not expected.fits:
         return False
     brief = replace(source, recording=source.recording.brief)
-    return not outstanding(replace(expected, source=brief)).stretches
+    return outstanding(replace(expected, source=brief)).is_empty
 
 
 def _told(
@@ -122,22 +122,17 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be left out, in the order of time."""
     seen, recording = outstanding(expected), expected.source.recording
     step, low_pass = 1.0 / recording.log.rate, recording.low_pass
-    duration = step * recording.log.samples
-    margin = max(_BESIDE, step)
+    duration, margin = step * recording.log.samples, max(_BESIDE, step)
     spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
-    lasting = [o for o in seen.stretches if not (o.spike or _is_friction(o, expected.coulomb))]
-    rest, found = without_recurring(seen, lasting, low_pass, margin + spread)
+    lasting = [one for one in seen.stretches if not _is_friction(one, expected.coulomb)]
+    rest, spoilt = without_recurring(seen, lasting, low_pass, margin + spread)
     course = Course(_ONE)
     course.join(rest)
     pushes = _brief(course.reaching, duration)
     jolts = [one for one in pushes if one.sharp > _SHARP]
     if sum(one.end - one.start for one in jolts) > _JOLTS * duration:
         pushes, jolts = [one for one in pushes if one not in jolts], []
-    found += [
-        LeftSpan(one.start - step, one.end + step, SPIKE, one.drives)
-        for one in seen.stretches
-        if one.spike
-    ]
+    found = [*seen.spikes, *spoilt]
     for one in pushes:
         reason = STOP if _stops(one, recording.log) else CONTACT
         push = _push(one, expected.source.dynamics.kinematics)

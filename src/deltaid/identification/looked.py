@@ -33,7 +33,7 @@ class Looked:
         z: task coordinates.
         mean, size: the residual's mean over 9 ms [N m or N], and in standard deviations.
         rough: how restless the torque is, in standard deviations of single samples.
-        spikes, jump: which samples are spikes, and by how much [N m or N].
+        spikes: which samples are spikes.
         signs: where gears' torques change their sign, then where joints' speeds do.
         taken: torques of what the low-pass took off the motion [N m or N].
         speed: of the drives, as shares of their usual ones.
@@ -45,7 +45,6 @@ class Looked:
     size: Torques
     rough: Torques
     spikes: Bool[np.ndarray, "dof samples"]
-    jump: Torques
     signs: Bool[np.ndarray, "changes samples"]
     taken: Torques
     speed: Torques
@@ -83,8 +82,8 @@ def _is_quiet(expected: Expectation, window: Window) -> bool:
 def _look(expected: Expectation, window: Window) -> Looked:
     wide, n = window.wide, expected.length
     left, gear = expected.compared(wide)
-    flags, jump = _spikes(left, expected)
-    left = np.where(flags, np.nan, left)
+    spikes = _spikes(left, expected)
+    left = np.where(spikes, np.nan, left)
     mean, count = _mean(left, n)
     with np.errstate(invalid="ignore"):
         size = mean * np.sqrt(count / n) / expected.scales(wide)
@@ -99,7 +98,7 @@ def _look(expected: Expectation, window: Window) -> Looked:
     if np.any(np.nan_to_num(np.abs(size)) > STRONG) or np.any(np.nan_to_num(rough) > ROUGH):
         taken = _taken_off(window, expected, mean)
     speed = np.abs(wide.qd.T) / expected.nuisance.speed[: len(mean), None]
-    by_drive = (wide.z.T, mean, size, rough, flags, jump, signs, taken, speed)
+    by_drive = (wide.z.T, mean, size, rough, spikes, signs, taken, speed)
     return Looked(window.own.time, *(window.trimmed(x.T).T for x in by_drive))
 
 
@@ -137,19 +136,16 @@ def _mean(x: Torques, n: int) -> tuple[Torques, Torques]:
     return np.where(good, total / np.maximum(count, 1.0), np.nan), count
 
 
-def _spikes(
-    left: Torques, expected: Expectation
-) -> tuple[Bool[np.ndarray, "dof samples"], Torques]:
-    """Single samples, or two or three, that stand out from both sides; and by how much [N m or N].
+def _spikes(left: Torques, expected: Expectation) -> Bool[np.ndarray, "dof samples"]:
+    """Single samples, or two or three, that stand out from both sides.
 
     Both edges must be far steeper than what goes before and after, or the top of a hump would do.
     """
-    dof, samples = left.shape
-    flags, jump = np.zeros((dof, samples), dtype=bool), np.zeros((dof, samples))
+    (dof, samples), flags = left.shape, np.zeros(left.shape, dtype=bool)
     limit, far = _SPIKE * expected.noise[:, None], _LONGEST + 1
     apart = np.abs(left[:, far:] - left[:, :-far]) > limit
     if not np.any(apart[:, :-far] & apart[:, far:]):  # as nearly always
-        return flags, jump
+        return flags
     brief = 1 if dof == 1 else _LONGEST
     for rows in range(1, _LONGEST + 1):
         if samples < rows + 2 * _BESIDE:
@@ -164,6 +160,5 @@ def _spikes(
         at_once = rows <= _AT_ONCE * expected.rate
         seen = (size > limit) & (size > _STEEP * beside) & (at_once | ((rows <= brief) & quiet))
         for i, k in np.argwhere(seen):
-            here = slice(k + _BESIDE, k + _BESIDE + rows)
-            flags[i, here], jump[i, here] = True, np.maximum(jump[i, here], size[i, k])
-    return flags, jump
+            flags[i, k + _BESIDE : k + _BESIDE + rows] = True
+    return flags

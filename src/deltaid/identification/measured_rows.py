@@ -5,28 +5,105 @@ holds adds to it as it adds to torques: a load's columns are its carrier's while
 what has been taken out of the torques is taken out here.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.dynamics import Regressor
+from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.effects.load_columns import LoadColumns
-from deltaid.estimation.additions import Extended
+from deltaid.estimation.additions import Addition, Extended, Own, Values
 from deltaid.estimation.information import Chunk, active_columns
-from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.model.corrections import Correction
+from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import carrier
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
-from deltaid.sensors.about import RowsAbout
-from deltaid.sensors.graph_rows import GraphRows
+from deltaid.robot.parameter import Parameter
+from deltaid.sensors.about import RowsAbout, about, is_of_pose
+from deltaid.sensors.graph_rows import GraphRows, Pattern
+from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
 
-Values = Float[np.ndarray, "entries samples"]
+# A sensor whose gain is known no better than this says less of torques than torque constants do.
+_SURE = 0.02
+
 PerChannel = Float[np.ndarray, "channels samples"]
-Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
+
+
+@dataclass(frozen=True, eq=False)
+class SensorColumns(Addition):
+    """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows.
+
+    Attributes:
+        dynamics: of the robot.
+        rows: what it shows of robot and unknowns.
+        prior_spread: of the fit, which all scales of parameters are relative to.
+        known: parameters by their names that gain and pose are seen from; the prior if left out.
+    """
+
+    dynamics: Dynamics
+    rows: SensorRows
+    prior_spread: float
+    known: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @classmethod
+    def of(
+        cls,
+        dynamics: Dynamics,
+        name: str,
+        prior_spread: float,
+        known: Mapping[str, float] | None = None,
+    ) -> "SensorColumns":
+        """A sensor of a robot by its name in the description."""
+        known = known or {}
+        rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
+        found = cls(dynamics, rows, prior_spread, known)
+        if not found.is_bilinear:
+            return found
+        every = (*dynamics.layout.parameters, *rows.parameters)
+        values = np.array([known.get(one.name, one.prior) for one in every])
+        return cls(dynamics, about(rows, values), prior_spread, known)
+
+    @property
+    def is_bilinear(self) -> bool:
+        """Whether some of its columns go by what it should show, and so by other parameters."""
+        return any(one.symbol == "gain" or is_of_pose(one) for one in self.rows.parameters)
+
+    def on(self, dynamics: Dynamics) -> "SensorColumns":
+        return self if dynamics is self.dynamics else self.seen_from(dynamics, self.known)
+
+    def seen_from(self, dynamics: Dynamics, known: Mapping[str, float]) -> "SensorColumns":
+        """The same beside the columns of a robot, its gain and pose seen from other parameters."""
+        return self.of(dynamics, self.rows.name, self.prior_spread, known)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.rows.parameters
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        return np.zeros((0, len(w.time)))
+
+    @property
+    def is_absolute(self) -> bool:
+        return self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
+
+    @property
+    def witness(self) -> str:
+        return f"sensor {self.rows.name}"
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        names = [one.name.removesuffix(f".{self.rows.name}").replace("_", " ") for one in judged]
+        own = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
+        text = f"what it showed was fitted with the torques, in its own units{own}"
+        return (Correction(kind="sensor", subject=self.rows.name, text=text),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,24 +146,29 @@ class SensorPart:
 
     def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " own"]:
         """Its own among all parameters."""
-        return values[self.first : self.first + len(self.columns.rows.parameters)]
+        return values[self.first : self.first + len(self.columns.parameters)]
 
-    def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
-        """Entries, what it shows, and weights, along samples; zero where there is no number."""
-        rows, log = self.columns.rows, recording.log
-        shown = log.columns.shown(w.extra).get(rows.name)
+    def shown(self, w: Samples, recording: Recording) -> tuple[PerChannel, PerChannel]:
+        """What it shows along samples, and weights; zero where there is no number."""
+        shown = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
         if shown is None:
             nothing = np.zeros((self.channels, len(w.time)))
-            return np.zeros((len(self.pattern[0]), len(w.time))), nothing, nothing
+            return nothing, nothing
         counts = np.isfinite(shown)
-        y = np.where(counts, shown, 0.0)
         # What makes the torque of one drive useless, such as its own friction or clipping, does not
         # reach a sensor; what makes all of them useless does.
-        weights = counts * w.weights.max(axis=1, initial=0.0)
+        return np.where(counts, shown, 0.0), counts * w.weights.max(axis=1, initial=0.0)
+
+    def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
+        """Entries, what it shows, and weights, along samples; the first two weighted."""
+        rows, log, dynamics = self.columns.rows, recording.log, self.columns.dynamics
+        y, weights = self.shown(w, recording)
+        if not weights.any():
+            return np.zeros((len(self.pattern[0]), len(w.time))), weights, weights
         own = rows.entries(w.z, w.qd, w.qdd, y)
-        # Loads whose torques have been taken out of the recording are taken out here.
-        dynamics, (channels, columns) = self.columns.dynamics, rows.pattern
+        channels, columns = rows.pattern
         held = log.columns.held(w.time, w.extra)
+        # Loads whose torques have been taken out of the recording are taken out here.
         for load, p, state in zip(log.columns.loads, recording.repairs.loads, held, strict=False):
             values = np.zeros(len(dynamics.layout.names) + len(rows.parameters))
             values[dynamics.layout.body(carrier(load, dynamics.robot))] = p
@@ -169,7 +251,7 @@ class MeasuredRows:
             return np.vstack([*(one[0] for one in parts), *(one[1] for one in parts)])
 
         filtered = window.filtered(of)
-        weights = np.vstack([part.of(window.wide, recording)[2] for part in self.sensors])
+        weights = np.vstack([part.shown(window.wide, recording)[1] for part in self.sensors])
         counted = window.worth(weights, window.thinned)
         return Shown(filtered[:entries], filtered[entries:], counted)
 

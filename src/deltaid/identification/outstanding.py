@@ -8,7 +8,6 @@ spikes, and are looked for first. Windows overlap, so that their cuts do not sho
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +16,7 @@ from deltaid.identification.expectation import NOISE, Expectation
 from deltaid.identification.expectation_blocks import deviation
 from deltaid.identification.looked import ROUGH, STRONG, Looked, glance
 from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.repairs import SPIKE, LeftSpan
 from deltaid.recording.windows import Window
 
 # Where a stretch begins and ends, in standard deviations.
@@ -40,26 +40,22 @@ class Stretch:
 
     Attributes:
         start, end: when [s].
-        drives: whose torques do.
         sizes: how far each drive's does at most, in units of the threshold that it had to reach.
         peak: when that was [s].
         z: task coordinates there.
         speed: of the drives there, as shares of their usual ones.
         left: residual torques there, mean over 9 ms [N m or N].
-        spike: whether it is one of the samples and not of the mean.
         sharp: size of the torques of what the low-pass took off the motion there, as a share.
     """
 
     start: float
     end: float
-    drives: tuple[int, ...]
     sizes: OfDrives
     peak: float
     z: OfDrives
     speed: OfDrives
     left: OfDrives
-    spike: bool = False
-    sharp: float = 0.0
+    sharp: float
 
     @property
     def size(self) -> float:
@@ -68,9 +64,7 @@ class Stretch:
 
     def with_next(self, one: "Stretch") -> "Stretch":
         """Both as one; the larger says what was at the peak."""
-        larger = one if one.size > self.size else self
-        drives = tuple(sorted({*self.drives, *one.drives}))
-        return replace(larger, start=self.start, end=one.end, drives=drives)
+        return replace(one if one.size > self.size else self, start=self.start, end=one.end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +73,22 @@ class Outstanding:
 
     Attributes:
         stretches: in the order of time.
+        spikes: samples of a drive that stand out by themselves.
         looked: duration of the windows that were looked at closely [s].
         turns: when in these the torque that a gear carries changes its sign, drive by drive [s].
         reversals: when a joint turns round, drives first, then passive joints with friction [s].
     """
 
     stretches: tuple[Stretch, ...]
+    spikes: tuple[LeftSpan, ...]
     looked: float
     turns: tuple[Float[np.ndarray, " _"], ...]
     reversals: tuple[Float[np.ndarray, " _"], ...]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing stands out."""
+        return not (self.stretches or self.spikes)
 
 
 @dataclass
@@ -104,13 +105,11 @@ class Course:
     def join(self, stretches: Iterable[Stretch]) -> None:
         """Add stretches; the first may go on where the last one ended."""
         for stretch in stretches:
-            last = self.reaching[-1] if self.reaching else None
-            apart = last is None or last.spike or stretch.spike
-            if last is None or apart or stretch.start - last.end > self.gap:
+            if self.reaching and stretch.start - self.reaching[-1].end <= self.gap:
+                self.reaching[-1] = self.reaching[-1].with_next(stretch)
+            else:
                 self.end()
                 self.reaching.append(stretch)
-            else:
-                self.reaching[-1] = last.with_next(stretch)
 
     def end(self) -> None:
         """No more of the last one comes: if it falls short, noise has many like it."""
@@ -126,7 +125,7 @@ def outstanding(expected: Expectation) -> Outstanding:
 
 def stands_out(expected: Expectation, window: Window) -> bool:
     """Whether anything stands out of a single window."""
-    return bool(_of(expected, [glance(expected, window)]).stretches)
+    return not _of(expected, [glance(expected, window)]).is_empty
 
 
 def _of(expected: Expectation, windows: Iterable[Looked | None]) -> Outstanding:
@@ -134,7 +133,7 @@ def _of(expected: Expectation, windows: Iterable[Looked | None]) -> Outstanding:
     step, looked = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
     narrow, wide = Course(_GAP * step), Course(_GAP * step)
-    changes: list[list[np.ndarray]] = []
+    changes, spikes = list[list[np.ndarray]](), list[LeftSpan]()
     for part in _together(w for w in windows if w is not None and len(w.time)):
         looked += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
@@ -142,18 +141,19 @@ def _of(expected: Expectation, windows: Iterable[Looked | None]) -> Outstanding:
         cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             one = part.part(slice(first, last))
+            spikes += _spikes(one, step)
             narrow.join(_stretches(one, local))
             if not expected.fits:
                 wide.join(_stretches(one, local * wider))
     narrow.end()
     wide.end()
-    apart = narrow.nearly <= _FEW * sum(not one.spike for one in narrow.reaching)
+    apart = narrow.nearly <= _FEW * len(narrow.reaching)
     found = narrow if expected.fits or apart else wide
     shortest = step * (expected.length // 2 - 0.5)
-    kept = tuple(o for o in found.reaching if o.spike or o.end - o.start >= shortest)
+    kept = tuple(o for o in found.reaching if o.end - o.start >= shortest)
     times = tuple(np.concatenate(one) for one in zip(*changes, strict=True))
     dof = len(wider)
-    return Outstanding(kept, looked * step, times[:dof], times[dof:])
+    return Outstanding(kept, tuple(spikes), looked * step, times[:dof], times[dof:])
 
 
 def _together(windows: Iterable[Looked]) -> Iterator[Looked]:
@@ -170,32 +170,31 @@ def _together(windows: Iterable[Looked]) -> Iterator[Looked]:
         yield Looked.joined([*ready, *waiting])
 
 
+def _spikes(w: Looked, step: float) -> list[LeftSpan]:
+    """Runs of spikes of each drive, with the time between two samples about them."""
+    return [
+        LeftSpan(float(w.time[first]) - step, float(w.time[last]) + step, SPIKE, (drive,))
+        for drive, flags in enumerate(w.spikes)
+        for first, last in runs_of(flags)
+    ]
+
+
 def _stretches(w: Looked, limits: OfDrives) -> list[Stretch]:
-    """Runs of samples without a gap in which any drive is beyond the weak threshold, and spikes."""
+    """Runs of samples without a gap in which any drive is beyond the weak threshold."""
     lasting = np.nan_to_num(np.abs(w.size)) / (STRONG * limits[:, None])
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
     taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
     found: list[Stretch] = []
-
-    def add(first: int, at: int, last: int, sizes: OfDrives, left: OfDrives, **more: Any) -> None:
-        drives = tuple(np.flatnonzero(sizes > _WEAK / STRONG).tolist())
-        start, peak, end = w.time[[first, at, last]].tolist()
-        # Copies: a view would keep all samples about it, for as long as the recording is looked at.
-        z, speed = w.z[:, at].copy(), w.speed[:, at].copy()
-        found.append(Stretch(start, end, drives, sizes, peak, z, speed, left.copy(), **more))
-
     for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
         if sizes.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
             continue  # nor does it go on in the next window
         at = first + int(np.argmax(np.sum(lasting[:, inside] ** 2, axis=0)))
+        start, peak, end = w.time[[first, at, last]].tolist()
+        # Copies: a view would keep all samples about it, for as long as the recording is looked at.
+        z, speed, left = (x[:, at].copy() for x in (w.z, w.speed, mean))
         whole = max(float(np.linalg.norm(mean[:, inside])), 1e-300)
-        share = float(np.linalg.norm(taken[:, inside])) / whole
-        add(first, at, last, sizes, mean[:, at], sharp=share)
-    for i, flags in enumerate(w.spikes):
-        for first, last in runs_of(flags).tolist():
-            at = first + int(np.argmax(w.jump[i, first : last + 1]))
-            left = np.where(np.arange(len(size)) == i, w.jump[i, at], 0.0)
-            add(first, at, last, np.where(left > 0, np.inf, 0.0), left, spike=True)
-    return sorted(found, key=lambda one: one.start)
+        sharp = float(np.linalg.norm(taken[:, inside])) / whole
+        found.append(Stretch(start, end, sizes, peak, z, speed, left, sharp))
+    return found

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Int
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.additions import of_each
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.sensor_columns import SensorColumns
+from deltaid.identification.measured_rows import SensorColumns
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.sensor_record import FittedChannel, FittedSensor
