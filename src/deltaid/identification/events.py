@@ -5,16 +5,25 @@ description has no law for stands out as well, again and again where a drive tur
 for the choice of friction laws. Gears with play stand out where their torque changes its sign; all
 of these changes are left out, under a name of their own. What lasts, or fills much of a recording,
 is no event either but a load or a model that does not fit, and stays for others to tell.
+
+Whether a recording has contacts at all is decided by its excerpt. One that an excerpt does not show
+is seen in the pass that gathers what the fit needs; then all rows are looked at closely.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from deltaid.identification.expectation import Expectation, expect
 from deltaid.identification.expectation_source import Source
-from deltaid.identification.outstanding import Course, OfDrives, Stretch, outstanding
+from deltaid.identification.outstanding import (
+    Course,
+    OfDrives,
+    Stretch,
+    outstanding,
+    stands_out,
+)
 from deltaid.identification.recurring import without_recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
@@ -23,6 +32,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
+from deltaid.recording.windows import Window
 
 # What events are left out for, and what is said of it.
 _TEXT = {
@@ -87,6 +97,38 @@ def _is_quiet_in_brief(expected: Expectation) -> bool:
         return False
     brief = replace(source, recording=source.recording.brief)
     return outstanding(replace(expected, source=brief)).is_empty
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """Takes down when windows begin out of which something stands [s]."""
+
+    expected: Expectation
+    seen: list[float] = field(default_factory=list[float])
+
+    def __call__(self, window: Window) -> None:
+        if len(window.own.time) and stands_out(self.expected, window):
+            self.seen.append(float(window.own.time[0]))
+
+
+def watched(setup: Setup) -> Setup:
+    """The same with an eye on recordings of which nothing but an excerpt has been looked at."""
+    for k, expected in setup.glanced:
+        recording, before = setup.recordings[k], expected.source
+        same = before.recording.repairs == recording.repairs
+        same = same and before.dynamics is setup.dynamics and before.additions == setup.additions
+        now = expected if same else expect(Source(setup.dynamics, setup.additions, recording))
+        if now is not None:
+            setup = setup.with_recording(k, replace(recording, watch=Watch(now)))
+    return setup
+
+
+def unwatched(setup: Setup) -> tuple[Setup, bool]:
+    """The same without, and whether anything was seen."""
+    watches = [one.watch for one in setup.recordings]
+    seen = any(isinstance(one, Watch) and one.seen for one in watches)
+    without = tuple(replace(one, watch=None) for one in setup.recordings)
+    return setup.changed(recordings=without), seen
 
 
 def _told(

@@ -24,7 +24,7 @@ from deltaid.recording.delay import around
 from deltaid.recording.windows import Samples
 
 # Time over which torques are averaged [s].
-MEAN = 0.009
+_MEAN = 0.009
 # Windows that are fitted to, at most.
 _MOST = 32
 # Scatter so many times that of noise is no noise.
@@ -39,7 +39,7 @@ class Expectation:
         p: parameters of the source's active columns.
         x: coefficients of the nuisance columns.
         speeds: for each drive the ends of ranges of its speed [rad/s or m/s], ascending.
-        scale: standard deviation of the residual's mean over `MEAN`, in each range [N m or N].
+        scale: standard deviation of the residual's mean over `_MEAN`, in each range [N m or N].
         noise: the same of single samples, from one to the next.
     """
 
@@ -94,9 +94,8 @@ class Expectation:
     def roughly_left(self, w: Samples, every: int) -> Torques:
         """Recorded torques less expected ones, as `compared` has it but for its errors.
 
-        Expected ones are computed at each so-manieth sample, and follow between them from the two
-        before and the two after; where one of these does not count, or a joint turns round among
-        them, it is NaN.
+        Expected ones are computed at each so-manieth sample, and between them follow from four;
+        where one of these does not count, or a joint turns round among them, it is NaN.
         """
         if len(w.time) <= 3 * every:
             return self.compared(w)[0]
@@ -124,7 +123,7 @@ class Expectation:
 
 def _length(rate: float) -> int:
     """Samples that are averaged: odd, so that their middle is one of them."""
-    return max(1, 2 * round(0.5 * (MEAN * rate - 1)) + 1)
+    return max(1, 2 * round(0.5 * (_MEAN * rate - 1)) + 1)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait

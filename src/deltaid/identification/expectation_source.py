@@ -24,8 +24,9 @@ from deltaid.robot.parameter import Parameter
 
 # Torques may be late by so much [s] before that is known; a reversal says nothing for so long.
 _APART = 5e-3
-# Columns of a joint's speed, and of a drive's torque: lag, load friction, gain.
-_OF_SPEED, _OF_TORQUE = len(SHAPES) + 1, 3
+# Columns of a joint: offset, friction that differs by direction, shapes of friction; of a drive's
+# torque: lag, load friction, gain.
+_OF_JOINT, _OF_TORQUE = len(SHAPES) + 2, 3
 # Standard deviations that nuisance coefficients are drawn to zero with: friction and offsets as
 # shares of the usual torque, lags [ms], load friction and gains.
 _FRICTION, _LAG, _SHARE = 0.1, 4.0, 0.1
@@ -85,10 +86,9 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """Columns of what a description lacks: offsets, friction of joints, then those of torques.
+    """Columns of what a description lacks: offsets and friction of joints, then those of torques.
 
     Attributes:
-        kinematics: of the robot.
         speed: of each joint, drives first, that shapes of friction are scaled with [rad/s or m/s].
         torque: of each drive that offsets and friction are scaled with [N m or N].
     """
@@ -100,32 +100,24 @@ class Nuisance:
     @property
     def deviations(self) -> Float[np.ndarray, " columns"]:
         """Standard deviations that coefficients are drawn to zero with."""
-        dof = len(self.torque)
-        friction = np.full(dof + _OF_SPEED * len(self.speed), _FRICTION)
-        return np.append(friction, np.tile([_LAG, _SHARE, _SHARE], dof))
+        of_torque = np.tile([_LAG, _SHARE, _SHARE], len(self.torque))
+        return np.append(np.full(_OF_JOINT * len(self.speed), _FRICTION), of_torque)
 
     def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
-        """Offsets of the drives, and shapes of friction of all joints."""
+        """Offset and shapes of friction of each joint."""
         shapes, arms = self._joints(w)
-        of_joints = np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.z))
-        offsets = np.diag(self.torque)[:, :, None]
-        return np.hstack([np.broadcast_to(offsets, (*offsets.shape[:2], len(w.z))), of_joints])
+        return np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.time))
 
     def added(
         self, w: Samples, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
     ) -> Torques:
         """Torques of the model with those of these columns, at samples of some rate [Hz]."""
-        dof, (shapes, arms) = len(self.torque), self._joints(w)
-        offsets, of_speed, own = np.split(x, [dof, -_OF_TORQUE * dof])
-        of_joints = (of_speed.reshape(-1, 1, _OF_SPEED) @ shapes)[:, 0]
+        shapes, arms = self._joints(w)
+        of_joints, own = np.split(x, [_OF_JOINT * len(self.speed)])
+        friction = (of_joints.reshape(-1, 1, _OF_JOINT) @ shapes)[:, 0]
         rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        of_torque = of_torques(tau, rise, w.qd.T)
-        return (
-            tau
-            + (offsets * self.torque)[:, None]
-            + np.einsum("jds,js->ds", arms, of_joints)
-            + np.einsum("dks,dk->ds", of_torque, own.reshape(dof, -1))
-        )
+        by_torque = of_torques(tau, rise, w.qd.T) * own.reshape(-1, _OF_TORQUE, 1)
+        return tau + np.einsum("jds,js->ds", arms, friction) + by_torque.sum(axis=1)
 
     def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:
         """How late torques are, to first order [s]."""
@@ -137,13 +129,14 @@ class Nuisance:
         """Shapes of friction of each joint, and what that makes at the drives."""
         speed, slope = joint_rates(self.kinematics, w)
         v = (speed / self.speed).T
-        size, sign = np.abs(v), np.sign(v)
-        shapes = np.stack([size, *(sign * shape(size) for shape, _ in SHAPES)], axis=1)
+        size, sign, offset = np.abs(v), np.sign(v), np.zeros_like(v)
+        offset[: len(self.torque)] = 1.0
+        shapes = np.stack([offset, size, *(sign * shape(size) for shape, _ in SHAPES)], axis=1)
         passive = slope.transpose(1, 2, 0)
         largest = np.maximum(np.abs(passive).max(axis=2, initial=0.0), 1e-12)
         passive = passive * (self.torque / largest).min(axis=1)[:, None, None]
-        drives = np.diag(self.torque)[:, :, None]
-        return shapes, np.vstack([np.broadcast_to(drives, (*drives.shape[:2], len(v[0]))), passive])
+        drives = np.diag(self.torque)[:, :, None] * np.ones(len(w.time))
+        return shapes, np.vstack([drives, passive])
 
 
 def of_torques(

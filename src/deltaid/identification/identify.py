@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import (
     FittedProblem,
     Progress,
@@ -25,7 +26,7 @@ from deltaid.identification.lag_stage import doubtful_lags_left
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
-from deltaid.identification.stages import prepared, unwatched, watched
+from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.above import above

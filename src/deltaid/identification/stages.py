@@ -1,25 +1,18 @@
-"""All steps that correct recordings and description before they are fitted, in their order; and an
-eye on what stands out of long recordings, in passes over them that are made anyway."""
-
-from dataclasses import dataclass, field, replace
+"""All steps that correct recordings and description before they are fitted, in their order."""
 
 from deltaid.errors import RecordingError
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.events import without_events
-from deltaid.identification.expectation import Expectation, expect
-from deltaid.identification.expectation_source import Source
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_put_right
 from deltaid.identification.loads import declared_loads
-from deltaid.identification.outstanding import stands_out
 from deltaid.identification.sensor_stage import sensors_settled, sensors_taken_in
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
-from deltaid.recording.windows import Window
 
 
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
@@ -77,39 +70,3 @@ def prepared(setup: Setup, progress: Progress) -> Setup:
         if setup.poses_as(before):
             idle[stage] = setup
     return setup
-
-
-@dataclass(frozen=True, eq=False)
-class _Watch:
-    """Notes when windows begin [s] out of which something stands."""
-
-    expected: Expectation
-    outliers: list[float] = field(default_factory=list[float])
-
-    def __call__(self, window: Window) -> None:
-        if len(window.own.time) and stands_out(self.expected, window):
-            self.outliers.append(float(window.own.time[0]))
-
-
-def watched(setup: Setup) -> Setup:
-    """The same with an eye on recordings of which nothing but an excerpt has been inspected.
-
-    Whether a recording has contacts at all is decided by its excerpt. One that an excerpt does not
-    show is found in the pass that gathers what the fit needs; then all rows are inspected closely.
-    """
-    for k, expected in setup.glanced:
-        recording, before = setup.recordings[k], expected.source
-        source = Source(setup.dynamics, setup.additions, recording)
-        same = before.recording.repairs == recording.repairs and before.dynamics is source.dynamics
-        now = expected if same and before.additions == source.additions else expect(source)
-        if now is not None:
-            setup = setup.with_recording(k, replace(recording, watch=_Watch(now)))
-    return setup
-
-
-def unwatched(setup: Setup) -> tuple[Setup, bool]:
-    """The same without, and whether anything stood out."""
-    watches = [recording.watch for recording in setup.recordings]
-    found = any(isinstance(watch, _Watch) and watch.outliers for watch in watches)
-    recordings = tuple(replace(recording, watch=None) for recording in setup.recordings)
-    return setup.changed(recordings=recordings), found
