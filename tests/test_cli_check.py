@@ -13,8 +13,9 @@ from checked import moved, scaled, written
 from command import run
 from deltaid.check.evidence import evidence
 from deltaid.check.mended import as_written, mended
+from deltaid.check.verdicts import KEYS
 from deltaid.dynamics.dynamics import compiled
-from deltaid.model.verdict import KEYS, Grade, Proposal, Verdict
+from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.opening import open_log
 from deltaid.robot.load import load_robot
 from sessions import ROOT

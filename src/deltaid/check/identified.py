@@ -8,13 +8,13 @@ from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
-from deltaid.check.verdicts import Verdicts
+from deltaid.check.verdicts import KEYS, Verdicts
 from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.settings import Settings, settings_of
-from deltaid.model.verdict import KEYS, Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.posterior.draw import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from deltaid.check.mended import Data, changes, files_of, mended, to_paste, written_out
 from deltaid.dynamics.dynamics import compiled
+from deltaid.effects.all import EFFECTS
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
@@ -13,6 +14,32 @@ from deltaid.recording.opening import resolved_table
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in, parse, yaml_text
 from deltaid.shown import Reported, Shown, Tabled
+
+# Every key that a verdict may have, in the order of docs/check.md, by what it is about; those of
+# effects are theirs.
+KEYS = {
+    "the description": (
+        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
+        "workspace-cut", "torque-limit",
+    ),
+    "units and wiring": (
+        "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
+        "drive-order", "homing-or-tilt", "velocity",
+    ),
+    "the signals": (
+        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
+        "resonance", "torque-lag", "closed-loop",
+    ),
+    "the sensors": (
+        "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",
+        "sensor-clipped", "sensor-lag", "sensor-noise", "sensor-residual",
+    ),
+    "the information": ("base-parameters", "excitation"),
+    "the fit": (
+        *dict.fromkeys(effect.key for effect in EFFECTS if effect.is_described), "residual",
+    ),
+    "what cannot be used": ("refused",),
+}  # fmt: skip
 
 
 class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):

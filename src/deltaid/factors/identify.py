@@ -9,7 +9,7 @@ from statistics import median
 import numpy as np
 
 from deltaid.check.identified import Judged
-from deltaid.check.verdicts import Verdicts
+from deltaid.check.verdicts import KEYS, Verdicts
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
@@ -24,7 +24,7 @@ from deltaid.identification.torque_error import TorqueError
 from deltaid.model.corrections import Correction
 from deltaid.model.model import ModelLike, load
 from deltaid.model.record import Settings
-from deltaid.model.verdict import KEYS, Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_text import written

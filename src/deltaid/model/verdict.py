@@ -8,31 +8,6 @@ from typing import Literal
 from deltaid.errors import sentence
 from deltaid.shown import Shown
 
-# Every key that a verdict may have, in the order of docs/check.md, by what it is about.
-KEYS = {
-    "the description": (
-        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
-        "workspace-cut", "torque-limit",
-    ),
-    "units and wiring": (
-        "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
-        "drive-order", "homing-or-tilt", "velocity",
-    ),
-    "the signals": (
-        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
-        "resonance", "torque-lag", "closed-loop",
-    ),
-    "the sensors": (
-        "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",
-        "sensor-clipped", "sensor-lag", "sensor-noise", "sensor-residual",
-    ),
-    "the information": ("base-parameters", "excitation"),
-    "the fit": (
-        "friction-law", "geometry-or-cogging", "drift", "load-change", "drive-gain", "residual",
-    ),
-    "what cannot be used": ("refused",),
-}  # fmt: skip
-
 
 class Grade(StrEnum):
     """How a thing looks; the order is that of severity."""
