@@ -1,6 +1,8 @@
 """Effects are taken from one list: what is not in it is missed, and nothing else is."""
 
+import importlib
 import os
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -25,29 +27,12 @@ main()
 """
 
 
-def files() -> set[str]:
-    """Modules of effects, without what they have in common."""
-    common = {
-        "__init__",
-        "all",
-        "cause",
-        "contest",
-        "effect",
-        "joint",
-        "compliance",
-        "lag_columns",
-        "lags",
-        "load_times",
-        "reversals",
-        "rigid_fit",
-        "windings",
-    }
-    return {path.stem for path in (PACKAGE / "effects").glob("*.py")} - common
-
-
-def test_each_effect_has_a_file_and_a_name_of_its_own() -> None:
-    assert {type(one).__module__.rpartition(".")[2] for one in EFFECTS} == files()
-    assert len({one.kind for one in EFFECTS}) == len(EFFECTS) == len(files())
+def test_each_effect_has_a_file_and_a_name_of_its_own_and_is_listed() -> None:
+    for module in pkgutil.iter_modules([str(PACKAGE / "effects")], "deltaid.effects."):
+        importlib.import_module(module.name)
+    assert {type(effect) for effect in EFFECTS} == set(Effect.__subclasses__())
+    assert len({effect.kind for effect in EFFECTS}) == len(EFFECTS)
+    assert len({type(effect).__module__ for effect in EFFECTS}) == len(EFFECTS)
 
 
 @pytest.mark.parametrize("one", EFFECTS, ids=lambda one: one.kind)
