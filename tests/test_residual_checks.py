@@ -146,6 +146,20 @@ def test_every_drive_whose_torque_constant_is_wrong_is_named_with_its_size() -> 
     assert gain.number == pytest.approx(100 * (0.92 / mean - 1), abs=0.5)
 
 
+@pytest.mark.parametrize("beta", [0.05, 0.15])
+def test_a_torque_constant_that_falls_with_current_is_named_with_its_size(beta: float) -> None:
+    def saturated(t, q, qd, tau) -> np.ndarray:
+        largest = np.abs(tau).max(axis=0)
+        return [0.0, beta, 0.0] * tau**3 / largest**2
+
+    verdicts = said(saturated)
+    assert bad(verdicts) == ["torque-constant"]
+    falls = verdicts["torque-constant"]
+    assert falls.subject == "drive2"
+    assert falls.number == pytest.approx(100 * beta, rel=0.15)
+    assert "saturates" in falls.cause
+
+
 def test_a_lag_that_does_nothing_is_left_unsaid() -> None:
     verdicts = said(late=0.16e-3)
     assert verdicts["torque-lag"].grade is Grade.GOOD

@@ -3,6 +3,7 @@
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Effect
+from deltaid.effects.falling_gain import FallingGain
 from deltaid.effects.friction import FrictionLaw
 from deltaid.effects.gain import Gain
 from deltaid.effects.load import LoadChange
@@ -14,6 +15,7 @@ from deltaid.effects.zero import Zero
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
     Gain(),
+    FallingGain(),
     FrictionLaw(),
     Drift(),
     Zero(),

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from deltaid.effects.contest import Account, Explained
 from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.estimation.span import Span
 
 # A cause counts if it explains this share of all that is explained, and this share of the largest
 # torque; what is smaller may be what the first-order columns of another one leave.
@@ -33,6 +34,15 @@ class Cause:
     def first(self) -> Candidate:
         """The candidate that was found first."""
         return self.found[0].candidate
+
+    @property
+    def others(self) -> Span:
+        """What parameters and all other causes explain."""
+        span = self.fit.span
+        for explained in self.account.found:
+            if explained.candidate.kind != self.kind:
+                span = span.with_columns(explained.directions)
+        return span
 
 
 def causes_of(fit: RigidFit, account: Account) -> list[Cause]:

@@ -84,10 +84,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
 
 def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
     """What each drive's torque is of the model's, up to a common factor, and its deviation."""
-    fit, span = cause.fit, cause.fit.span
-    for one in cause.account.found:
-        if one.candidate.kind != cause.kind:
-            span = span.with_columns(one.directions)
+    fit, span = cause.fit, cause.others
     own = fit.rows.own(fit.scaled_model)
     bare = span.without(own)
     influence = np.linalg.pinv(bare, rcond=_SHOWN).T

@@ -1,0 +1,47 @@
+"""Motors whose torque constant falls with current, as their iron saturates."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.effects.cause import Cause
+from deltaid.effects.effect import Effect
+from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.estimation.span import Columns
+from deltaid.model.words import percent
+
+
+class FallingGain(Effect):
+    """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
+
+    To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest
+    size τ_max, where the joint lacks the share β.
+    """
+
+    kind = "torque-constant"
+    likeliest = "the motor saturates, so that its torque constant falls with current"
+    fix = (
+        "record torques by the motor's curve of torque over current, not by one constant; or move "
+        "more gently"
+    )
+
+    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+        own = _cubes(fit)
+        for i, drive in enumerate(fit.drives):
+            yield Candidate(self.kind, drive, own[:, [i]])
+        yield Candidate(self.kind, "", own)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        del share
+        fit, others = cause.fit, cause.others
+        lacking = np.linalg.lstsq(others.without(_cubes(fit)), others.without(fit.tau))[0]
+        worst = fit.drives.index(subject) if subject else int(np.argmax(np.abs(lacking)))
+        beta = float(lacking[worst])
+        size = f"{percent(abs(beta))} too {'large' if beta > 0 else 'small'}"
+        return 100 * beta, "%", f"{fit.drives[worst]}'s largest torques are {size}, small ones not"
+
+
+def _cubes(fit: RigidFit) -> Columns:
+    """τ³/τ_max², one column a drive."""
+    largest = np.abs(fit.model).max(axis=1, keepdims=True)
+    return fit.rows.own(fit.model**3 / largest**2)
