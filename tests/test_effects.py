@@ -35,6 +35,14 @@ def test_each_effect_has_a_file_and_a_name_of_its_own_and_is_listed() -> None:
     assert len({type(effect).__module__ for effect in EFFECTS}) == len(EFFECTS)
 
 
+def test_nothing_but_the_list_knows_an_effect() -> None:
+    """So each of them may be deleted."""
+    names = {type(effect).__module__ for effect in EFFECTS}
+    for path in PACKAGE.rglob("*.py"):
+        imported = set(re.findall(r"^from ([\w.]+) import", path.read_text("utf-8"), re.MULTILINE))
+        assert imported & names == (names if path.name == "all.py" else set()), path
+
+
 @pytest.mark.parametrize("one", EFFECTS, ids=lambda one: one.kind)
 def test_an_effect_is_short_and_can_be_detected(one: Effect) -> None:
     own = type(one)

@@ -3,33 +3,13 @@
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect, torque_of
-from deltaid.effects.joint import Joint, Shape, of_load, one_way, one_way_speed
+from deltaid.effects.joint import SHAPES, Joint, Shape, Speeds, of_load, one_way, one_way_speed
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
-Speeds = Float[np.ndarray, " *shape"]
-
-
-def _near(knee: float) -> Callable[[Speeds], Speeds]:
-    return lambda x: 1.0 / (1.0 + (x / knee) ** 2)
-
-
-_NEAR, _SQUARE, _FLAT = (
-    "more friction at low speed",
-    "friction that grows with the square of speed",
-    "friction that flattens with speed",
-)
-# Friction over the speed beside Coulomb's and viscous: shapes over x, the speed as a share of the
-# joint's largest. With these, any law is a free curve, Stribeck's to 7 % of its size.
-SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
-    *((_near(knee), _NEAR) for knee in (0.03, 0.06, 0.12, 0.24)),
-    (np.square, _SQUARE),
-    (np.sqrt, _FLAT),
-)
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
 
 

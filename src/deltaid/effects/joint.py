@@ -12,6 +12,26 @@ from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
 from deltaid.robot.friction_terms import FrictionTerm
 
+Speeds = Float[np.ndarray, " *shape"]
+
+
+def _near(knee: float) -> Callable[[Speeds], Speeds]:
+    return lambda x: 1.0 / (1.0 + (x / knee) ** 2)
+
+
+_NEAR, _SQUARE, _FLAT = (
+    "more friction at low speed",
+    "friction that grows with the square of speed",
+    "friction that flattens with speed",
+)
+# Friction over the speed beside Coulomb's and viscous: shapes over x, the speed as a share of the
+# joint's largest. With these, any law is a free curve, Stribeck's to 7 % of its size.
+SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
+    *((_near(knee), _NEAR) for knee in (0.03, 0.06, 0.12, 0.24)),
+    (np.square, _SQUARE),
+    (np.sqrt, _FLAT),
+)
+
 # A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
 Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.effects.friction import SHAPES
+from deltaid.effects.joint import SHAPES
 from deltaid.effects.lag_columns import slopes
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.trace_rows import RecordingRows, TraceRows

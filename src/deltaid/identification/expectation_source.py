@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
-from deltaid.effects.friction import SHAPES
+from deltaid.effects.joint import SHAPES
 from deltaid.estimation.additions import Addition, Extended, entries, extended
 from deltaid.estimation.information import active_columns
 from deltaid.mechanism.kinematics import Kinematics
