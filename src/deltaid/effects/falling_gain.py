@@ -44,4 +44,4 @@ class FallingGain(Effect):
 def _cubes(fit: RigidFit) -> Columns:
     """τ³/τ_max², one column a drive."""
     largest = np.abs(fit.model).max(axis=1, keepdims=True)
-    return fit.rows.own(fit.model**3 / largest**2)
+    return fit.rows.own(fit.model**3 / np.where(largest > 0, largest, 1.0) ** 2)
