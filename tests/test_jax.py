@@ -33,6 +33,13 @@ def doubles() -> Iterator[None]:
     jax.config.update("jax_enable_x64", before)
 
 
+@pytest.fixture(autouse=True)
+def compiled_code_is_dropped() -> Iterator[None]:
+    """It takes 50 MB a test."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="module")
 def delta() -> JaxFunctions:
     return deltaid.jax_functions(subject("clavel-delta3"))

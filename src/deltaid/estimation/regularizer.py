@@ -180,7 +180,7 @@ def prior_root(scaled: Matrix) -> Matrix:
 
 def _spectral_block(
     divergence: Divergence, block: Block, x: Vector, at: np.ndarray
-) -> tuple[float, Vector, Matrix]:
+) -> tuple[float, Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Value, gradient and Hessian of one block with respect to its own variables.
 
     With A = L⁻¹ M L⁻ᵀ, M_reg = L Lᵀ and A = V diag(λ) Vᵀ, the gradient of Σ φ(λ) is

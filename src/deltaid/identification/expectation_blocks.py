@@ -58,9 +58,9 @@ class Blocks:
     """
 
     nuisance: Nuisance
-    Y: ColumnsOfDrives
-    rise: ColumnsOfDrives
-    friction: ColumnsOfDrives
+    Y: Float[np.ndarray, "dof blocks columns"]
+    rise: Float[np.ndarray, "dof blocks columns"]
+    friction: Float[np.ndarray, "dof blocks nuisances"]
     tau: OfBlocks
     speed: OfBlocks
     counts: Bool[np.ndarray, "dof blocks"]

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import Joint, joints_of
-from deltaid.estimation.additions import Addition, Values
+from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.free_body import free_coefficients
 from deltaid.estimation.objective import data_term
 from deltaid.estimation.posing import METRICS
@@ -64,7 +64,7 @@ class LawConstants(Addition):
         columns = np.repeat(np.arange(len(drives)), [len(own) for own in drives])
         return np.concatenate(drives), columns
 
-    def entries(self, w: Samples, own: Values, recording: Recording) -> Values:
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
         return np.vstack(
             [
