@@ -28,16 +28,16 @@ from deltaid.recording.recording import Recording
 
 # Rows of a segment of the spectra, and segments at least.
 _LENGTH, _SEGMENTS = 512, 8
-# Windows of the recording whose speeds are looked at.
+# Windows of the recording whose speeds are evaluated.
 _WINDOWS = 8
-# Looked at is what lies above so many times the positions' cut-off and below so much of the rate.
+# Band inspected: multiple of the positions' cut-off, and share of the rate.
 _ABOVE, _BELOW = 2.0, 0.4
 # A controller's gain is below this share of M ω².
 _GAIN = 0.5
 # Coherence that many segments do not reach by chance: γ² of independent noise is exponential with
 # mean 1/K, so 7/K lies beyond 0.999.
 _CHANCE = 7.0
-# Share of the samples in which friction reverses unseen that bends parameters: 0.8 % of them bent
+# Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.
 _DOUBTFUL, _WRONG = 0.007, 0.02
 
@@ -55,8 +55,7 @@ class Shake:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
-    """Whether a controller shakes drives with the noise of their encoders; silent where it does
-    not, because what cannot be seen of it does no harm."""
+    """Verdict on encoder noise that a controller feeds back to the drives; none if undetectable."""
     recording, fitted = evidence.surveyed, evidence.fitted
     if isinstance(recording, RecordingError) or isinstance(
         fitted, RecordingError | IdentificationError
@@ -91,14 +90,13 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
-    """Speeds and torques by fed-back noise; None where rows or rate do not show them."""
+    """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
     if len(rows.q) - 2 < _SEGMENTS * _LENGTH:
         return None
-    # Second differences come first, so that the motion does not leak into what is above it; their
-    # gain is taken out again.
-    both = (np.diff(x, 2, axis=0) for x in (rows.q, rows.tau))
-    (frequency, q), (_, tau) = (segments(x, rate, _LENGTH, _LENGTH) for x in both)
+    # Second differences keep the motion from leaking upwards; their gain is divided out below.
+    differences = (np.diff(x, 2, axis=0) for x in (rows.q, rows.tau))
+    (frequency, q), (_, tau) = (segments(x, rate, _LENGTH, _LENGTH) for x in differences)
     low = _ABOVE * (recording.motion_cutoff or recording.log.motion_cutoff or 0.0)
     band = (frequency > low) & (frequency < _BELOW * rate)
     if not band.any():

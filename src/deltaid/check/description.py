@@ -1,5 +1,4 @@
-"""What a description leaves out, friction and limits; and whether the robot reaches its workspace,
-keeps its limits there, and can hold itself."""
+"""Missing friction and limits; reach, limits and holding torque over the workspace."""
 
 import re
 from collections.abc import Iterable
@@ -21,7 +20,7 @@ from deltaid.robot.description import RobotDescription
 # gravity asks for, and the speed [rad/s or m/s] at which viscous friction is as large.
 _SHARE, _SPEED = 0.1, {False: 3.0, True: 0.5}
 _DEFAULTS = {"platform_speed": "m/s", "platform_acceleration": "m/s²"}
-# Poses that are looked at, and the share of them that may break a limit at the workspace's edge.
+# Poses evaluated, and the share of them that may break a limit at the workspace's edge.
 _POINTS, _EDGE = 4096, 0.01
 
 
@@ -57,12 +56,12 @@ def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
         f"{key} is not given: {getattr(robot, key):g} {_DEFAULTS[key]} acts" for key in defaults
     ]
     if free:
-        words = {robot.units(drive).effort for drive in free}
-        seen.append(f"no {' or '.join(sorted(words))} limit of {listed(free)}")
+        text = {robot.units(drive).effort for drive in free}
+        seen.append(f"no {' or '.join(sorted(text))} limit of {listed(free)}")
     if not seen:
         speed, acceleration = robot.platform_speed, robot.platform_acceleration
-        words = f"platform {speed:g} m/s, {acceleration:g} m/s²; effort of all drives"
-        yield Verdict("limits-missing", Grade.GOOD, words)
+        text = f"platform {speed:g} m/s, {acceleration:g} m/s²; effort of all drives"
+        yield Verdict("limits-missing", Grade.GOOD, text)
         return
     yield Verdict(
         "limits-missing",
@@ -78,11 +77,11 @@ def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
 
 
 def _law(robot: RobotDescription, drive: str) -> dict[str, Any]:
-    """Friction of another drive that is alike; else by the torque that gravity asks for."""
+    """Friction of a drive of the same kind; else from the gravity torque."""
     kind = robot.is_linear(drive)
     for other in robot.drives:
-        alike = robot.is_linear(other) == kind and (other == "drive4") == (drive == "drive4")
-        if other in robot.friction and (alike or robot.platform_turns):
+        same_kind = robot.is_linear(other) == kind and (other == "drive4") == (drive == "drive4")
+        if other in robot.friction and (same_kind or robot.platform_turns):
             law = robot.friction[other]
             return {"viscous": law.viscous, "coulomb": law.coulomb}
     dynamics = compiled(robot)
@@ -112,28 +111,28 @@ def _points(dynamics: Dynamics) -> Float[np.ndarray, "points dof"]:
     """Poses all over the workspace, the same in every run."""
     rng, space = np.random.default_rng(0), dynamics.robot.workspace
     low, high = space.bounding_box
-    found = np.zeros((0, 3))
-    while len(found) < _POINTS:
+    inside = np.zeros((0, 3))
+    while len(inside) < _POINTS:
         points = rng.uniform(low, high, (_POINTS, 3))
-        found = np.concatenate([found, points[space.contains(points)]])
+        inside = np.concatenate([inside, points[space.contains(points)]])
     task, turn = dynamics.robot.task, dynamics.robot.turn
     angles = rng.uniform(turn.low, turn.high, (_POINTS, 1 if task.turn is not None else 0))
-    return np.hstack([task.of_point(found[:_POINTS]), angles])
+    return np.hstack([task.of_point(inside[:_POINTS]), angles])
 
 
 def _cut(robot: AtRest, poses: Poses) -> Verdict:
-    """Which share of the workspace the robot reaches and its limits of pose leave."""
-    own = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
+    """Share of the workspace within reach and pose limits."""
+    pose_limits = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
     # Without the number of the drive or strut.
-    names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[own]]
-    broken = poses.shares[:, own] > 1.0  # not so where NaN: not reached
+    names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[pose_limits]]
+    broken = poses.shares[:, pose_limits] > 1.0  # not so where NaN: not reached
     reached = float(np.mean(poses.stands))
-    left = float(np.mean(poses.stands & ~np.any(broken, axis=1)))
-    if 1 - left <= _EDGE:
-        seen = f"{percent(left)} of it lies within all limits of drives and joints"
-        return Verdict("workspace-cut", Grade.GOOD, seen, number=1 - left, unit="share")
+    usable = float(np.mean(poses.stands & ~np.any(broken, axis=1)))
+    if 1 - usable <= _EDGE:
+        seen = f"{percent(usable)} of it lies within all limits of drives and joints"
+        return Verdict("workspace-cut", Grade.GOOD, seen, number=1 - usable, unit="share")
     parts = {
-        f"{name} cuts": float(np.mean(np.any(broken[:, [one == name for one in names]], axis=1)))
+        f"{name} cuts": float(np.mean(np.any(broken[:, [n == name for n in names]], axis=1)))
         for name in dict.fromkeys(names)
     }
     parts["out of reach are"] = 1 - reached
@@ -141,19 +140,19 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
     return Verdict(
         "workspace-cut",
         Grade.DOUBTFUL,
-        f"{percent(1 - left)} of the workspace cannot be used: "
+        f"{percent(1 - usable)} of the workspace cannot be used: "
         + "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3]),
         "workspace",
         "a workspace that is larger than what the machine can do, or a limit, a zero or a length "
         "that is wrong",
         f"shrink the workspace or widen the limits{_needed(robot, poses)}, and check the lengths",
-        number=1 - left,
+        number=1 - usable,
         unit="share",
     )
 
 
 def _needed(robot: AtRest, poses: Poses) -> str:
-    """The ranges of drives that the workspace asks for and the limits do not give."""
+    """Drive ranges that the workspace needs beyond the limits."""
     texts, described = [], robot.robot
     for drive, q in zip(described.drives, poses.q[poses.stands].T, strict=True):
         limits = described.drive_limits.get(drive)
@@ -161,7 +160,7 @@ def _needed(robot: AtRest, poses: Poses) -> str:
             continue
         if q.min() < limits.range[0] or q.max() > limits.range[1]:
             linear = described.is_linear(drive)
-            low, high = (x if linear else np.rad2deg(x) for x in (q.min(), q.max()))
+            low, high = (value if linear else np.rad2deg(value) for value in (q.min(), q.max()))
             texts.append(f"{drive} {low:.3g} … {high:.3g}{' m' if linear else '°'}")
     return f" (it needs {', '.join(texts)})" if texts else ""
 

@@ -1,4 +1,4 @@
-"""What checks look at: a robot, and of a recording what is read of it whatever is wrong with it."""
+"""Input of checks: a robot, and a recording as far as it can be read."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -50,7 +50,7 @@ class Evidence:
 
     Attributes:
         settings: of the fit that verdicts on the fit rest on.
-        made: that fit, where it has been made already.
+        problem: that fit, where there already is one.
     """
 
     dynamics: Dynamics
@@ -59,7 +59,7 @@ class Evidence:
     source: RecordingLike
     mapping: ColumnMapping | None
     settings: Settings
-    made: FittedProblem | None = None
+    problem: FittedProblem | None = None
 
     @property
     def robot(self) -> RobotDescription:
@@ -72,11 +72,11 @@ class Evidence:
         Raises:
             RecordingError: it cannot be read at all.
         """
-        columns, parts, held = self.columns, list[np.ndarray](), 0
+        columns, parts, rows_read = self.columns, list[np.ndarray](), 0
         for batch in read_batches(self.table, columns):
-            parts.append(batch.values[: _MOST - held])
-            held += len(parts[-1])
-            if held >= _MOST:
+            parts.append(batch.values[: _MOST - rows_read])
+            rows_read += len(parts[-1])
+            if rows_read >= _MOST:
                 break
         values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
@@ -101,25 +101,25 @@ class Evidence:
 
     @cached_property
     def surveyed(self) -> Recording | RecordingError:
-        """The recording as an identification takes it, or why none can."""
+        """The recording as identification uses it, or the error that prevents it."""
         setup = self._setup
         return setup if isinstance(setup, RecordingError) else setup.recordings[0]
 
     @cached_property
     def study(self) -> Study | None:
-        """What the residual of this recording looks like; None where it cannot be told."""
+        """Study of this recording's residual; None without a survey."""
         if isinstance(self.surveyed, RecordingError):
             return None
-        if self.made is None:
+        if self.problem is None:
             return studied(self.dynamics, self.surveyed)
-        warming = tuple(one for one in self.made.additions if isinstance(one, Warmth))
-        return studied(self.dynamics, self.surveyed, self.made.p, warming)
+        warming = tuple(term for term in self.problem.additions if isinstance(term, Warmth))
+        return studied(self.dynamics, self.surveyed, self.problem.p, warming)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
         """The fit to this recording, or why there is none."""
-        if self.made is not None:
-            return self.made
+        if self.problem is not None:
+            return self.problem
         setup = self._setup
         if isinstance(setup, RecordingError):
             return setup
@@ -146,12 +146,12 @@ def evidence(
 
 
 def with_fit(
-    one: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
+    evidence: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
 ) -> Evidence:
-    """Evidence whose survey, fit and study, if there is one, are those that have been made."""
-    known = replace(one, dynamics=problem.dynamics, made=problem)
-    vars(known).update({key: vars(one)[key] for key in ("rows", "moved") if key in vars(one)})
-    vars(known).update(surveyed=recording)  # where cached properties are kept
+    """The evidence with an existing survey, fit and study."""
+    fitted = replace(evidence, dynamics=problem.dynamics, problem=problem)
+    vars(fitted).update({k: v for k, v in vars(evidence).items() if k in ("rows", "moved")})
+    vars(fitted).update(surveyed=recording)  # where cached properties are kept
     if study is not None:
-        vars(known).update(study=study)
-    return known
+        vars(fitted).update(study=study)
+    return fitted

@@ -1,4 +1,4 @@
-"""The identification between its checks: what is wrong is refused before, what is doubtful said."""
+"""Identification between its checks: wrong input is refused first, doubts become warnings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,8 +25,8 @@ from deltaid.robot.load import RobotLike, described, yaml_text
 
 _FIRST = tuple(family for family in OF_RECORDING if family.first)
 _AFTER = tuple(family for family in OF_RECORDING if not family.first)
-# Verdicts on what has been left out, which the table of that tells with its spans.
-_TOLD = {"standing", "saturation"}
+# Verdicts on excluded rows, which the table of masks reports with their spans.
+_MASKED = {"standing", "saturation"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -87,87 +87,88 @@ def _judged(
     force: bool,
     progress: Progress,
 ) -> Judged:
-    """The identification, told stage by stage."""
-    found = of_robot(description, QUICK_OF_ROBOT)
+    judged = of_robot(description, QUICK_OF_ROBOT)
     if not force:
-        _refuse(found, description.name, DescriptionError, description)
+        _refuse(judged, description.name, DescriptionError, description)
     sources, opened, wired = as_sources(logs), list[Evidence](), list[tuple[Verdict, ...]]()
-    mappings = mapping_each(columns, len(sources))
+    mappings, several = mapping_each(columns, len(sources)), len(sources) > 1
     for source, mapping in zip(sources, mappings, strict=True):
         progress(f"judging {source}")
-        one = evidence(description, source, mapping, settings)
-        said = asked(one, _FIRST, "rows")
+        record = evidence(description, source, mapping, settings)
+        wiring = asked(record, _FIRST, "rows")
         if not force:
-            _refuse(said, str(one.table.path), RecordingError, one)
-        if one.columns.sensors:  # which need a survey, made again for the fit
-            shown = asked(one, _FIRST, "survey")
+            _refuse(wiring, str(record.table.path), RecordingError, record)
+        if record.columns.sensors:  # which need a survey, made again for the fit
+            on_sensors = asked(record, _FIRST, "survey")
             if not force:
-                _refuse(shown, str(one.table.path), RecordingError, one)
-            said += shown
-        wired.append(said)
-        if len(sources) > 1:
-            _ = one.moved
+                _refuse(on_sensors, str(record.table.path), RecordingError, record)
+            wiring += on_sensors
+        wired.append(wiring)
+        if several:
+            _ = record.moved
             for key in ("rows", "_setup", "surveyed"):
-                vars(one).pop(key, None)  # all of them might not fit into memory
-        opened.append(one)
+                vars(record).pop(key, None)  # all of them might not fit into memory
+        opened.append(record)
     result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
     progress("judging what it tells")
-    for one, said, recording in zip(opened, wired, result.recordings, strict=True):
-        found += named(one, _still(said, recording, result, description), several=len(sources) > 1)
-    found += tuple(v for v in _after(result, opened) if settings.keep_all or v.key not in _TOLD)
-    poor = tuple(verdict.sentence for verdict in found if verdict.grade is not Grade.GOOD)
-    model = result.model.changed(warnings=(*poor, *_others(result, found)))
+    for record, wiring, recording in zip(opened, wired, result.recordings, strict=True):
+        judged += named(record, _kept(wiring, recording, result, description), several=several)
+    judged += tuple(v for v in _final(result, opened) if settings.keep_all or v.key not in _MASKED)
+    poor = tuple(verdict.sentence for verdict in judged if verdict.grade is not Grade.GOOD)
+    model = result.model.changed(warnings=(*poor, *_warnings(result, judged)))
     if settings.intervals == "posterior":
         progress("drawing models")
         model = with_posterior_intervals(model)
-    judged = Verdicts(found, description, sources, mappings)
-    return Judged(model, result.problem, result.recordings, result.studies, judged)
+    verdicts = Verdicts(judged, description, sources, mappings)
+    return Judged(model, result.problem, result.recordings, result.studies, verdicts)
 
 
-def _still(
-    said: Iterable[Verdict],
+def _kept(
+    verdicts: Iterable[Verdict],
     recording: Recording,
     result: Identification,
     described: RobotDescription,
 ) -> Iterator[Verdict]:
-    """Verdicts on a recording's columns that still hold after the fit, or how they were met."""
+    """Verdicts on a recording's columns that hold after the fit, or how they were corrected."""
     corrections, log = result.model.corrections, recording.path.name
-    gains = any(one.kind == "gain" for one in corrections)
-    left_out = any(one.kind == "velocity" and one.log == log for one in corrections)
-    for one in said:
-        doubtful = one.grade is Grade.DOUBTFUL
-        if gains and one.key == "sensor-gain":
-            continue  # the drives were off and not the sensor, and have been put right
-        if left_out and doubtful and one.key == "velocity":
-            words = "which has been corrected: they are left out, and positions differentiated"
-            yield replace(one, grade=Grade.GOOD, seen=f"{one.seen}, {words}", cause="", cure="")
-        elif not (doubtful and one.key == "homing-or-tilt") or still_seen(
+    gains = any(fix.kind == "gain" for fix in corrections)
+    excluded = any(fix.kind == "velocity" and fix.log == log for fix in corrections)
+    for verdict in verdicts:
+        doubtful = verdict.grade is Grade.DOUBTFUL
+        if gains and verdict.key == "sensor-gain":
+            continue  # the drives were off, not the sensor, and have been corrected
+        if excluded and doubtful and verdict.key == "velocity":
+            note = "which has been corrected: they are left out, and positions differentiated"
+            yield replace(
+                verdict, grade=Grade.GOOD, seen=f"{verdict.seen}, {note}", cause="", cure=""
+            )
+        elif not (doubtful and verdict.key == "homing-or-tilt") or still_seen(
             result.problem, recording, described
         ):
-            yield one
+            yield verdict
 
 
-def _others(result: Identification, found: Sequence[Verdict]) -> tuple[str, ...]:
-    """Warnings of survey and fit, without those whose cause a verdict tells already: what the fit
-    contradicts follows from units, wiring and priors wherever these are poor."""
+def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
+    """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
+    from poor units, wiring and priors."""
     doubts = [(one.path, text) for one in result.recordings for text in one.log.warnings]
-    judged = {verdict.key for verdict in found}
-    poor = {v.key for v in found if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
+    judged = {verdict.key for verdict in verdicts}
+    poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
     kept = [f"{path}: {text}" for path, text in doubts if text.key not in judged]
     of_fit = () if poor & _EXPLAIN_A_FIT else result.model.warnings[len(doubts) :]
     return (*kept, *of_fit)
 
 
 def _refuse(
-    found: Iterable[Verdict],
+    verdicts: Iterable[Verdict],
     where: str,
     kind: type[DeltaidError],
-    of: RobotDescription | Evidence,
+    subject: RobotDescription | Evidence,
 ) -> None:
-    """Refuse the first thing that is wrong, with the lines that its files should get."""
-    for verdict in found:
+    """Raise the first wrong verdict, with the lines that its files should get."""
+    for verdict in verdicts:
         if verdict.grade is Grade.WRONG:
-            lines = "".join(_lines(verdict, file, of) for file in files_of([verdict]))
+            lines = "".join(_lines(verdict, file, subject) for file in files_of([verdict]))
             raise kind(
                 verdict.finding,
                 where=where,
@@ -176,27 +177,27 @@ def _refuse(
             )
 
 
-def _lines(verdict: Verdict, file: File, of: RobotDescription | Evidence) -> str:
+def _lines(verdict: Verdict, file: File, subject: RobotDescription | Evidence) -> str:
     """What a verdict proposes: of a mapping as lines to paste, of a description by path."""
-    wanted = changes([verdict], file)
-    if file == "robot" or not isinstance(of, Evidence):
-        return "\nin the description:" + "".join(f"\n{key}: {x}" for key, x in wanted.items())
-    linear = tuple(of.robot.is_linear(drive) for drive in of.robot.drives)
-    data = mended(written_out(of.mapping, of.table, of.columns, linear), wanted)
-    return f"\ninto the mapping (--columns):\n{yaml_text(to_paste(data, wanted)).rstrip()}"
+    proposed = changes([verdict], file)
+    if file == "robot" or not isinstance(subject, Evidence):
+        return "\nin the description:" + "".join(f"\n{k}: {v}" for k, v in proposed.items())
+    linear = tuple(subject.robot.is_linear(drive) for drive in subject.robot.drives)
+    data = mended(written_out(subject.mapping, subject.table, subject.columns, linear), proposed)
+    return f"\ninto the mapping (--columns):\n{yaml_text(to_paste(data, proposed)).rstrip()}"
 
 
-def _after(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:
-    """Verdicts on signals, on what the recordings tell, and on what the fit leaves."""
+def _final(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:
+    """Verdicts on signals, information and residuals."""
     problem, several = result.problem, len(opened) > 1
-    found: tuple[Verdict, ...] = ()
-    if several:  # together they may tell what none of them tells alone
-        moved = [one.moved for one in opened]
-        found += judged_information(problem.dynamics, problem.information, moved)
+    verdicts: tuple[Verdict, ...] = ()
+    if several:  # together they may determine what none does alone
+        strokes = [record.moved for record in opened]
+        verdicts += judged_information(problem.dynamics, problem.information, strokes)
     studies = result.studies or (None,) * len(opened)
-    for one, recording, study in zip(opened, result.recordings, studies, strict=True):
-        known = with_fit(one, problem, recording, study)
+    for record, recording, study in zip(opened, result.recordings, studies, strict=True):
+        fitted = with_fit(record, problem, recording, study)
         families = [family for family in _AFTER if family.alone or not several]
-        said = (v for needs in ("rows", "survey", "fit") for v in asked(known, families, needs))
-        found += named(one, said, several=several)
-    return found
+        judged = (v for needs in ("rows", "survey", "fit") for v in asked(fitted, families, needs))
+        verdicts += named(record, judged, several=several)
+    return verdicts

@@ -1,12 +1,12 @@
-"""What a recording tells about the parameters, and which motion would tell what it does not.
+"""Parameters that a recording determines, and the motion that would determine the others.
 
 In the base parameters b of any generic motion, rows weighted by each drive's noise σ_i,
 
     std_k² = ((G + I)⁻¹)_kk,   G = Σ_i F_iᵀ F_i / σ_i²,
 
-in units of the prior's standard deviation is what the recording leaves open of it: 1 where it says
-nothing. The same holds for a motion within the robot's limits (as many samples, same noise), and
-for both together: G adds up. The motion that leaves least open is the one to record.
+is the standard deviation after the recording in units of the prior's: 1 without information. The
+same holds for a motion within the robot's limits (as many samples, same noise), and for both
+together: G adds up. The motion with the least std is the one to record.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed
 from deltaid.motion.random_motion import random_motion
 
-# A base parameter is identifiable when the recording leaves less than this share of the prior's
-# standard deviation open, and not identifiable when it leaves more than the other.
+# A base parameter is identifiable below the first share of the prior's standard deviation, and not
+# identifiable above the second.
 _WELL, _NOT = 0.3, 0.9
 # An excitation is poor when a quarter of the parameters are so many times less certain than after
 # a motion within the robot's limits of the same length.
@@ -56,31 +56,30 @@ class _Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """Standard deviations of the base parameters of a generic motion, as shares of what the prior
-    leaves open."""
+class _Certainty:
+    """Standard deviations of the base parameters of a generic motion, as shares of the prior's."""
 
     names: tuple[str, ...]  # of the parameters that stand for the groups
     recorded: Float[np.ndarray, " base"]  # after the recording alone
     usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
     best: tuple[str, ...]  # words of the motion that narrows each most beside the recording
 
-    def named(self, which: Int[np.ndarray, " some"]) -> str:
+    def named(self, places: Int[np.ndarray, " some"]) -> str:
         """The first of some parameters, and how many more there are."""
-        more = f" and {len(which) - _SHOWN} more" if len(which) > _SHOWN else ""
-        return ", ".join(self.names[k] for k in which[:_SHOWN]) + more
+        more = f" and {len(places) - _SHOWN} more" if len(places) > _SHOWN else ""
+        return ", ".join(self.names[k] for k in places[:_SHOWN]) + more
 
-    def cure(self, which: Int[np.ndarray, " some"]) -> str:
+    def cure(self, places: Int[np.ndarray, " some"]) -> str:
         """What to record, most asked for first."""
-        asked = [self.best[k] for k in which]
-        order = sorted(dict.fromkeys(asked), key=lambda words: -asked.count(words))
-        own = [which[[one == words for one in asked]] for words in order[:2]]
-        texts = [f"{words} (shows {self.named(k)})" for words, k in zip(order, own, strict=False)]
+        motions = [self.best[k] for k in places]
+        order = sorted(dict.fromkeys(motions), key=lambda words: -motions.count(words))
+        shown = [places[[best == words for best in motions]] for words in order[:2]]
+        texts = [f"{words} (shows {self.named(k)})" for words, k in zip(order, shown, strict=False)]
         return "also record " + "; and ".join(texts)
 
 
 def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
-    """Verdicts on what one recording tells."""
+    """Verdicts on the information in one recording."""
     information = information_of(evidence)
     if information is None:
         return ()
@@ -88,7 +87,7 @@ def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
 
 
 def information_of(evidence: Evidence) -> Information | None:
-    """What a recording tells, whether it can be fitted or not; None if it cannot be used."""
+    """Information of a recording, fitted or not; None if it cannot be used."""
     if isinstance(evidence.surveyed, DeltaidError):
         return None
     fitted = evidence.fitted
@@ -103,7 +102,7 @@ def information_of(evidence: Evidence) -> Information | None:
 def judged_information(
     dynamics: Dynamics, information: Information, moved: Sequence[Float[np.ndarray, " drives"]]
 ) -> tuple[Verdict, ...]:
-    """Verdicts on what recordings tell together.
+    """Verdicts on the information in recordings together.
 
     Args:
         moved: how far each drive goes in each of them [rad or m].
@@ -119,42 +118,41 @@ def judged_information(
             cure=error.cure,
         )
         return (cannot,)
-    told = _told_by(dynamics, information, motions)
+    certainty = _assess(dynamics, information, motions)
     rests = (np.max(moved, axis=0) < _RESTING * motions[0].ranges).tolist()
     still = [drive for drive, is_so in zip(dynamics.robot.drives, rests, strict=True) if is_so]
-    return _parameters(told), _excitation(told, still)
+    return _parameters(certainty), _excitation(certainty, still)
 
 
-def _told_by(dynamics: Dynamics, information: Information, motions: Sequence[_Motion]) -> _Told:
-    """How certain the base parameters are after a recording, and would be after other motions, by
-    torques alone."""
-    information, usual = information.of_drives, motions[0]
+def _assess(dynamics: Dynamics, information: Information, motions: Sequence[_Motion]) -> _Certainty:
+    """Certainty of the base parameters after a recording and after other motions, torques alone."""
+    information, usual_motion = information.of_drives, motions[0]
     base = base_parameters(merge([motion.information for motion in motions]), dynamics.layout)
     representatives = [group.representative for group in base.groups]
     prior = np.array([parameter.std for parameter in base.layout.parameters])
     scale = np.linalg.norm(base.combination() * prior, axis=1)
-    weights = _weights(information, usual.largest)
+    weights = _weights(information, usual_motion.largest)
     samples = np.where(information.samples > 0, information.samples, information.mean_samples)
 
-    def factor(of: Information) -> Float[np.ndarray, "rows base"]:
-        share = samples / np.where(of.samples > 0, of.samples, samples)
-        columns = np.searchsorted(of.columns, representatives)
-        return of.weighted(weights * share)[:, columns] * scale
+    def factor(gathered: Information) -> Float[np.ndarray, "rows base"]:
+        share = samples / np.where(gathered.samples > 0, gathered.samples, samples)
+        columns = np.searchsorted(gathered.columns, representatives)
+        return gathered.weighted(weights * share)[:, columns] * scale
 
     own, others = factor(information), [factor(motion.information) for motion in motions]
-    together = np.argmin([_stds(np.vstack([own, other])) for other in others], axis=0)
+    best = np.argmin([_stds(np.vstack([own, added])) for added in others], axis=0)
     names = tuple(base.layout.names[k] for k in representatives)
-    return _Told(names, _stds(own), _stds(others[0]), tuple(motions[k].words for k in together))
+    return _Certainty(names, _stds(own), _stds(others[0]), tuple(motions[k].words for k in best))
 
 
 def _weights(
-    information: Information, usual: Float[np.ndarray, " dof"]
+    information: Information, usual_torques: Float[np.ndarray, " dof"]
 ) -> Float[np.ndarray, " dof"]:
     """1/σ_i² by what no parameters explain of each drive's torque, a usual share of its usual
     torque for one that rests."""
-    noise = _USUAL_NOISE * np.maximum(usual, np.finfo(float).tiny)
-    known = zip(information.samples, information.torque_max, strict=True)
-    for i, (samples, largest) in enumerate(known):
+    noise = _USUAL_NOISE * np.maximum(usual_torques, np.finfo(float).tiny)
+    drives = zip(information.samples, information.torque_max, strict=True)
+    for i, (samples, largest) in enumerate(drives):
         if samples and largest:
             rms = np.linalg.norm(information.problem_of(i).residual) / np.sqrt(samples)
             noise[i] = max(float(rms), NOISE_FLOOR * largest)
@@ -167,16 +165,16 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
     return np.linalg.norm(Vt.T / s, axis=1)
 
 
-def _parameters(told: _Told) -> Verdict:
-    """Which base parameters the recording tells, and which motion would show the others."""
-    share, key, unit = told.recorded, "base-parameters", "base parameters"
+def _parameters(certainty: _Certainty) -> Verdict:
+    """Base parameters that the recording determines, and the motion for the others."""
+    share, key, unit = certainty.recorded, "base-parameters", "base parameters"
     weak, hidden = (share > _WELL) & (share <= _NOT), share > _NOT
     well = int(np.sum(~weak & ~hidden))
     seen = f"{well} of {len(share)} are identifiable"
-    for words, which in (("weak", weak), ("not identifiable", hidden)):
-        if which.any():
-            seen += f"; {words}: {told.named(np.flatnonzero(which))}"
-    missed = (share > _WELL) & (told.usual < 0.5 * _WELL)
+    for grade, members in (("weak", weak), ("not identifiable", hidden)):
+        if members.any():
+            seen += f"; {grade}: {certainty.named(np.flatnonzero(members))}"
+    missed = (share > _WELL) & (certainty.usual < 0.5 * _WELL)
     lost = np.flatnonzero(missed & hidden)
     if not lost.size:
         if not missed.any() and len(share) > well:
@@ -186,17 +184,17 @@ def _parameters(told: _Told) -> Verdict:
         key,
         Grade.DOUBTFUL,
         seen,
-        told.names[lost[0]],
+        certainty.names[lost[0]],
         "the recorded motion does not move what they act on, or not fast enough",
-        told.cure(lost),
+        certainty.cure(lost),
         number=float(well),
         unit=unit,
     )
 
 
-def _excitation(told: _Told, still: Sequence[str]) -> Verdict:
+def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     """Whether the motion is as informative as the robot's limits allow."""
-    ratio, key, unit = told.recorded / told.usual, "excitation", "times less certain"
+    ratio, key, unit = certainty.recorded / certainty.usual, "excitation", "times less certain"
     poor = float(np.quantile(ratio, 0.75, method="higher"))
     if still:
         return Verdict(
@@ -219,9 +217,9 @@ def _excitation(told: _Told, still: Sequence[str]) -> Verdict:
         Grade.DOUBTFUL,
         f"a quarter of the base parameters are at least {poor:.2g} times less certain than after a "
         "motion of the same length that uses the limits",
-        told.named(weak),
+        certainty.named(weak),
         "the motion is slow, or uses little of the workspace",
-        told.cure(weak),
+        certainty.cure(weak),
         number=poor,
         unit=unit,
     )
@@ -249,13 +247,13 @@ def _motions(dynamics: Dynamics) -> tuple[_Motion, ...]:
         information = gather_samples(dynamics, place, qd, qdd, tau)
         return _Motion(words, information, np.ptp(q, axis=0), np.abs(tau).max(axis=0))
 
-    found = [
+    motions = [
         only("motions of all drives as fast as the limits allow", every),
         only("a slow motion through poses all over the workspace", every, 1 / _SLOWER),
     ]
     if len(task.axes) > 1:
         names = "fast strokes along x", "fast strokes along y", "fast strokes up and down"
-        found += [only(names[axis], [k]) for k, axis in enumerate(task.axes)]
+        motions += [only(names[axis], [k]) for k, axis in enumerate(task.axes)]
     if task.turn is not None and task.axes:
-        found.append(only("fast turns of the tool while the platform rests", [task.turn]))
-    return tuple(found)
+        motions.append(only("fast turns of the tool while the platform rests", [task.turn]))
+    return tuple(motions)

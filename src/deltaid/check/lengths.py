@@ -32,9 +32,8 @@ Length = tuple[str, float]  # path and number
 def checked_lengths(data: dict[str, Any]) -> Verdict:
     """The verdict on all lengths of a description.
 
-    Limbs that are too long for any robot tell by themselves that they are in millimetres, too short
-    ones that they are off the other way. What their size then is says the same of all lengths:
-    those of the limbs one by one, of other parts together, as these are in one unit.
+    Limbs too long for any robot are in millimetres, too short ones are off the other way. Their
+    corrected size judges all lengths: limbs one by one, each other part as one unit.
     """
     limbs = list(_numbers(data.get("limbs"), _LIMBS, "limbs"))
     groups = [group for group in _groups(data) if _longest(group) > 0]
@@ -57,7 +56,7 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
         return Verdict("millimetres", Grade.GOOD, seen, number=size, unit="m")
     path, value = max(wrong, key=lambda length: abs(length[1]))
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-    changes = tuple((place, float(f"{x * factor:.12g}")) for place, x in wrong if x)
+    changes = tuple((place, float(f"{value * factor:.12g}")) for place, value in wrong if value)
     return Verdict(
         "millimetres",
         Grade.WRONG,

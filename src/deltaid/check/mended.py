@@ -1,4 +1,4 @@
-"""Proposals put into effect: on a description, on a mapping, and as lines to paste."""
+"""Proposals applied to a description or a mapping, or written as lines to paste."""
 
 import copy
 import os
@@ -35,14 +35,14 @@ _STEP = re.compile(r"[^.\[\]]+")
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
     """What all verdicts propose for one file; of two values for one key the first."""
     proposals = (p for verdict in verdicts for p in verdict.proposals if p.file == file)
-    found: Changes = {}
+    chosen: Changes = {}
     for proposal in proposals:
-        found |= {key: value for key, value in proposal.changes if key not in found}
-    return found
+        chosen |= {key: value for key, value in proposal.changes if key not in chosen}
+    return chosen
 
 
 def as_written(robot: RobotLike) -> Data:
-    """A description as the plain data of its file, even of one whose numbers cannot be.
+    """A description as the plain data of its file, even with impossible numbers.
 
     Raises:
         DescriptionError: there is no such robot, or its file is no mapping of keys.
@@ -54,13 +54,13 @@ def as_written(robot: RobotLike) -> Data:
     return described(robot).model_dump(mode="json", exclude_none=True)
 
 
-def mended(data: Data, wanted: Changes) -> Data:
+def mended(data: Data, proposed: Changes) -> Data:
     """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
     data = copy.deepcopy(data)
-    for path, value in wanted.items():
-        *way, last = _steps(path)
+    for path, value in proposed.items():
+        *parents, last = _steps(path)
         place: Any = data
-        for step in way:
+        for step in parents:
             place = place[step] if isinstance(step, int) else place.setdefault(step, {})
         if value is None and isinstance(place, dict):
             place.pop(last, None)
@@ -100,20 +100,20 @@ def written_out(
     return mapping.model_dump(mode="json", exclude_unset=True) | lists
 
 
-def to_paste(data: Data, wanted: Changes) -> Data:
+def to_paste(data: Data, proposed: Changes) -> Data:
     """The changed keys of mended data and nothing else; of a list all, as it is pasted whole."""
     lines: Data = {}
-    for path in wanted:
-        here: Any = data
-        there = lines
+    for path in proposed:
+        value: Any = data
+        target = lines
         for step in _steps(path):
-            if step not in here:
+            if step not in value:
                 break
-            here = here[step]
-            if isinstance(here, dict):
-                there = there.setdefault(step, {})
+            value = value[step]
+            if isinstance(value, dict):
+                target = target.setdefault(step, {})
             else:
-                there[step] = here
+                target[step] = value
                 break
     return lines
 

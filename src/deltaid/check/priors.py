@@ -33,9 +33,9 @@ _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each body whose prior cannot be, or one that all can."""
-    found = tuple(verdict for name in robot.body_names for verdict in _body(robot, name))
-    if found:
-        return found
+    verdicts = tuple(verdict for name in robot.body_names for verdict in _body(robot, name))
+    if verdicts:
+        return verdicts
     mass = sum(float(body.prior_parameters()[0]) for body in robot.bodies.values())
     seen = f"{len(robot.bodies)} bodies, together {mass:.3g} kg, go with the lengths"
     return (Verdict("prior-scale", Grade.GOOD, seen, number=mass, unit="kg"),)
@@ -126,15 +126,15 @@ def _light(path: str, name: str, shape: HollowCylinder | PointMass, density: flo
 
 def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict:
     """`alone`: whether the mass may be wrong and the moments right."""
-    most = _HEAVY * size**3
+    largest = _HEAVY * size**3
     return Verdict(
         "prior-scale",
-        Grade.WRONG if mass > _FAR * most else Grade.DOUBTFUL,
-        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {most:.3g} kg",
+        Grade.WRONG if mass > _FAR * largest else Grade.DOUBTFUL,
+        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
         name,
         "a mass in grams",
         "give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
-        _proposed(path, mass / 1000) if alone and mass / 1000 < most else (),
+        _proposed(path, mass / 1000) if alone and mass / 1000 < largest else (),
         number=mass,
         unit="kg",
     )
@@ -162,9 +162,9 @@ def _size_of(robot: RobotDescription) -> float:
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each measured value that cannot be, or one that all go with the prior."""
     rows = weighings(robot)
-    found = tuple(_measured(robot, rows))
-    if found or not rows:
-        return found
+    verdicts = tuple(_measured(robot, rows))
+    if verdicts or not rows:
+        return verdicts
     first, *_ = rows
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first.name}, {go} with the description"
@@ -173,14 +173,14 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
 
 def _measured(robot: RobotDescription, rows: tuple[Weighing, ...]) -> Iterator[Verdict]:
     parameters, stated = parameter_layout(robot).parameters, stated_spreads(robot)
-    prior = np.array([one.prior for one in parameters])
-    std = np.array([stated.get(one.name, PRIOR_SPREAD) * one.scale for one in parameters])
+    prior = np.array([entry.prior for entry in parameters])
+    std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
     for row in rows:
         expected = float(row.coefficients @ prior)
-        apart, ratio = abs(row.value - expected), row.value / expected if expected else np.inf
+        error, ratio = abs(row.value - expected), row.value / expected if expected else np.inf
         if row.unit == "kg m":
             bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
-            lever = apart / float(prior[10 * bodies].sum())
+            lever = error / float(prior[10 * bodies].sum())
             if lever > _FARTHEST * _size_of(robot):
                 yield Verdict(
                     "measured-scale",
@@ -193,7 +193,7 @@ def _measured(robot: RobotDescription, rows: tuple[Weighing, ...]) -> Iterator[V
                     unit="m",
                 )
         elif ratio < 1 / _FACTOR or (
-            ratio > _FACTOR and apart > _SPREADS * float(np.linalg.norm(row.coefficients * std))
+            ratio > _FACTOR and error > _SPREADS * float(np.linalg.norm(row.coefficients * std))
         ):
             yield _scaled(row, expected, ratio)
 

@@ -1,8 +1,8 @@
-"""What the fit leaves of the torques: a lag, or the effect that makes it.
+"""Residual torques of the fit: a lag, or the effect that causes them.
 
 The torques of a recording are compared with what any parameters could make of its motion, without
-prior and consistency. What is left and is more than chance is given to the cause whose columns
-explain it best; the next cause gets what that one leaves.
+prior and consistency. A residual beyond chance is assigned to the cause whose columns explain it
+best; the next cause gets the remainder.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,12 +26,12 @@ from deltaid.recording.windows import Samples
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
-# What is left is far above noise when it is so many times the noise and this share of the largest
-# torque; it comes in bursts when a tenth of the time has so much of it.
+# A residual is far above noise at so many times the noise and this share of the largest torque; it
+# comes in bursts when a tenth of the time has so much of it.
 _FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
 _FLOOR = 1e-5  # least noise, as a share of the largest torque
-# Lines are looked for above so many times the motion's fastest part, and above so many Hz: below,
-# what a model lacks has lines of its own.
+# Lines are searched above so many times the motion's bandwidth and above so many Hz: below, model
+# errors have lines of their own.
 _ABOVE, _LOWEST = 3.0, 6.0
 # A line stands so many times above its neighbours within a quarter of its frequency, is narrower
 # than a tenth of it, and makes this share of the largest torque.
@@ -40,11 +40,11 @@ _STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
 _SECONDS, _SEGMENTS = 2.0, 6
 # A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
 _SPOILT = 0.05
-# A smaller lag [s] that spoils no inertia by this share is left unsaid.
+# A smaller lag [s] that biases no inertia by this share is not reported.
 _LARGE, _HARMS = 2e-4, 0.003
-# Nothing is said of a lag whose interval is wider than the one [s], and of one that is wider than
-# the other only where it is so many times as large: a slow motion shows a lag at its reversals
-# alone, where encoders and friction near rest play in.
+# A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
+# as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
+# near rest interfere.
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 # Lags of drives differ by more than this at least [ms].
 _APART = 0.3
@@ -52,16 +52,17 @@ _APART = 0.3
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
-    """Lags, and the causes that what is left points at."""
+    """Lags, and causes of the residual."""
     study, recording = evidence.study, evidence.surveyed
     if study is None or isinstance(recording, RecordingError):
         return
-    added = () if evidence.made is None else evidence.made.additions
-    unknown = any(isinstance(one, UnknownLag) and one.is_of(recording) for one in added)
+    added = () if evidence.problem is None else evidence.problem.additions
+    unknown = any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added)
     yield _lag(study, unknown=unknown)
     ringing = _resonance(study)
     yield ringing
-    causes, effects = causes_of(study.fit, study.account), {one.kind: one for one in EFFECTS}
+    causes = causes_of(study.fit, study.account)
+    effects = {effect.kind: effect for effect in EFFECTS}
     for cause in causes:
         if effects[cause.kind].is_described:
             yield _verdict(effects[cause.kind], cause, recording)
@@ -70,9 +71,9 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def _rest(study: Study, *, rings: bool) -> Verdict:
-    """Whether more is left than noise where no cause counts, and no resonance explains it."""
-    left = study.fit.rows.of_drives(study.account.left)
-    rms = np.sqrt(np.mean(left**2, axis=1))
+    """Verdict on a residual beyond noise that neither cause nor resonance explains."""
+    residual = study.fit.rows.of_drives(study.account.left)
+    rms = np.sqrt(np.mean(residual**2, axis=1))
     noise, largest = _white_share(study), _largest_torques(study)
     times = rms / np.maximum(noise, _FLOOR * largest)
     worst = int(np.argmax(np.where(rms > _SEEN * largest, times, 0.0)))
@@ -80,18 +81,18 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     if rings or number < _FAR or rms[worst] < _SEEN * largest[worst]:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         return Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
-    short = np.sort(left[worst] ** 2)[-max(len(left[worst]) // 10, 1) :].sum()
-    words = "and it follows neither speed, place, time nor load"
+    short = np.sort(residual[worst] ** 2)[-max(len(residual[worst]) // 10, 1) :].sum()
+    pattern = "and it follows neither speed, place, time nor load"
     cause = "something that the model has no words for, such as compliance, backlash or cables"
     cure = "; check play and stiffness of the gears"
-    if short > _BURSTS * np.sum(left[worst] ** 2):
-        words, cure = "in short bursts", ", and leave out what was no free motion"
+    if short > _BURSTS * np.sum(residual[worst] ** 2):
+        pattern, cure = "in short bursts", ", and leave out what was no free motion"
         cause = "knocks: contact with something, backlash that closes, or stops"
     return Verdict(
         "residual",
         Grade.DOUBTFUL,
         f"the fit leaves {number:.3g} times the noise of {drive}'s torque, "
-        f"{percent(rms[worst] / largest[worst])} of its largest, {words}",
+        f"{percent(rms[worst] / largest[worst])} of its largest, {pattern}",
         drive,
         cause,
         f"look at the residual over time in the report{cure}",
@@ -124,7 +125,7 @@ def _largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
 
 
 def _white_share(study: Study) -> Float[np.ndarray, " dof"]:
-    """What white noise of the torques would leave after the filter."""
+    """White noise of the torques after the filter."""
     low_pass = study.fit.trace.low_pass
     return white_noise(_unexplained(study), low_pass.rate) * low_pass.noise_gain
 
@@ -135,35 +136,35 @@ def _longest(study: Study) -> Samples:
 
 
 def _unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
-    """Torques less those of the model, of this stretch, nothing put back or filtered."""
+    """Torques less those of the model over this stretch, unfiltered."""
     w, dynamics = _longest(study), study.fit.trace.dynamics
-    left = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
-    return np.where(w.weights > 0, left, 0.0)
+    residual = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
+    return np.where(w.weights > 0, residual, 0.0)
 
 
 def _resonance(study: Study) -> Verdict:
     """The highest line of all drives; drives that show it are named."""
-    trace, drives, left = study.fit.trace, study.fit.drives, _unexplained(study)
+    trace, drives, residual = study.fit.trace, study.fit.drives, _unexplained(study)
     rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(_longest(study).z)
-    length = int(min(_SECONDS * rate, 2 * len(left) / (_SEGMENTS + 1)))
-    frequency, power = density(left, rate, max(length, 16))
+    length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
+    frequency, power = density(residual, rate, max(length, 16))
     lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
-    lines = np.array([_line(frequency, own, lowest) for own in power.T])
+    lines = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T])
     shares = np.sqrt(lines[:, 1]) / _largest_torques(study)
     k = int(np.argmax(shares))
     if shares[k] < _LEAST:
         return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
-    at = float(lines[k, 0])
-    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / at - 1) < _NARROW)
+    peak = float(lines[k, 0])
+    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
     return Verdict(
         "resonance",
         Grade.DOUBTFUL,
-        f"a line at {at:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
+        f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
         "" if same.all() else listed([drives[i] for i in np.flatnonzero(same)]),
         "struts, gears or frame ring there, or the drive's control loop does",
         "excite less near it and take a --cutoff below it; look for play and loose screws, or "
         "lower the gain of the control loop",
-        number=at,
+        number=peak,
         unit="Hz",
     )
 
@@ -171,14 +172,14 @@ def _resonance(study: Study) -> Verdict:
 def _line(
     frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
 ) -> tuple[float, float]:
-    """Frequency and power of the line that stands out most; zeros if none does."""
+    """Frequency and power of the most prominent line; zeros if there is none."""
     inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
     peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
     for i in peaks[np.argsort(-power[peaks])]:
         near = np.abs(frequency / frequency[i] - 1) < _NEAR
-        x = power[near]
-        middle = [(len(x) - 1) // 2, len(x) // 2]  # of np.median, whose checks take longer
-        level = float(np.partition(x, middle)[middle].mean())
+        level_of = power[near]
+        middle = [(len(level_of) - 1) // 2, len(level_of) // 2]  # np.median's checks take longer
+        level = float(np.partition(level_of, middle)[middle].mean())
         if power[i] < max(_STANDS * level, 1e-300):
             continue
         high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
@@ -191,7 +192,7 @@ def _line(
 
 
 def _lag(study: Study, *, unknown: bool = False) -> Verdict:
-    """Whether torques and positions are of the same instant, as far as that can be told.
+    """Whether torques and positions are simultaneous, as far as this is determined.
 
     Args:
         unknown: whether the fit had to leave a lag open.
@@ -221,43 +222,43 @@ def _lag(study: Study, *, unknown: bool = False) -> Verdict:
         return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=half, unit=unit)
     worst = int(np.argmax(np.abs(harm)))
     grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
-    words = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
-    words += "too large" if harm[worst] > 0 else "too small"
+    harms = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
+    harms += "too large" if harm[worst] > 0 else "too small"
     if study.alike:
         rows = 1e-3 * lag * study.fit.trace.low_pass.rate
-        seen = f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions{words}"
+        seen = f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions{harms}"
         cause = "torque and position are not of the same instant: a filter in the torque's way, a "
         cause += "bus cycle, or two clocks"
         cure = "record both in the same cycle of the controller and without filter, or shift the "
         cure += f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)"
         return Verdict(key, grade, seen, "", cause, cure, number=lag, unit=unit)
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
-    told = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
-    seen = f"torques and positions do not agree in time, and drives differ: {_of(drives, told)}"
-    apart = np.abs(values - lag) > np.maximum(halves, _APART)
-    odd = "" if apart.all() else listed([drives[i] for i in np.flatnonzero(apart)])
+    lags = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
+    seen = f"torques and positions do not agree in time, and drives differ: {_of(drives, lags)}"
+    differing = np.abs(values - lag) > np.maximum(halves, _APART)
+    odd = "" if differing.all() else listed([drives[i] for i in np.flatnonzero(differing)])
     cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong friction "
     cause += "law or torque constant, which a lag imitates"
     cure = "set the torque filters of all drives alike and record in one cycle; check the friction "
     cure += "law and torque constant of those that differ"
     number = float(values[int(np.argmax(np.abs(values)))])
-    return Verdict(key, grade, seen + words, odd, cause, cure, number=number, unit=unit)
+    return Verdict(key, grade, seen + harms, odd, cause, cure, number=number, unit=unit)
 
 
 def _agreement(study: Study) -> str:
-    """That torques and positions agree in time, perhaps after a lag has been put right."""
-    left = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
+    """Text for torques and positions that agree in time, after a correction if there was one."""
+    lag = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
     applied = study.fit.trace.recording.repairs.delay
     if not any(applied):
-        return f"torques and positions agree in time: {left}"
-    told = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
-    said = told[0] if len(set(applied)) == 1 else _of(study.fit.drives, told)
-    return f"torques came {said} against positions, which has been corrected: {left} are left"
+        return f"torques and positions agree in time: {lag}"
+    corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
+    shift = corrected[0] if len(set(applied)) == 1 else _of(study.fit.drives, corrected)
+    return f"torques came {shift} against positions, which has been corrected: {lag} are left"
 
 
-def _of(drives: Sequence[str], told: Sequence[str]) -> str:
-    """Each drive with what is told of it, if anything is."""
-    return ", ".join(f"{drive} {x}" for drive, x in zip(drives, told, strict=True) if x)
+def _of(drives: Sequence[str], texts: Sequence[str]) -> str:
+    """Each drive with its text, if any."""
+    return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
 
 
 def _matters(study: Study, harm: Float[np.ndarray, " dof"]) -> bool:

@@ -1,4 +1,4 @@
-"""All checks in order: of the description, of each recording, and of what they tell together."""
+"""All checks in order: of the description, of each recording, and of all recordings together."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,14 +36,14 @@ OfRecording = Callable[[Evidence], Iterable[Verdict]]
 
 @dataclass(frozen=True)
 class Family:
-    """Checks of one sort on one recording, with a verdict for whatever they looked at."""
+    """Checks of one kind on one recording."""
 
     check: OfRecording
     first: bool = False  # whether `identify` refuses what it calls wrong, before it fits
     # 'rows': whatever is wrong with the data; 'survey': of recordings that can be computed with and
     # in which nothing has been found wrong; 'fit': if there also is one.
     needs: Needs = "rows"
-    alone: bool = True  # else one recording may tell what another leaves open: judged together
+    alone: bool = True  # else recordings complement each other and are judged together
 
 
 # One entry a family, in the order of the table of verdicts.
@@ -101,62 +101,62 @@ def verdicts(
             if (verdict := in_metres(robot)) is None:
                 raise
             return Verdicts((verdict,))
-        sources, found = as_sources(logs), list(of_robot(description))
+        sources, judged = as_sources(logs), list(of_robot(description))
         mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings)
-        known, moved, several = list[Information](), list[np.ndarray](), len(sources) > 1
+        informations, strokes, several = list[Information](), list[np.ndarray](), len(sources) > 1
         families = [family for family in OF_RECORDING if family.alone or not several]
         for source, mapping in zip(sources, mappings, strict=True):
             say(f"checking {source}")
-            one = evidence(description, source, mapping, fitting)
-            _ = one.rows  # what cannot be read at all is an error and no verdict
-            said = of_recording(one, families)
-            found += named(one, said, several=several)
-            if several and worst(said) is not Grade.WRONG and (told := information_of(one)):
-                known.append(told)
-                moved.append(one.moved)
-        if several and len(known) == len(sources):
+            record = evidence(description, source, mapping, fitting)
+            _ = record.rows  # what cannot be read at all is an error and no verdict
+            on_log = of_recording(record, families)
+            judged += named(record, on_log, several=several)
+            if several and worst(on_log) is not Grade.WRONG and (known := information_of(record)):
+                informations.append(known)
+                strokes.append(record.moved)
+        if several and len(informations) == len(sources):
             say("checking what they tell together")
-            found += judged_information(compiled(description), merge(known), moved)
-        return Verdicts(found, description, sources, mappings)
+            judged += judged_information(compiled(description), merge(informations), strokes)
+        return Verdicts(judged, description, sources, mappings)
 
 
 def of_robot(
     robot: RobotDescription, families: Iterable[OfRobot] = OF_ROBOT
 ) -> tuple[Verdict, ...]:
     """Verdicts on a description; where something is wrong, not those that it would only repeat."""
-    found: list[Verdict] = []
+    judged: list[Verdict] = []
     for family in families:
-        if family in QUICK_OF_ROBOT or worst(found) is not Grade.WRONG:
-            found += family(robot)
-    return tuple(found)
+        if family in QUICK_OF_ROBOT or worst(judged) is not Grade.WRONG:
+            judged += family(robot)
+    return tuple(judged)
 
 
-def of_recording(one: Evidence, families: Iterable[Family] = OF_RECORDING) -> tuple[Verdict, ...]:
+def of_recording(record: Evidence, checks: Iterable[Family] = OF_RECORDING) -> tuple[Verdict, ...]:
     """All verdicts on one recording.
 
-    A refusal of the survey or of the fit is said in its own words where no check knows better.
+    An error of survey or fit is reported as it is where no check explains it.
     """
-    found = asked(one, families, "rows")
-    if worst(found) is not Grade.WRONG and not isinstance(one.surveyed, DeltaidError):
-        found += asked(one, families, "survey")
-    if worst(found) is Grade.WRONG:  # what rests on it would only repeat it
-        return found
-    if isinstance(error := one.fitted, DeltaidError):
-        return (*found, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
-    return found + asked(one, families, "fit")
+    judged = asked(record, checks, "rows")
+    if worst(judged) is not Grade.WRONG and not isinstance(record.surveyed, DeltaidError):
+        judged += asked(record, checks, "survey")
+    if worst(judged) is Grade.WRONG:  # what rests on it would only repeat it
+        return judged
+    if isinstance(error := record.fitted, DeltaidError):
+        return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
+    return judged + asked(record, checks, "fit")
 
 
-def asked(one: Evidence, families: Iterable[Family], needs: Needs) -> tuple[Verdict, ...]:
+def asked(record: Evidence, families: Iterable[Family], needs: Needs) -> tuple[Verdict, ...]:
     """The verdicts of those families that need this."""
-    return tuple(v for family in families if family.needs == needs for v in family.check(one))
+    return tuple(v for family in families if family.needs == needs for v in family.check(record))
 
 
-def named(one: Evidence, found: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
+def named(record: Evidence, judged: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
     """Verdicts on one of several recordings say which."""
     if not several:
-        return tuple(found)
-    name = one.table.path.name
+        return tuple(judged)
+    name = record.table.path.name
     return tuple(
         replace(verdict, subject=f"{name}: {verdict.subject}" if verdict.subject else name)
-        for verdict in found
+        for verdict in judged
     )

@@ -1,8 +1,7 @@
-"""Sensors beside the drives: units, signs, axes, order and time of what they show, and their noise.
+"""Sensors other than the drives': units, signs, axes, order, delay and noise of their signals.
 
-What torques and the prior say of the robot, with all that they leave open, is compared with what
-each sensor shows (`sensing.misfit`). Where these contradict each other, maps that would put its
-columns right are tried (`sensing.guesses`).
+Each signal is compared with the robot as torques and prior determine it (`sensing.misfit`). Where
+they contradict each other, maps that would correct its columns are tried (`sensing.guesses`).
 """
 
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.sensing.guesses import Guess, best_guess
-from deltaid.check.sensing.misfit import Found, Lag, Misfit, lag_of
+from deltaid.check.sensing.misfit import Lag, MapFit, Misfit, lag_of
 from deltaid.check.sensing.sheet import Sheet, Signal, sheet
 from deltaid.check.sensing.told import mapped, told
 from deltaid.errors import RecordingError
@@ -31,7 +30,7 @@ _DEAD = 0.2
 _CLIPPED, _OFTEN = 20, 0.005
 # Late: by so many rows, so many standard deviations, and the misfit is so much less without it.
 _ROWS, _SURE, _BETTER = 1.5, 6.0, 0.9
-# Noise, or what is left, so many times as large as stated.
+# Noise or residual so many times as large as stated.
 _NOISY = 3.0
 
 
@@ -49,31 +48,31 @@ def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
     misfit = Misfit(rows, signal, signal)
     if misfit.counts < 1.0:
         return []
-    found = list(_clipped(signal))
-    plain = misfit.of(np.eye(len(misfit.noise)))
-    late = lag_of(misfit, plain)
-    if plain.Q > _DOUBTED:
-        if late is not None and min(_CONTRADICTS, _EXPLAINS * plain.Q) > late.Q:
-            return [*found, _late(signal, late, rows.row, plain.Q)]
-        if (against := _contradiction(misfit, plain)) is not None:
-            return [*found, against]
-    least = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
-    if late is not None and late.Q < _BETTER * plain.Q and abs(late.delay) > least:
-        found.append(_late(signal, late, rows.row, plain.Q))
-    left = misfit.left(plain)
-    found += _noisy(rows, misfit, left)
-    if worst(found) is not Grade.GOOD:
-        return found
-    k = int(np.argmax(left / misfit.noise))
+    verdicts = list(_clipped(signal))
+    as_mapped = misfit.of(np.eye(len(misfit.noise)))
+    late = lag_of(misfit, as_mapped)
+    if as_mapped.Q > _DOUBTED:
+        if late is not None and min(_CONTRADICTS, _EXPLAINS * as_mapped.Q) > late.Q:
+            return [*verdicts, _late(signal, late, rows.row, as_mapped.Q)]
+        if (against := _contradiction(misfit, as_mapped)) is not None:
+            return [*verdicts, against]
+    least_delay = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
+    if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least_delay:
+        verdicts.append(_late(signal, late, rows.row, as_mapped.Q))
+    rms = misfit.left(as_mapped)
+    verdicts += _noisy(rows, misfit, rms)
+    if worst(verdicts) is not Grade.GOOD:
+        return verdicts
+    k = int(np.argmax(rms / misfit.noise))
     channel = signal.rows.channels[k]
-    seen = f"{signal.name} agrees with the torques: at most {left[k]:.2g} {channel.unit} is left"
-    seen, number = f"{seen}, of {channel.name}", float(left[k])
+    seen = f"{signal.name} agrees with the torques: at most {rms[k]:.2g} {channel.unit} is left"
+    seen, number = f"{seen}, of {channel.name}", float(rms[k])
     key, unit = "sensor-residual", channel.unit
     return [Verdict(key, Grade.GOOD, seen, signal.name, number=number, unit=unit)]
 
 
-def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
-    """What explains best why a sensor contradicts the torques; None where it hardly does."""
+def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
+    """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
     rows, signal = misfit.sheet, misfit.signal
     units = [channel.unit for channel in signal.rows.channels]
     others = tuple(
@@ -84,11 +83,11 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
         and [channel.unit for channel in other.rows.channels] == units
     )
     guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
-    left = misfit.unexplained(plain)
+    rest = misfit.unexplained(as_mapped)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
-    if share * plain.Q > guess.Q:
-        return None if _is_allowed(guess, described) else told(guess, signal, described, left)
-    if plain.Q < _CONTRADICTS:
+    if share * as_mapped.Q > guess.Q:
+        return None if _is_allowed(guess, described) else told(guess, signal, described, rest)
+    if as_mapped.Q < _CONTRADICTS:
         return None
     along, line = misfit.along, f"by the line `sensors: {{{signal.name}: null}}` of a mapping"
     if along < _DEAD:
@@ -106,14 +105,14 @@ def _contradiction(misfit: Misfit, plain: Found) -> Verdict | None:
     return Verdict(
         "sensor-residual",
         Grade.DOUBTFUL,
-        f"torques leave {percent(left)} of what {signal.name} shows of the motion unexplained, and "
+        f"torques leave {percent(rest)} of what {signal.name} shows of the motion unexplained, and "
         "no unit, sign, order or frame of it explains that",
         signal.name,
         "a load on the sensor that is not the robot, several things at once, or a description that "
         "is not of this robot",
         f"look at the columns beside the torques of a motion known well, or leave the sensor out "
         f"{line}",
-        number=100 * left,
+        number=100 * rest,
         unit="%",
     )
 
@@ -130,15 +129,15 @@ def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
 
 
 def _clipped(signal: Signal) -> Iterator[Verdict]:
-    for channel, values in zip(signal.given.channels, signal.raw, strict=True):
+    for channel, values in zip(signal.columns.channels, signal.raw, strict=True):
         values = values[np.isfinite(values)]
         if not values.size:
             continue
         for end, word in ((values.max(), "largest"), (values.min(), "smallest")):
-            there = values == end
-            held = int(np.count_nonzero(there[1:] & there[:-1]))
-            share = 100 * held / values.size
-            if held > max(_CLIPPED, _OFTEN * values.size):
+            at_end = values == end
+            repeated = int(np.count_nonzero(at_end[1:] & at_end[:-1]))
+            share = 100 * repeated / values.size
+            if repeated > max(_CLIPPED, _OFTEN * values.size):
                 yield Verdict(
                     "sensor-clipped",
                     Grade.DOUBTFUL,
@@ -162,16 +161,16 @@ def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
         signal.name,
         "a filter in the sensor's amplifier, or another clock",
         "declare how late it is in the mapping",
-        mapped(signal, [("delay", float(f"{signal.given.delay + lag.delay:.3g}"))]),
+        mapped(signal, [("delay", float(f"{signal.columns.delay + lag.delay:.3g}"))]),
         number=1e3 * lag.delay,
         unit="ms",
     )
 
 
-def _noisy(rows: Sheet, misfit: Misfit, left: np.ndarray) -> Iterator[Verdict]:
-    """Noise from row to row, and what is left after the filter, beside what is stated."""
+def _noisy(rows: Sheet, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
+    """Verdicts on noise and residual beyond the stated noise."""
     name, channels = misfit.signal.name, misfit.signal.rows.channels
-    size = np.maximum(misfit.white, left)
+    size = np.maximum(misfit.white, rms)
     for group in misfit.groups:
         k = max(group, key=lambda i: size[i] / misfit.noise[i])
         times, channel = float(size[k] / misfit.noise[k]), channels[k]
@@ -180,11 +179,11 @@ def _noisy(rows: Sheet, misfit: Misfit, left: np.ndarray) -> Iterator[Verdict]:
             if isinstance(rows.dynamics.robot.sensors[name], BaseWrench):
                 key = "force_noise" if channel.unit == "N" else "moment_noise"
             value = float(f"{np.sqrt(np.mean(size[group] ** 2)):.2g}")
-            what = "what the model leaves of" if left[k] > misfit.white[k] else "noise of"
+            source = "what the model leaves of" if rms[k] > misfit.white[k] else "noise of"
             yield Verdict(
                 "sensor-noise",
                 Grade.DOUBTFUL,
-                f"{what} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
+                f"{source} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
                 f"{channel.noise:.3g} {channel.unit} stated",
                 name,
                 "noise that is stated too small, a resonance, or what else acts on it",

@@ -14,16 +14,16 @@ from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.recording import Recording
 
-# Samples for one wave of the fastest part of a motion: fewer are doubtful, or wrong. Differentiated
-# signals need more, because the filter keeps six hundredths of the rate.
+# Samples per period of the motion's bandwidth: fewer are doubtful, or wrong. Differentiated signals
+# need more, because the filter keeps six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
 # What the encoder's steps add to the accelerations, as a share of these.
 _ROUGH, _USELESS = 0.1, 1.0
 # Steps of the encoder over a stroke that are too few whatever the filter makes of them.
 _FEW = 250.0
-# A drive that goes less far than this share of the others' way rests.
+# A drive rests that moves less than this share of the others' range.
 _AT_LEAST = 0.01
-# Jitter of the stamps that is said, as a share of the period.
+# Jitter of the stamps that is reported, as a share of the period.
 _JITTER = 0.005
 # Share of the rows on a torque's largest or smallest number, and at rest.
 _CLIPPED, _RESTING = 0.002, 0.2
@@ -55,7 +55,7 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def _rate(evidence: Evidence) -> Verdict:
-    """Samples for one wave of the motion's fastest part."""
+    """Samples per period of the motion's bandwidth."""
     rows, columns = evidence.rows, evidence.columns
     rate, fastest = 1.0 / rows.step, bandwidth(rows.q, 1.0 / rows.step)
     if fastest == 0:
@@ -81,7 +81,7 @@ def _rate(evidence: Evidence) -> Verdict:
 
 
 def _encoder(evidence: Evidence) -> Iterator[Verdict]:
-    """What the steps of the positions add to the accelerations."""
+    """Quantization noise of positions in the accelerations."""
     q, robot, low_pass = evidence.rows.q, evidence.robot, _low_pass(evidence)
     if low_pass is None:
         return
@@ -131,8 +131,7 @@ def _low_pass(evidence: Evidence) -> LowPass | None:
 
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
-    """Drives that do not rest while others of their kind move: encoder and torque of one at rest
-    hold nothing but steps and noise, and nothing is wrong with that."""
+    """Drives that do not rest while others of their kind move."""
     robot, span = evidence.robot, np.ptp(evidence.rows.q, axis=0)
     slides = np.array([robot.is_linear(drive) for drive in robot.drives])
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
@@ -140,19 +139,19 @@ def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
 
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
-    """What is missing, doubled or jittered."""
+    """Missing, doubled or jittered rows."""
     clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
     lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
     twice, scatter = len(clock.extra), clock.jitter / clock.period
-    told = {
+    faults = {
         f"{lost} rows are missing in {int(np.sum(clock.lost > 0))} places": lost,
         f"time starts again {restarts} times": restarts,
         f"{twice} rows are there twice or have no place of their own": twice,
         f"{stale} rows repeat the one before them while the robot moves": stale,
         f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
     }
-    seen = "; ".join(words for words, is_so in told.items() if is_so)
+    seen = "; ".join(words for words, is_so in faults.items() if is_so)
     if not seen and clock.steady:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:
@@ -178,7 +177,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
 
 
 def _share_of(evidence: Evidence, log: Log, reasons: tuple[Reason, ...]) -> np.ndarray:
-    """For each drive the share of the rows that are left out for some reasons."""
+    """Share of each drive's rows that are excluded for some reasons."""
     masks = [mask for mask in log.masks if mask.reason in reasons]
     return 1.0 - kept(masks, evidence.dynamics.dof, log.samples)
 

@@ -1,4 +1,4 @@
-"""What checks of signals measure: bandwidth of a motion, white noise, steps of a number, lines."""
+"""Bandwidth of a motion, power density, white noise, quantization steps and jitter of signals."""
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -7,7 +7,7 @@ from deltaid.recording.spectrum import blackman_harris
 
 # Rows that a spectrum is made of at most, and at least.
 _MOST, _LEAST = 1 << 16, 16
-# Samples of a stretch in which noise is looked at.
+# Samples of a stretch in which noise is measured.
 _SHORT = 32
 # A line of a motion stands so far above the noise; this share of the speed's power is below its
 # highest frequency.
@@ -16,12 +16,11 @@ _ABOVE, _BELOW = 30.0, 0.99
 _MOVES = 1e-4
 # Numbers lie on a grid where so many of their distances are multiples of the least, within so much.
 _ON_GRID, _OFF = 0.98, 0.05
-# A grid of more steps over the whole range is not told from floating point.
+# A grid of more steps over the whole range is indistinguishable from floating point.
 _FINEST = 1e7
 # Distances are compared with the least one as long as they are so many times larger at most.
 _FEW = 20.0
-# Samples of a stretch in which the scatter of instants is looked at, and stretches at least; by how
-# much noise has to grow with speed.
+# Samples of a stretch for jitter, and stretches at least; by how much noise must grow with speed.
 _STRETCH, _FEWEST, _GROWS = 64, 10, 1.0
 
 Signals = Float[np.ndarray, "rows channels"]
@@ -91,35 +90,35 @@ def step_of(x: Float[np.ndarray, " rows"]) -> float:
     reach = float(np.ptp(x))
     if reach == 0:
         return 0.0
-    apart = np.diff(np.unique(np.round((x - x.min()) / reach, 10)) * reach)
-    apart = apart[apart > reach / _FINEST]
-    if not apart.size:
+    distances = np.diff(np.unique(np.round((x - x.min()) / reach, 10)) * reach)
+    distances = distances[distances > reach / _FINEST]
+    if not distances.size:
         return 0.0
-    step = float(np.median(apart[apart < 1.5 * apart.min()]))
-    near = apart[apart < _FEW * step] / step
-    return step if np.mean(np.abs(near - np.round(near)) < _OFF) >= _ON_GRID else 0.0
+    step = float(np.median(distances[distances < 1.5 * distances.min()]))
+    multiples = distances[distances < _FEW * step] / step
+    return step if np.mean(np.abs(multiples - np.round(multiples)) < _OFF) >= _ON_GRID else 0.0
 
 
 def jitter(q: Signals, period: float) -> float:
-    """By how much sampling instants scatter [s, rms] that are stamped evenly; 0 where it is unseen.
+    """Jitter of evenly stamped sampling instants [s, rms]; 0 if undetectable.
 
-    A sample that is late by ε differs by q̇ ε: what fourth differences leave of the motion grows
-    with its speed, in all drives alike. It must be more than noise at rest, and encoder steps.
+    A sample that is late by ε differs by q̇ ε, so fourth differences grow with speed in all drives.
+    They must exceed noise at rest, and encoder steps.
     """
     rows = len(q) // _STRETCH * _STRETCH
     if rows < _FEWEST * _STRETCH:
         return 0.0
-    rough = np.diff(q, n=4, axis=0) / np.sqrt(70.0)
-    rough = np.pad(rough, ((2, 2), (0, 0)))[:rows].reshape(-1, _STRETCH, q.shape[1])
-    speed = np.gradient(q[:rows], period, axis=0).reshape(rough.shape)
-    noise, fast = np.mean(rough[:, 2:-2] ** 2, axis=1), np.mean(speed**2, axis=1)
-    found = []
-    for own, speeds, x in zip(noise.T, fast.T, q.T, strict=True):
+    fourth = np.diff(q, n=4, axis=0) / np.sqrt(70.0)
+    fourth = np.pad(fourth, ((2, 2), (0, 0)))[:rows].reshape(-1, _STRETCH, q.shape[1])
+    speed = np.gradient(q[:rows], period, axis=0).reshape(fourth.shape)
+    noise, fast = np.mean(fourth[:, 2:-2] ** 2, axis=1), np.mean(speed**2, axis=1)
+    jitters = []
+    for power, speeds, angle in zip(noise.T, fast.T, q.T, strict=True):
         order = np.argsort(speeds)
         slow, quick = order[: len(order) // 5], order[len(order) // 2 :]
-        still = float(np.median(own[slow]))
-        more = own[quick] - still
-        if not speeds[quick].all() or np.median(more) < max(_GROWS * still, step_of(x) ** 2):
+        still = float(np.median(power[slow]))
+        excess = power[quick] - still
+        if not speeds[quick].all() or np.median(excess) < max(_GROWS * still, step_of(angle) ** 2):
             return 0.0
-        found.append(np.sqrt(max(float(np.median(more / speeds[quick])), 0.0)))
-    return float(min(found))
+        jitters.append(np.sqrt(max(float(np.median(excess / speeds[quick])), 0.0)))
+    return float(min(jitters))

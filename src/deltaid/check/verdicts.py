@@ -1,4 +1,4 @@
-"""Verdicts as one value: a tuple that knows what it is on, and puts its cures into effect."""
+"""Verdicts as a tuple that knows its robot and recordings, and applies its cures."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -63,9 +63,9 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         mappings: Sequence[ColumnMapping | None] = (),
     ) -> "Verdicts":
         """Verdicts and what they are on."""
-        made = super().__new__(cls, verdicts)
-        made.robot, made.sources, made.mappings = robot, tuple(sources), tuple(mappings)
-        return made
+        new = super().__new__(cls, verdicts)
+        new.robot, new.sources, new.mappings = robot, tuple(sources), tuple(mappings)
+        return new
 
     @property
     def grade(self) -> Grade:
@@ -76,18 +76,18 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
     def poor(self) -> tuple[Verdict, ...]:
         """Those that are not good, the most severe first."""
         order = list(Grade)
-        found = [one for one in self if one.grade is not Grade.GOOD]
-        return tuple(sorted(found, key=lambda one: -order.index(one.grade)))
+        poor = [verdict for verdict in self if verdict.grade is not Grade.GOOD]
+        return tuple(sorted(poor, key=lambda verdict: -order.index(verdict.grade)))
 
     @property
     def cures(self) -> str:
         """Lines that are proposed for the mapping and for the robot file, to read or to paste."""
         parts = list[str]()
         for file in files_of(self):
-            wanted = changes(self, file)
+            proposed = changes(self, file)
             data = self._robot() if file == "robot" else self._mapping()
             title = "the robot file" if file == "robot" else "the mapping of columns"
-            lines = yaml_text(to_paste(mended(data, wanted), wanted)).rstrip()
+            lines = yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
             parts.append(f"# into {title}\n{lines}")
         return "\n".join(parts)
 

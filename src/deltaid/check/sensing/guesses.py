@@ -1,4 +1,4 @@
-"""What may be wrong with a sensor's columns: maps that would put them right, best first."""
+"""Possible errors of a sensor's columns: maps that would correct them, best first."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -64,16 +64,16 @@ class Guess:
 
 
 def best_guess(misfit: Misfit, others: tuple[Signal, ...]) -> Guess:
-    """The guess that leaves least, freedom allowed for."""
+    """The guess of least misfit, penalized by its freedom."""
     guesses = [Guess(kind, T, misfit.of(T).Q) for kind, T in _maps(misfit)]
-    for other in others:
-        exchanged = Misfit(misfit.sheet, misfit.signal, other).of(np.eye(1))
-        guesses.append(Guess("exchanged", np.eye(1), exchanged.Q, other=other.name))
+    for signal in others:
+        exchanged = Misfit(misfit.sheet, misfit.signal, signal).of(np.eye(1))
+        guesses.append(Guess("exchanged", np.eye(1), exchanged.Q, other=signal.name))
     if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
         by_place = np.stack([np.cross(misfit.shown.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
         beside = np.concatenate([np.zeros_like(by_place), by_place])
-        found = misfit.of(np.eye(6), beside=beside, spread=_FAR)
-        guesses.append(Guess("origin", np.eye(6), found.Q, found.added))
+        shifted = misfit.of(np.eye(6), beside=beside, spread=_FAR)
+        guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.added))
     return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
 
@@ -103,22 +103,22 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
     def left(power: float, sign: float) -> float:
         return misfit.of(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
 
-    _, power, sign = min((left(x, s), x, s) for x in _POWERS for s in (1.0, -1.0))
+    _, power, sign = min((misfit_of(power, s), power, s) for power in _POWERS for s in (1.0, -1.0))
     low, high = power - 0.2, power + 0.2
     for _ in range(_NARROWER):  # golden section
         a, b = high - 0.618 * (high - low), low + 0.618 * (high - low)
-        low, high = (low, b) if left(a, sign) < left(b, sign) else (a, high)
+        low, high = (low, b) if misfit_of(a, sign) < misfit_of(b, sign) else (a, high)
     gain = sign * 10.0 ** (0.5 * (low + high))
     return sign if abs(abs(gain) - 1) < _NEAR_ONE else float(gain)
 
 
 def _orders() -> list[tuple[int, ...]]:
     """Moments first, by turns, axes in another order, two columns exchanged."""
-    own = (0, 1, 2, 3, 4, 5)
+    as_listed = (0, 1, 2, 3, 4, 5)
     orders = {(3, 4, 5, 0, 1, 2), (0, 2, 4, 1, 3, 5), (5, 4, 3, 2, 1, 0)}
-    orders |= {(*axes, *(3 + k for k in axes)) for axes in permutations(range(3))} - {own}
-    exchanged = ({a: b, b: a} for a, b in combinations(own, 2))
-    return sorted(orders | {tuple(pair.get(k, k) for k in own) for pair in exchanged})
+    orders |= {(*axes, *(3 + k for k in axes)) for axes in permutations(range(3))} - {as_listed}
+    exchanged = ({a: b, b: a} for a, b in combinations(as_listed, 2))
+    return sorted(orders | {tuple(pair.get(k, k) for k in as_listed) for pair in exchanged})
 
 
 def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:

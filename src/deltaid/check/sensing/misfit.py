@@ -1,6 +1,6 @@
-"""How badly a map of what a sensor shows goes with what torques and prior say of the robot.
+"""Misfit between a mapped sensor signal and the robot as torques and prior determine it.
 
-With T y in the place of y, and σ what a sensor's noise and a model's errors may leave,
+With T y in the place of y, and σ the residual that sensor noise and model errors allow,
 
     Q = min over θ of  n Σ_k mean((T y)_k − X_k θ)² / σ_k² + (θ − θ̂)ᵀ A (θ − θ̂),
 
@@ -32,9 +32,8 @@ Map = Float[np.ndarray, "channels channels"]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """One map judged: its misfit Q, θ with it, and of columns beside θ the values and their
-    standard deviations, from what is left."""
+class MapFit:
+    """Fit of one map: misfit Q, θ, and values of additional columns with standard deviations."""
 
     Q: float
     theta: Float[np.ndarray, " theta"]
@@ -47,7 +46,7 @@ class Misfit:
     """One sensor's rows as products, so that a map costs no sample.
 
     Attributes:
-        signal: whose columns X are; shown: whose y is looked at, its own unless exchanged.
+        signal: of the columns X; shown: of the data y, the same unless exchanged.
     """
 
     sheet: Sheet
@@ -110,17 +109,17 @@ class Misfit:
         theta[len(theta) - len(self.signal.rows.parameters) :] = 0.0
         return self.expected(theta).sum(axis=1) / max(self.counts, 1.0)
 
-    def _mean(self, indices: str, *of: np.ndarray) -> np.ndarray:
-        return np.einsum(indices, *of, optimize=True) / max(self.counts, 1.0)
+    def _mean(self, indices: str, *operands: np.ndarray) -> np.ndarray:
+        return np.einsum(indices, *operands, optimize=True) / max(self.counts, 1.0)
 
     def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
-        """What may be left of each channel."""
+        """Admissible residual of each channel."""
         motion = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", T, self._scatter[1], T), 0.0))
-        alike = np.empty_like(motion)
+        group_motion = np.empty_like(motion)
         for group in self.groups:
-            alike[group] = np.sqrt(np.mean(motion[group] ** 2))
+            group_motion[group] = np.sqrt(np.mean(motion[group] ** 2))
         white = np.minimum(np.abs(T), 1.0) @ self.white
-        of_model = _OF_CHANNEL * motion, _OF_GROUP * alike, _OF_MEAN * self._level
+        of_model = _OF_CHANNEL * motion, _OF_GROUP * group_motion, _OF_MEAN * self._level
         return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
     def of(
@@ -129,12 +128,13 @@ class Misfit:
         only: list[int] | None = None,
         beside: Float[np.ndarray, "channels added samples"] | None = None,
         spread: float = 1.0,
-    ) -> Found:
+    ) -> MapFit:
         """Judge one map.
 
         Args:
-            only: channels that are looked at; all if left out.
-            beside: further columns, and the standard deviation of what belongs to them.
+            only: channels to judge; default all.
+            beside: additional columns.
+            spread: standard deviation of their coefficients.
         """
         (G, g), (XX, Xy), added = self._known, self._products, 0
         constant = g @ self.by_torques
@@ -151,29 +151,29 @@ class Misfit:
         A = G + np.einsum("k,kij->ij", weights, XX[kept])
         b = g + weights @ np.einsum("kij,kj->ki", Xy[kept], T)
         constant += weights @ np.einsum("ki,ij,kj->k", T, self._scatter[0], T)
-        x = np.linalg.solve(A, b)
-        Q = max(float(constant - b @ x), 0.0) / (_COUNTED * len(kept))
-        size = len(x) - added
+        solution = np.linalg.solve(A, b)
+        Q = max(float(constant - b @ solution), 0.0) / (_COUNTED * len(kept))
+        size = len(solution) - added
         variance = np.diag(np.linalg.inv(A))[size:] if added else np.zeros(0)
-        return Found(Q, x[:size], x[size:], np.sqrt(variance * max(Q, 1e-6)))
+        return MapFit(Q, solution[:size], solution[size:], np.sqrt(variance * max(Q, 1e-6)))
 
     def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:
         return np.einsum("kin,i->kn", self.signal.X, theta)
 
-    def left(self, found: Found) -> Float[np.ndarray, " channels"]:
-        """Root mean square of what is left of each channel as it is, in its own unit."""
-        rest = self.shown.y - self.expected(found.theta)
-        return np.sqrt(np.sum(rest**2, axis=1) / max(self.counts, 1.0))
+    def left(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
+        """RMS residual of each unmapped channel, in its own unit."""
+        residual = self.shown.y - self.expected(fit.theta)
+        return np.sqrt(np.sum(residual**2, axis=1) / max(self.counts, 1.0))
 
-    def unexplained(self, found: Found) -> float:
-        """The share of y's motion that is left by a robot with these torques, at most 1."""
-        rest, motion = self.left(found) ** 2, np.mean(self.moving**2, axis=1)
-        shares = [rest[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
+    def unexplained(self, fit: MapFit) -> float:
+        """Unexplained share of y's motion, at most 1."""
+        residual, motion = self.left(fit) ** 2, np.mean(self.moving**2, axis=1)
+        shares = [residual[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
         return min(1.0, float(np.sqrt(max(shares))))
 
     @property
     def along(self) -> float:
-        """Correlation of what is shown with what torques expect, without means."""
+        """Correlation of the signal with the one expected from torques, without means."""
         expected, counts = self.expected(self.by_torques), self.shown.counts
         mean = expected.sum(axis=1) / self.counts
         expected = (expected - mean[:, None] * counts) / self.noise[:, None]
@@ -182,19 +182,19 @@ class Misfit:
         return float(abs(np.sum(expected * y)) / max(size, 1e-300))
 
     def stretches(self) -> Iterator[slice]:
-        """Stretches without a gap that say something about time."""
+        """Stretches without a gap that are long enough to determine a delay."""
         ends = [*self.sheet.starts[1:].tolist(), self.shown.y.shape[1]]
         for first, last in zip(self.sheet.starts.tolist(), ends, strict=True):
             if last - first >= _SHORT:
                 yield slice(first, last)
 
     def earlier(self, delay: float) -> "Misfit":
-        """The same with what is shown put earlier [s]."""
+        """The same with the signal shifted earlier [s]."""
         y = self.shown.y.copy()
         for part in self.stretches() if delay else ():
-            own = self.shown.y[:, part].T
-            time = np.arange(len(own)) * self.sheet.period
-            y[:, part] = interpolate(time, own, np.clip(time + delay, time[0], time[-1])).T
+            values = self.shown.y[:, part].T
+            time = np.arange(len(values)) * self.sheet.period
+            y[:, part] = interpolate(time, values, np.clip(time + delay, time[0], time[-1])).T
         return replace(self, shown=replace(self.shown, y=y)) if delay else self
 
 
@@ -207,19 +207,18 @@ class Lag:
     Q: float
 
 
-def lag_of(misfit: Misfit, plain: Found) -> Lag | None:
-    """The delay of a sensor, found with all that it leaves open: y(t) = ŷ(t − δ), to first order
-    about what has been found before."""
+def lag_of(misfit: Misfit, unshifted: MapFit) -> Lag | None:
+    """The delay of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ."""
     if np.ptp(misfit.shown.counts) > 1e-6:  # with holes there is no shifting
         return None
-    T, found, delay, std = np.eye(len(misfit.noise)), plain, 0.0, np.inf
+    T, fit, delay, std = np.eye(len(misfit.noise)), unshifted, 0.0, np.inf
     for _ in range(_ROUNDS):
-        expected = misfit.expected(found.theta)
+        expected = misfit.expected(fit.theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
             slope[:, part] = -np.gradient(expected[:, part], misfit.sheet.period, axis=1)
-        found = misfit.earlier(delay).of(T, beside=slope[:, None, :], spread=_DELAY)
-        step, std = float(found.added[0]), float(found.std[0])
+        fit = misfit.earlier(delay).of(T, beside=slope[:, None, :], spread=_DELAY)
+        step, std = float(fit.added[0]), float(fit.std[0])
         delay += step
         if abs(step) < 0.1 * std:
             break

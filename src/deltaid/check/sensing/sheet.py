@@ -1,4 +1,4 @@
-"""Filtered rows of torques and sensors of a recording, side by side, and what torques alone say."""
+"""Filtered rows of torques and sensors of a recording, and the robot by torques alone."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,13 +17,13 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.of_robot import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
-# Windows of a recording that are looked at, and samples of them all after the filter.
+# Windows of a recording that are evaluated, and samples of them all after the filter.
 _WINDOWS, _MOST = 6, 4000
-# What a model leaves of torques at least, as a share of each; samples that count as independent.
+# Least residual of torques, as a share of each; samples that count as independent.
 _LEFT, _COUNTED = 0.02, 1000.0
-# What is not free is known to this share of its size.
+# Fixed parameters are known to this share of their size.
 _KNOWN = 1e-4
-# What symmetry makes zero, where it is not free, and how far real bodies are from that.
+# Parameters zero by symmetry where not free, and how far real bodies are from that.
 _BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
 
 Values = Float[np.ndarray, "channels samples"]
@@ -35,13 +35,13 @@ class Signal:
     """What one sensor shows: y = X θ, θ the robot's parameters and then the sensor's unknowns.
 
     Attributes:
-        rows: what it shows of the robot; given: its columns in the log.
+        rows: what it measures of the robot; columns: its columns in the log.
         X, y: filtered, zero where nothing counts; counts: how far each sample does.
         raw: y in all rows, unfiltered; NaN where nothing.
     """
 
     rows: SensorRows
-    given: SensorChannels
+    columns: SensorChannels
     X: Float[np.ndarray, "channels theta samples"]
     y: Values
     counts: Float[np.ndarray, " samples"]
@@ -72,44 +72,44 @@ class Sheet:
 
     @cached_property
     def _of_torques(self) -> Normal:
-        """A and A p of what torques and prior say of the robot's parameters p."""
+        """A and A p of the robot's parameters p by torques and prior."""
         robot, layout = self.dynamics.robot, self.dynamics.layout
         stated = stated_spreads(robot)
-        std = [one.scale * stated.get(one.name, PRIOR_SPREAD) for one in layout.parameters]
-        for k, one in enumerate(layout.parameters[: layout.coefficients.start]):
-            free = robot.bodies[one.owner].free
+        std = [entry.scale * stated.get(entry.name, PRIOR_SPREAD) for entry in layout.parameters]
+        for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
+            free = robot.bodies[entry.owner].free
             if not free:
-                std[k] = _KNOWN * one.scale
-            elif one.symbol in _BY_SYMMETRY and one.symbol.replace("I", "S") not in free:
-                std[k] = _STRAIGHT * one.scale
+                std[k] = _KNOWN * entry.scale
+            elif entry.symbol in _BY_SYMMETRY and entry.symbol.replace("I", "S") not in free:
+                std[k] = _STRAIGHT * entry.scale
         size, count = np.sqrt(np.mean(self.tau**2, axis=1)), self.tau.shape[1]
         noise, floor = np.maximum(size, 1e-12), _LEFT * size + 1e-12
-        known = np.power(std, -2.0)
-        G, g = np.diag(known), known
-        for _ in range(3):  # what is left tells how far each drive counts
+        precision = np.power(std, -2.0)
+        G, g = np.diag(precision), precision
+        for _ in range(3):  # the residual sets each drive's weight
             weights = min(_COUNTED, count) / (count * noise**2)
-            G, g = np.diag(known), known * [one.prior for one in layout.parameters]
+            G, g = (np.diag(precision), precision * [entry.prior for entry in layout.parameters])
             for Y, tau, weight in zip(self.Y, self.tau, weights, strict=True):
                 G, g = G + weight * (Y @ Y.T), g + weight * (Y @ tau)
-            left = self.tau - np.linalg.solve(G, g) @ self.Y
-            noise = np.maximum(np.sqrt(np.mean(left**2, axis=1)), floor)
+            residual = self.tau - np.linalg.solve(G, g) @ self.Y
+            noise = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor)
         return G, g
 
     def known(self, signal: Signal) -> Normal:
-        """A and A θ of what torques and prior say of θ of a sensor."""
-        (G, g), own = self._of_torques, signal.rows.parameters
-        known = np.array([one.std**-2.0 for one in own])
-        means = np.array([one.prior for one in own])
-        return block_diag(G, np.diag(known)), np.append(g, known * means)
+        """A and A θ of a sensor's θ by torques and prior."""
+        (G, g), parameters = self._of_torques, signal.rows.parameters
+        precision = np.array([entry.std**-2.0 for entry in parameters])
+        means = np.array([entry.prior for entry in parameters])
+        return block_diag(G, np.diag(precision)), np.append(g, precision * means)
 
 
 def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
     """The rows of a recording; None where it has no sensor, or too little of one."""
     columns, drives = recording.log.columns, np.arange(dynamics.dof)
-    given = {one.name: one for one in columns.sensors}
-    if not given or not columns.torque:
+    sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
+    if not sensor_columns or not columns.torque:
         return None
-    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in given]
+    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in sensor_columns]
     row_of, entries = dynamics.regressor_pattern
 
     def of(w: Samples) -> np.ndarray:
@@ -117,12 +117,12 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
         Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
         parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]
         for rows in sensors:
-            values = shown[rows.name]
-            counts = free & np.isfinite(values).all(axis=0)
-            C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(values))
+            sensor = shown[rows.name]
+            counts = free & np.isfinite(sensor).all(axis=0)
+            C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(sensor))
             parts += [
                 C * counts,
-                np.where(counts, values, 0.0),
+                np.where(counts, sensor, 0.0),
                 np.atleast_2d(counts).astype(float),
             ]
         return np.vstack(parts)
@@ -136,16 +136,16 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
     sizes = [len(row_of), len(drives)]
     for rows in sensors:
         sizes += [len(rows.pattern[0]), len(rows.channels), 1]
-    sparse, tau, *own = np.split(np.hstack(parts), np.cumsum(sizes)[:-1])
+    sparse, tau, *data = np.split(np.hstack(parts), np.cumsum(sizes)[:-1])
     parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
     Y = np.zeros((len(drives), parameters, samples))
     Y[row_of, entries] = sparse
     shown, signals = [columns.shown(window.own.extra) for window in windows], list[Signal]()
-    for rows, C, y, (counts,) in zip(sensors, own[::3], own[1::3], own[2::3], strict=True):
+    for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
         X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
         X[rows.pattern] = C
-        raw = np.hstack([one[rows.name] for one in shown])
-        signals.append(Signal(rows, given[rows.name], X, y, counts, raw))
+        raw = np.hstack([sensor[rows.name] for sensor in shown])
+        signals.append(Signal(rows, sensor_columns[rows.name], X, y, counts, raw))
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])[:-1]
     row = 1 / recording.log.rate
     period = recording.thinned * every * row

@@ -1,4 +1,4 @@
-"""Guesses about sensors in words, with the lines that mend them."""
+"""Verdicts from guesses about sensors, with the lines that correct them."""
 
 from collections.abc import Sequence
 
@@ -31,14 +31,14 @@ _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
-def told(guess: Guess, signal: Signal, sensor: Sensor, left: float) -> Verdict:
-    """What a guess says of a sensor.
+def told(guess: Guess, signal: Signal, sensor: Sensor, share: float) -> Verdict:
+    """The verdict of a guess about a sensor.
 
     Args:
         sensor: as described.
-        left: share of its motion that torques leave unexplained without it.
+        share: of the sensor's motion that is unexplained without the guess.
     """
-    off = f"torques leave {percent(left)} of what {signal.name} shows of the motion unexplained"
+    off = f"torques leave {percent(share)} of what {signal.name} shows of the motion unexplained"
     if guess.kind in ("unit", "sign"):
         return _of_gains(guess, signal, off)
     if guess.kind in ("order", "exchanged"):
@@ -49,19 +49,19 @@ def told(guess: Guess, signal: Signal, sensor: Sensor, left: float) -> Verdict:
 
 def _of_gains(guess: Guess, signal: Signal, off: str) -> Verdict:
     """Units or signs; a factor that is no unit's may be the torques'."""
-    gains, channels = guess.gains, signal.given.channels
+    gains, channels = guess.gains, signal.columns.channels
     scaled, turned = ~np.isclose(np.abs(gains), 1.0), gains < 0
     largest = float(gains[int(np.argmax(np.abs(np.log(np.abs(gains)))))])
-    seen, changes = list[str](), list[tuple[str, object]]()
+    findings, changes = list[str](), list[tuple[str, object]]()
     cause, cure = "a sensor or a column that counts the other way", "declare it in the mapping"
-    names = np.array([channel.name for channel in signal.rows.channels])
+    names = np.array([read.name for read in signal.rows.channels])
     key, grade, proposals = "sensor-sign", Grade.WRONG, True
     if scaled.any():
         factors = dict.fromkeys(f"{abs(gain):.3g}" for gain in gains[scaled])
-        of = "" if scaled.all() else f" in {listed(names[scaled].tolist())}"
-        seen.append(f"its numbers are to be multiplied by {listed(list(factors))}{of}")
-        shown = zip(channels, gains, signal.rows.channels, strict=True)
-        units = [_unit(abs(channel.scale * gain), one.unit) for channel, gain, one in shown]
+        where = "" if scaled.all() else f" in {listed(names[scaled].tolist())}"
+        findings.append(f"its numbers are to be multiplied by {listed(list(factors))}{where}")
+        measured = zip(channels, gains, signal.rows.channels, strict=True)
+        units = [_unit(abs(read.scale * gain), channel.unit) for read, gain, channel in measured]
         columns_in = dict.fromkeys(np.array(units)[scaled].tolist())
         key, cause = "sensor-unit", f"columns in {listed(list(columns_in))}"
         changes.append(("unit", _short(units)))
@@ -72,21 +72,21 @@ def _of_gains(guess: Guess, signal: Signal, off: str) -> Verdict:
             cure = "check the sensor with a known weight; the drives' gains follow from one whose "
             cure += "gain_tolerance is 2 % or less"
     if turned.any():
-        which = "all" if turned.all() else listed(names[turned].tolist())
-        seen.append(f"the sign of {which} is the other one")
-        now = np.sign([channel.scale for channel in channels])
+        reversed_ = "all" if turned.all() else listed(names[turned].tolist())
+        findings.append(f"the sign of {reversed_} is the other one")
+        now = np.sign([read.scale for read in channels])
         changes.append(("sign", _short(np.where(turned, -now, now).astype(int).tolist())))
-    seen = f"{off}; {' and '.join(seen)}, and then it agrees"
+    findings = f"{off}; {' and '.join(findings)}, and then it agrees"
     proposals = mapped(signal, changes) if proposals else ()
-    return Verdict(key, grade, seen, signal.name, cause, cure, proposals, number=largest)
+    return Verdict(key, grade, findings, signal.name, cause, cure, proposals, number=largest)
 
 
 def _unit(factor: float, target: str) -> str:
     """The unit that a column has, by its factor."""
     target = "N" if target == "N" else "N*m"
-    known = _UNITS[target]
-    name = min(known, key=lambda unit: abs(np.log(known[unit] / factor)))
-    return name if abs(known[name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
+    units = _UNITS[target]
+    name = min(units, key=lambda unit: abs(np.log(units[unit] / factor)))
+    return name if abs(units[name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
 
 
 def _of_order(guess: Guess, signal: Signal, off: str) -> Verdict:
@@ -96,13 +96,13 @@ def _of_order(guess: Guess, signal: Signal, off: str) -> Verdict:
         cause = f"columns of {signal.name} and {guess.other} that are exchanged"
         cure = "exchange them in the mapping, or where each is in the description"
     else:
-        columns = [signal.given.channels[k].column for k in guess.order]
-        moved = (
-            f"{columns[k]} is {shown.name}"
-            for k, shown in enumerate(signal.rows.channels)
+        columns = [signal.columns.channels[k].column for k in guess.order]
+        exchanged = (
+            f"{columns[k]} is {channel.name}"
+            for k, channel in enumerate(signal.rows.channels)
             if guess.order[k] != k
         )
-        seen = f"with its columns in another order it agrees: {listed(list(moved))}"
+        seen = f"with its columns in another order it agrees: {listed(list(exchanged))}"
         cause = "columns that are listed in another order than Fx, Fy, Fz, Mx, My, Mz"
         cure, proposals = "list them in this order", mapped(signal, [], columns)
     key, seen = "sensor-order", f"{off}; {seen}"
@@ -114,10 +114,10 @@ def _of_frame(guess: Guess, name: str, sensor: BaseWrench, off: str) -> Verdict:
     R = rotation(sensor.rotation_deg)
     if guess.kind == "origin":
         distance, unit, slightly = float(np.linalg.norm(guess.offset)), "m", _NEARBY
-        number, moved = distance, np.array(sensor.position) + R @ guess.offset
-        key, value = "position", [float(f"{x:.4g}") for x in np.round(moved, 4)]
-        apart = ", ".join(f"{x:.3g}" for x in guess.offset)
-        seen = f"with moments about a point ({apart}) m from its origin"
+        number, origin = distance, np.array(sensor.position) + R @ guess.offset
+        key, value = "position", [float(f"{coordinate:.4g}") for coordinate in np.round(origin, 4)]
+        offset = ", ".join(f"{coordinate:.3g}" for coordinate in guess.offset)
+        seen = f"with moments about a point ({offset}) m from its origin"
         cause = "an origin that is not the one moments are about, such as the plate's surface"
         cure = "give the point that moments are about, in the world"
     else:
@@ -155,11 +155,11 @@ def mapped(
         columns: in the place of those that are read.
     """
     where = f"sensors.{signal.name}"
-    columns = columns or [channel.column for channel in signal.given.channels]
+    columns = columns or [channel.column for channel in signal.columns.channels]
     entry: list[tuple[str, object]] = [("column", None), ("columns", [*columns])]
     if len(columns) == 1:
         entry = [("columns", None), ("column", columns[0])]
-    return (Proposal("mapping", tuple((f"{where}.{key}", x) for key, x in (*entry, *changes))),)
+    return (Proposal("mapping", tuple((f"{where}.{key}", new) for key, new in (*entry, *changes))),)
 
 
 def _short(values: Sequence[object]) -> object:
@@ -174,4 +174,4 @@ def _angles(R: np.ndarray) -> list[float]:
         angles = np.arctan2(-R[1, 2], R[1, 1]), pitch, 0.0
     else:
         angles = np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])
-    return [float(f"{x:.4g}") + 0.0 for x in np.round(np.rad2deg(angles), 2)]
+    return [float(f"{angle:.4g}") + 0.0 for angle in np.round(np.rad2deg(angles), 2)]

@@ -1,6 +1,6 @@
-"""A recording under the columns that explain it best, which all verdicts on wiring look at.
+"""A recording under the columns that explain it best, the input of all verdicts on wiring.
 
-How large torques are beside those of the prior is the only yardstick of a scale that all share.
+A scale common to all drives is judged by the ratio of torques to the prior's alone.
 """
 
 from collections.abc import Iterable
@@ -24,15 +24,15 @@ from deltaid.model.words import listed, percent
 WRONG_SCALE, DOUBTFUL_SCALE = 4.0, 2.5
 # Correlation with the prior's torque of a drive whose own scale is worth asking for.
 _GOES = 0.6
-# Below this share of the largest of a drive's torques a component is too small to be compared, as
-# expected and as told: beside bodies that are far too heavy in the description friction looks
-# small. Of a drive that nothing ties to others, and as expected at least, below the other one.
+# Below the first share of a drive's largest torque a component is too small to be compared, as
+# expected or as estimated: next to bodies described far too heavy, friction looks small. For an
+# untied drive, and for expected torques at least, the second.
 _SMALL, _SMALLEST = 0.1, 0.003
-# What an explanation more has to be worth, in natural logarithms of ratios.
+# Cost of an additional explanation, in natural logarithms of ratios.
 _MORE = 0.3
 # Where friction asks for so little of the usual factor's logarithm, or the rest, that is no unit.
 _AGREED = 0.5
-# A speed at which only steps of friction are left, as a share of the usual one.
+# A speed at which only Coulomb friction acts, as a share of the usual one.
 _CREEP = 1e-6
 # Components: inertia, gravity, viscous and Coulomb friction.
 INERTIA, VISCOUS = 0, 2
@@ -43,8 +43,8 @@ class Case:
     """A recording under the columns that explain it best.
 
     Attributes:
-        motion: the stretch that was looked at.
-        good: the hypotheses that explain it equally well, the simplest first.
+        motion: the stretch that was evaluated.
+        good: hypotheses that explain it equally well, simplest first.
         entries: of the mapping.
     """
 
@@ -73,7 +73,7 @@ class Case:
 
     @property
     def untied(self) -> list[int]:
-        """Drives that no limb ties to others: of a telescope if its torque goes with its motion."""
+        """Drives that no limb ties to others; a telescope's if its torque goes with its motion."""
         last = len(self.names) - 1
         if last == 0:
             return [0]
@@ -82,12 +82,12 @@ class Case:
 
     @cached_property
     def units(self) -> dict[int, float]:
-        """Factors of units that only the prior tells, of drives that nothing ties to others."""
-        found = {i: _unit_of(self.ratios[i], self._beyond(i), self.named(i)) for i in self.untied}
-        return {i: unit for i, unit in found.items() if unit != 1}
+        """Unit factors of untied drives, which only the prior determines."""
+        factors = {i: _unit_of(self.ratios[i], self._beyond(i), self.named(i)) for i in self.untied}
+        return {i: unit for i, unit in factors.items() if unit != 1}
 
     def _beyond(self, i: int) -> float:
-        """How many times a drive goes beyond what is described of its speed or workspace."""
+        """Largest ratio of a drive's speed or range to the described one."""
         robot, scale = self.evidence.robot, abs(self.best.map.scale[i])
         limits = robot.drive_limits.get(self.names[i])
         top = limits.top_speed if limits else None
@@ -139,22 +139,24 @@ def _ratios(
 
     NaN for components that are small.
     """
-    found = best.residual
-    p = found.span.coefficients(found.torques(best.order, best.gains))
-    prior = prior_parameters(dynamics.robot)[found.columns]
-    usual = [np.sqrt(np.mean(best.map.rates(x) ** 2, axis=0)) for x in (motion.qd, motion.qdd)]
+    residual = best.residual
+    p = residual.span.coefficients(residual.torques(best.order, best.gains))
+    prior = prior_parameters(dynamics.robot)[residual.columns]
+    sizes = [
+        np.sqrt(np.mean(best.map.rates(rate) ** 2, axis=0)) for rate in (motion.qd, motion.qdd)
+    ]
     out = np.full((dynamics.dof, 4), np.nan)
-    for i, (speed, acceleration) in enumerate(zip(*usual, strict=True)):
-        rows = _components(dynamics, i, found.columns, speed, acceleration)
-        told, expected = rows @ p, rows @ prior
+    for i, (speed, acceleration) in enumerate(zip(*sizes, strict=True)):
+        rows = _components(dynamics, i, residual.columns, speed, acceleration)
+        estimated, expected = rows @ p, rows @ prior
         share = _SMALLEST if best.loose[i] else _SMALL
-        large = _large(expected, share) | (_large(told, _SMALL) & _large(expected, _SMALLEST))
-        out[i, large] = told[large] / expected[large]
+        large = _large(expected, share) | (_large(estimated, _SMALL) & _large(expected, _SMALLEST))
+        out[i, large] = estimated[large] / expected[large]
     return out
 
 
 def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
-    """Which components make up so much of the largest."""
+    """Components above a share of the largest."""
     return np.abs(torques) > share * np.abs(torques).max()
 
 
@@ -175,26 +177,26 @@ def _components(
     return np.stack([acceleration * inertia, still, friction(speed) - creep, creep])
 
 
-def overall(found: Float[np.ndarray, "..."]) -> float:
-    """The usual ratio: a prior may be wrong, but hardly most of its components alike.
+def overall(ratios: Float[np.ndarray, "..."]) -> float:
+    """The median ratio: a prior is hardly wrong by one factor in most of its components.
 
-    Friction and the rest must both ask for it: what the less distant of them says is taken, and 1
-    where they point to different sides.
+    Friction and the other components must agree: the ratio nearer to 1 is taken, and 1 where they
+    lie on different sides.
     """
-    parts = found[..., :VISCOUS], found[..., VISCOUS:]
+    parts = ratios[..., :VISCOUS], ratios[..., VISCOUS:]
     logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
-    usual = float(np.median(_logs(found)))
+    usual = float(np.median(_logs(ratios)))
     if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
         return float(np.exp(usual))
     least = min(logs, key=abs)
     return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
 
 
-def _unit_of(found: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
+def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
     """The unit of a position, a factor, that makes a drive's components agree best with the prior.
 
-    1 where the torque's scale, or nothing, explains them as well. Angles that are too large by a
-    factor make inertia and viscous friction too small by it, and leave Coulomb friction.
+    1 where the torque's scale, or nothing, explains them as well. Angles too large by a factor make
+    inertia and viscous friction too small by it, and Coulomb friction stays.
 
     Args:
         pace: the drive's largest speed over the largest one that is described; 0 where none is.
@@ -204,20 +206,20 @@ def _unit_of(found: Float[np.ndarray, " components"], pace: float, units: Iterab
     def odd(logs: np.ndarray, pace: float) -> float:
         return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
 
-    usual = _logs(found)
-    found_odd = {1.0: min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)}
+    usual = _logs(ratio)
+    oddness = {1.0: min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)}
     for unit in units:
-        found_odd[unit] = odd(_logs(in_unit(found, unit)), pace * unit) + _MORE
-    return min(found_odd, key=lambda unit: found_odd[unit])
+        oddness[unit] = odd(_logs(in_unit(ratio, unit)), pace * unit) + _MORE
+    return min(oddness, key=lambda unit: oddness[unit])
 
 
-def in_unit(found: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:
+def in_unit(ratios: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:
     """The ratios where a position is in another unit."""
-    out = found.copy()
+    out = ratios.copy()
     out[..., [INERTIA, VISCOUS]] /= unit
     return out
 
 
-def _logs(found: np.ndarray) -> np.ndarray:
-    told = found[found > 0]  # of the wrong sign is noise, or said by signs
-    return np.log(told) if told.size else np.zeros(1)
+def _logs(ratios: np.ndarray) -> np.ndarray:
+    positive = ratios[ratios > 0]  # a wrong sign is noise, or reported by sign checks
+    return np.log(positive) if positive.size else np.zeros(1)

@@ -19,18 +19,17 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed
 from deltaid.recording.mapping import Quantity
 
-# More than this share of the torques left, a factor of positions is doubtful.
+# With a larger residual share of the torques, a factor of positions is doubtful.
 _SURE = 0.08
-# Inertia of a lone drive below zero, as a share of the prior's, that tells its sign.
+# Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
 _MIRRORED = 0.3
 
 
 def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
-    """Positions; and velocities, where they are their derivatives as mapped, and so change with
-    them."""
+    """Positions, and velocities that are their derivatives as mapped."""
     as_mapped = rates(case.motion, Map.identity(len(case.names)))
-    own = (0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
-    return ("position", "velocity") if as_mapped and all(own) else ("position",)
+    unscaled = (0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
+    return ("position", "velocity") if as_mapped and all(unscaled) else ("position",)
 
 
 def position_verdicts(case: Case) -> Iterator[Verdict]:
@@ -80,20 +79,20 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
 def sign_verdicts(case: Case) -> Iterator[Verdict]:
     """Columns that count the other way."""
     best, n = case.best, len(case.names)
-    turned = [i for i, f in enumerate(best.map.scale) if f < 0]
-    if n == 1 and not turned and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
-        # No loop shows the sign of a lone drive, and gravity may be even: inertia below zero does.
+    reversed_angles = [i for i, f in enumerate(best.map.scale) if f < 0]
+    if n == 1 and not reversed_angles and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+        # No loop determines a lone drive's sign, and gravity may be even: negative inertia does.
         yield _angle_sign(case, 0)
-    for i in turned:
+    for i in reversed_angles:
         yield _angle_sign(case, i, both=bool(best.gains[i] < 0))
-    others = [i for i in range(n) if best.gains[i] < 0 and i not in turned]
-    if len(others) == n > 1:
-        yield _torque_sign(case, others)
+    reversed_torques = [i for i in range(n) if best.gains[i] < 0 and i not in reversed_angles]
+    if len(reversed_torques) == n > 1:
+        yield _torque_sign(case, reversed_torques)
         return
-    for i in others:
+    for i in reversed_torques:
         angle_instead = any(
-            one.map.scale[i] < 0 and one.gains[i] > 0 and one.changes == best.changes
-            for one in case.good[1:]
+            other.map.scale[i] < 0 and other.gains[i] > 0 and other.changes == best.changes
+            for other in case.good[1:]
         )
         yield _torque_sign(case, [i], sure=not angle_instead)
         if angle_instead:
@@ -101,13 +100,13 @@ def sign_verdicts(case: Case) -> Iterator[Verdict]:
 
 
 def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
-    """`both`: whether the torque counts the other way as well; `sure`: that it does not instead."""
-    name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
-    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
+    """`both`: the torque's sign is wrong as well; `sure`: not the torque's sign instead."""
+    name, reverse, source = case.names[i], case.entries.turned, case.best.map.order[i]
+    changes: dict[Quantity, Values] = {q: {i: reverse(q, source)} for q in _follow(case, [i])}
     cause = f"the angle of {name} counts the other way"
     if both:
         cause = f"{name} counts the other way, in angle and torque"
-        changes["torque"] = {i: turned("torque", i)}
+        changes["torque"] = {i: reverse("torque", i)}
     elif not sure:
         cause += ", or its torque does; the motion does not tell which"
     return Verdict(
@@ -123,7 +122,7 @@ def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) ->
 
 
 def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
-    turned, order, whose = case.entries.turned, case.best.order, case.all_or(drives)
+    reverse, order, whose = case.entries.turned, case.best.order, case.all_or(drives)
     against = float(-case.best.along[drives].min())
     instead = "" if sure else ", or the angle does; the motion does not tell which"
     return Verdict(
@@ -134,7 +133,7 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
         case.whose(drives),
         f"the torque of {whose} counts the other way{instead}",
         "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
-        case.entries.proposal({"torque": {i: turned("torque", order[i]) for i in drives}}),
+        case.entries.proposal({"torque": {i: reverse("torque", order[i]) for i in drives}}),
         number=against,
     )
 
@@ -142,8 +141,8 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
 def order_verdicts(case: Case) -> Iterator[Verdict]:
     """Columns that belong to other drives."""
     best, n = case.best, len(case.names)
-    plain, torque, position = tuple(range(n)), best.order, best.map.order
-    if torque == position == plain:
+    in_order, torque, position = tuple(range(n)), best.order, best.map.order
+    if torque == position == in_order:
         return
     moved = [i for i in range(n) if torque[i] != i or position[i] != i]
     sources: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
@@ -152,17 +151,17 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
         quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(order)}
         for quantity, order in sources.items()
     }
-    what = "torques" if position == plain else "positions"
+    quantities = "torques" if position == in_order else "positions"
     if torque == position:
-        what = "positions and torques together"
-    told = torque if position == plain else position
-    columns = listed([f"{case.names[i]} from the columns of {case.names[told[i]]}" for i in moved])
+        quantities = "positions and torques together"
+    given = torque if position == in_order else position
+    columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
     sure = not any(
-        one.changes == best.changes and (one.map.order, one.order) != (position, torque)
-        for one in case.good[1:]
+        other.changes == best.changes and (other.map.order, other.order) != (position, torque)
+        for other in case.good[1:]
     )
-    cause = f"the {what} are in another order than the drives: {columns}"
-    if not sure and position == plain:
+    cause = f"the {quantities} are in another order than the drives: {columns}"
+    if not sure and position == in_order:
         cause += " (or the positions are, the other way round; a symmetric robot does not tell)"
     seen = f"torques and motion belong together only in another order, which {case.fits}"
     cure = "map the columns in the order of the drives"
@@ -172,25 +171,25 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
 
 def torque_verdicts(case: Case) -> Iterator[Verdict]:
     """The scale of torques: gears, units and currents, of one drive or of all."""
-    best, found = case.best, case.ratios.copy()
+    best, ratios = case.best, case.ratios.copy()
     for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
         yield _one_torque(case, i, float(abs(best.gains[i])))
     for i, unit in case.units.items():
-        found[i] = in_unit(found[i], unit)
-    size = overall(found[~best.loose] if not best.loose.all() else found)
+        ratios[i] = in_unit(ratios[i], unit)
+    size = overall(ratios[~best.loose] if not best.loose.all() else ratios)
     if best.map.scaled and case.of_motors(abs(best.map.scale[best.map.scaled[0]])):
         return
     common = max(size, 1 / size) > DOUBTFUL_SCALE
     if common:
         yield _all_torques(case, size)
     for i in case.untied:
-        own = overall(case.ratios[i])
-        if i not in case.units and not common and max(own, 1 / own) > WRONG_SCALE:
-            yield _one_torque(case, i, 1 / own, rough=True)
+        ratio = overall(case.ratios[i])
+        if i not in case.units and not common and max(ratio, 1 / ratio) > WRONG_SCALE:
+            yield _one_torque(case, i, 1 / ratio, rough=True)
 
 
 def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
-    """A drive whose numbers must be multiplied by `gain`, beside those of the others."""
+    """A drive whose torques must be multiplied by `gain` relative to the others."""
     name, source, entries, unit = case.names[i], case.best.order[i], case.entries, _milli(case, i)
     beside = "the prior says" if rough else "those of the other drives ask for"
     key, number, whose = "torque-unit", 1 / gain, f"the torque of {name}"
@@ -217,7 +216,7 @@ def _milli(case: Case, i: int) -> str:
 
 
 def _all_torques(case: Case, size: float) -> Verdict:
-    """Torques that are so many times those of the prior, in all drives alike."""
+    """Torques of all drives that are `size` times those of the prior."""
     doubtful, linear, values = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
     if size < 1:
         cause = "torques are those of the motors, behind a gear"

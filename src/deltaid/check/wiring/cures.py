@@ -1,4 +1,4 @@
-"""Lines of a mapping that undo what is wrong with its columns."""
+"""Lines of a mapping that correct its columns."""
 
 from collections.abc import Mapping
 
@@ -31,7 +31,7 @@ Values = dict[int, dict[str, object]]
 
 
 class Entries:
-    """What a mapping says of each drive's columns, and how to say it otherwise."""
+    """Entries of a mapping for each drive's columns, and corrected ones."""
 
     def __init__(self, evidence: Evidence) -> None:
         self._evidence = evidence
@@ -40,11 +40,11 @@ class Entries:
 
     def of(self, quantity: Quantity, drive: int) -> DriveColumn:
         """The entry of a drive, its default where there is none."""
-        given = getattr(self._evidence.mapping, quantity, None)
-        if isinstance(given, AllDrives):
-            return given.entries(len(self._linear), quantity)[drive]
-        if given is not None:
-            return given[drive]
+        columns = getattr(self._evidence.mapping, quantity, None)
+        if isinstance(columns, AllDrives):
+            return columns.entries(len(self._linear), quantity)[drive]
+        if columns is not None:
+            return columns[drive]
         name, units = self.name(quantity, drive), self._evidence.table.units
         unit = units.get(name, si_unit(quantity, linear=self._linear[drive]))
         return DriveColumn(column=name, unit=unit)
@@ -57,10 +57,10 @@ class Entries:
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
-        now, known = self.of(quantity, drive).unit, _UNITS.items()
-        near = (name for (unit, by), name in known if unit == now and abs(by / factor - 1) < 1e-6)
-        named = next(near, None)
-        return {"unit": named} if named else {}
+        now, units = self.of(quantity, drive).unit, _UNITS.items()
+        names = (name for (unit, by), name in units if unit == now and abs(by / factor - 1) < 1e-6)
+        name = next(names, None)
+        return {"unit": name} if name else {}
 
     def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """Of a motor whose numbers must be multiplied by `factor`."""
@@ -73,8 +73,8 @@ class Entries:
 
     def moved(self, quantity: Quantity, drive: int, source: int) -> dict[str, object]:
         """All that another drive's entry says."""
-        own, other = (self.of(quantity, i).model_dump() for i in (drive, source))
-        return {key: value for key, value in other.items() if value != own[key]}
+        own, moved_entry = (self.of(quantity, i).model_dump() for i in (drive, source))
+        return {key: value for key, value in moved_entry.items() if value != own[key]}
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
@@ -86,18 +86,18 @@ class Entries:
         """New values of entries, by quantity, drive and key, as changes of the mapping."""
         changes: list[tuple[str, object]] = []
         for quantity, drives in values.items():
-            given = getattr(self._evidence.mapping, quantity, None)
-            entries = [(i, key, value) for i, own in drives.items() for key, value in own.items()]
-            if not isinstance(given, AllDrives):
+            columns = getattr(self._evidence.mapping, quantity, None)
+            entries = [(i, key, value) for i, new in drives.items() for key, value in new.items()]
+            if not isinstance(columns, AllDrives):
                 changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
                 continue
             for key in dict.fromkeys(key for _, key, _ in entries):
                 now = [getattr(self.of(quantity, i), key) for i in range(len(self._linear))]
-                each = [drives.get(i, {}).get(key, value) for i, value in enumerate(now)]
-                same = all(value == each[0] for value in each)
+                values_ = [drives.get(i, {}).get(key, value) for i, value in enumerate(now)]
+                same = all(value == values_[0] for value in values_)
                 plural = "columns" if key == "column" else key
-                changes.append((f"{quantity}.{plural}", each[0] if same else each))
-                if key == "column" and given.column is not None:
+                changes.append((f"{quantity}.{plural}", values_[0] if same else values_))
+                if key == "column" and columns.column is not None:
                     changes.append((f"{quantity}.column", None))
         return (Proposal("mapping", tuple(changes)),) if changes else ()
 

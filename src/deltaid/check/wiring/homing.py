@@ -1,8 +1,8 @@
-"""A drive's zero or the direction of gravity: which of them explains what a recording leaves.
+"""A drive's zero or the direction of gravity: which of them explains a residual.
 
-Both change torques in a way that has a column of its own, ∂(Y p)/∂q_0 and ∂(Y p)/∂g, beside those
-of Y. Their values are a Gauss–Newton step; how far to trust it, the scatter of their scores between
-blocks of time says, for noise of any colour.
+Both have columns, ∂(Y p)/∂q_0 and ∂(Y p)/∂g, in addition to those of Y. Their values are a
+Gauss–Newton step; its covariance follows from the scatter of scores between blocks of time, for
+noise of any colour.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,15 +29,15 @@ _SHOWN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """Errors of zeros [rad or m] and of the direction of gravity [rad], as rows tell them.
+    """Errors of zeros [rad or m] and of the direction of gravity [rad], from rows.
 
     Attributes:
-        H: products of their columns, freed of what parameters explain.
+        H: products of their columns, parameters projected out.
         scores: of each block, (blocks, columns).
-        left: sum of squares without them, freed likewise.
+        left: sum of squares without them, parameters projected out.
         rows: that it is of.
-        drives: number of zeros; two angles of gravity follow, or none without gravity, then what
-            else a drive may have: an offset of its torque, and a gain.
+        drives: number of zeros; two angles of gravity follow, or none without gravity, then each
+            drive's torque offset and gain.
         angles: 2, or 0.
     """
 
@@ -68,9 +68,9 @@ class Shifts:
     @cached_property
     def tilt(self) -> list[int]:
         """Columns of the direction of gravity that show."""
-        both = range(self.drives, self.drives + self.angles)
-        most = max((self.H[i, i] for i in both), default=0.0)
-        return [i for i in both if self.H[i, i] > _SHOWN * most]  # a plane shows one angle
+        angles = range(self.drives, self.drives + self.angles)
+        largest = max((self.H[i, i] for i in angles), default=0.0)
+        return [i for i in angles if self.H[i, i] > _SHOWN * largest]  # a plane shows one angle
 
     @property
     def offsets(self) -> list[int]:
@@ -79,16 +79,16 @@ class Shifts:
 
     @property
     def gains(self) -> list[int]:
-        """Columns of gains; all together are the torques, so one must be left out then."""
+        """Columns of gains; together they are the torques, so one must be excluded then."""
         first = 2 * self.drives + self.angles
         return list(range(first, len(self.H))) if self.drives > 1 else []
 
     def told(
-        self, which: list[int], beside: Sequence[int] = ()
+        self, chosen: list[int], beside: Sequence[int] = ()
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Values of some columns and their covariance, with others free beside them."""
-        columns = [*which, *beside]
-        H, n = self.H[np.ix_(columns, columns)], len(which)
+        columns = [*chosen, *beside]
+        H, n = self.H[np.ix_(columns, columns)], len(chosen)
         scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
         inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
         s = self.scores[:, columns]
@@ -96,40 +96,39 @@ class Shifts:
         spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
         return (inverse @ s.sum(axis=0))[:n], (inverse @ spread @ inverse)[:n, :n]
 
-    def certainty(self, which: list[int], beside: Sequence[int] = ()) -> float:
-        """Wald's distance of some columns from zero, a number of standard deviations each; 0 where
-        the recording does not show these at all."""
-        if not all(self.H[i, i] > 0 for i in which):
+    def certainty(self, chosen: list[int], beside: Sequence[int] = ()) -> float:
+        """Wald's distance of some columns from zero in standard deviations; 0 if unobservable."""
+        if not all(self.H[i, i] > 0 for i in chosen):
             return 0.0
-        value, covariance = self.told(which, beside)
+        value, covariance = self.told(chosen, beside)
         values, vectors = np.linalg.eigh(covariance)
-        sure = values > 1e-9 * values[-1]
-        projected = vectors[:, sure].T @ value
-        return float(np.sqrt(np.sum(projected**2 / values[sure]) / max(len(which), 1)))
+        determined = values > 1e-9 * values[-1]
+        projected = vectors[:, determined].T @ value
+        return float(np.sqrt(np.sum(projected**2 / values[determined]) / max(len(chosen), 1)))
 
-    def gain(self, which: list[int]) -> float:
-        """Share of what is left that these columns explain."""
-        H, s = self.H[np.ix_(which, which)], self.scores[:, which].sum(axis=0)
+    def gain(self, chosen: list[int]) -> float:
+        """Share of the residual that these columns explain."""
+        H, s = self.H[np.ix_(chosen, chosen)], self.scores[:, chosen].sum(axis=0)
         return float(s @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ s / self.left)
 
 
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
-    """What a recording says about zeros and gravity, the rest being as a candidate has it."""
-    found, dof = best.residual, dynamics.dof
-    tau = found.torques(best.order, best.gains)
-    # All parameters: from the prior as far as the torques ask for it.
+    """Errors of zeros and gravity in a recording, for the columns of a candidate."""
+    residual, dof = best.residual, dynamics.dof
+    tau = residual.torques(best.order, best.gains)
+    # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
-    scale = np.array([one.scale for one in dynamics.layout.parameters])[found.columns]
+    scale = np.array([entry.scale for entry in dynamics.layout.parameters])[residual.columns]
     noise = best.left * np.linalg.norm(tau) / np.sqrt(len(tau))
-    A = np.vstack([found.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
-    b = np.append((tau - found.Y @ p[found.columns]) / noise, np.zeros(len(scale)))
-    p[found.columns] += Span.of(A).coefficients(b)
-    slopes = _slopes(dynamics, motion, best, p)[:, found.keep]
-    numbers = motion.tau[found.keep].T[list(best.order)]
-    own = np.stack([np.ones_like(numbers), best.gains[:, None] * numbers], axis=2)
-    others = of_own_drives(own).reshape(*numbers.shape, dof, 2).swapaxes(2, 3)
-    D = np.concatenate([slopes, others.reshape(*numbers.shape, 2 * dof)], axis=2)
-    return Shifts.of(found.span, found.rows.stack(D), tau, dof, slopes.shape[2] - dof)
+    A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
+    b = np.append((tau - residual.Y @ p[residual.columns]) / noise, np.zeros(len(scale)))
+    p[residual.columns] += Span.of(A).coefficients(b)
+    slopes = _slopes(dynamics, motion, best, p)[:, residual.keep]
+    numbers = motion.tau[residual.keep].T[list(best.order)]
+    of_drives = np.stack([np.ones_like(numbers), best.gains[:, None] * numbers], axis=2)
+    offsets_and_gains = of_own_drives(of_drives).reshape(*numbers.shape, dof, 2).swapaxes(2, 3)
+    D = np.concatenate([slopes, offsets_and_gains.reshape(*numbers.shape, 2 * dof)], axis=2)
+    return Shifts.of(residual.span, residual.rows.stack(D), tau, dof, slopes.shape[2] - dof)
 
 
 def _slopes(
@@ -137,9 +136,9 @@ def _slopes(
 ) -> Float[np.ndarray, "drives kept columns"]:
     """Slopes of the torques at the kept samples; they are smooth enough to need no filter."""
     low_pass, map, kinematics = motion.low_pass, best.map, dynamics.kinematics
-    kept = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
-    q = map.values(motion.q[kept])
-    qd, qdd = map.rates(motion.qd[kept]), map.rates(motion.qdd[kept])
+    places = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
+    q = map.values(motion.q[places])
+    qd, qdd = map.rates(motion.qd[places]), map.rates(motion.qdd[places])
     p = p.copy()
     p[dynamics.layout.friction] = 0.0  # its steps have no slope
 
@@ -150,22 +149,22 @@ def _slopes(
 
     def moment(z: np.ndarray) -> np.ndarray:
         total = np.zeros((len(z), 3))
-        for own, body in zip(kinematics.poses(z), kinematics.mechanism.bodies, strict=True):
-            m = p[dynamics.layout.body(own.name)]
-            total += body.count * (m[0] * own.r_WB + own.R_WB @ m[1:4])
+        for pose, body in zip(kinematics.poses(z), kinematics.mechanism.bodies, strict=True):
+            m = p[dynamics.layout.body(pose.name)]
+            total += body.count * (m[0] * pose.r_WB + pose.R_WB @ m[1:4])
         return total
 
-    z, g = best.residual.poses.z[kept], np.array(dynamics.robot.gravity)
+    z, g = best.residual.poses.z[places], np.array(dynamics.robot.gravity)
     J, along = kinematics.jacobian(z), _differences(moment, z)
     moments = np.linalg.solve(J.swapaxes(1, 2), along.swapaxes(1, 2)).swapaxes(1, 2)
-    turned = [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
+    tilts = [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
     zeros = _differences(torque, q).swapaxes(0, 1)
-    return np.concatenate([zeros, *(column[:, :, None] for column in turned)], axis=2)
+    return np.concatenate([zeros, *(column[:, :, None] for column in tilts)], axis=2)
 
 
 def _differences(
-    of: Callable[[np.ndarray], np.ndarray], x: Float[np.ndarray, "samples dof"]
+    f: Callable[[np.ndarray], np.ndarray], x: Float[np.ndarray, "samples dof"]
 ) -> Float[np.ndarray, "samples values dof"]:
     """Central differences of values of each sample."""
     steps = _STEP * np.eye(x.shape[1])
-    return np.stack([(of(x + step) - of(x - step)) / (2 * _STEP) for step in steps], axis=-1)
+    return np.stack([(f(x + step) - f(x - step)) / (2 * _STEP) for step in steps], axis=-1)

@@ -23,7 +23,7 @@ from deltaid.recording.filter import (
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 
-# The highest cut-off [Hz]: enough to tell columns apart.
+# The highest cut-off [Hz]: enough to distinguish columns.
 _HIGHEST_CUTOFF = 30.0
 # The share of the speeds' power that counts, and how far above it the cut-off is.
 _MOST_POWER, _ABOVE = 0.999, 3.0
@@ -46,9 +46,9 @@ class Motion:
         q, qd, qdd: (samples, drives) as mapped, evenly spaced.
         load: τ at these samples, which stands for what gears carry.
         tau: (kept, drives) torques that passed the low-pass, thinned.
-        awake: (kept,) where no drive stands still that moves at other times: at rest friction is
-            whatever balances the torque. All, where else too few were left.
-        low_pass: what makes kept ones of samples.
+        awake: (kept,) where no drive rests that moves at other times: at rest friction balances
+            any torque. All, if too few would remain.
+        low_pass: from samples to kept ones.
         recorded: q̇ of columns for it, if there are any.
     """
 
@@ -61,9 +61,9 @@ class Motion:
     low_pass: LowPass
     recorded: Values
 
-    def filtered(self, x: Float[np.ndarray, "channels samples"]) -> Values:
-        """The low-pass over something that follows from samples, thinned: (channels, kept)."""
-        return apply(self.low_pass.smooth, x, self.low_pass.decimation)[:, : len(self.tau)]
+    def filtered(self, signals: Float[np.ndarray, "channels samples"]) -> Values:
+        """Low-passed and thinned signals: (channels, kept)."""
+        return apply(self.low_pass.smooth, signals, self.low_pass.decimation)[:, : len(self.tau)]
 
     @cached_property
     def moves(self) -> Bool[np.ndarray, " drives"]:
@@ -73,7 +73,7 @@ class Motion:
 
 
 def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> Motion | None:
-    """The liveliest stretch of a recording; None where there is too little of it, or no torque.
+    """The liveliest stretch of a recording; None if it is too short, or without torque.
 
     Args:
         longest: that it lasts [s].
@@ -89,30 +89,30 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     if not tau.shape[1] or len(time) < samples_needed(cutoff, rate):
         return None
     full = design_low_pass(cutoff, rate, single=True)
-    every = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
-    again = design_low_pass(cutoff, rate / every, single=True)
+    stride = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
+    thinning = design_low_pass(cutoff, rate / stride, single=True)
     edge = full.margin - full.half
     inner = slice(edge, len(time) - edge)
-    smoothed = apply(full.smooth, np.hstack([q, tau, qd]).T[:, inner], every).T
+    smoothed = apply(full.smooth, np.hstack([q, tau, qd]).T[:, inner], stride).T
     samples, load, recorded = np.split(smoothed, np.cumsum([q.shape[1], tau.shape[1]]), axis=1)
-    speeds = apply(full.first, q.T, every).T
+    speeds = apply(full.first, q.T, stride).T
     # The torques pass once, by a filter that is centred on the samples that the second one keeps.
-    wide = tau.T[:, edge + again.half * every : len(tau) - edge]
-    count = -(-(len(samples) - len(again.smooth) + 1) // again.decimation)
+    wide = tau.T[:, edge + thinning.half * stride : len(tau) - edge]
+    count = -(-(len(samples) - len(thinning.smooth) + 1) // thinning.decimation)
     return Motion(
         q=samples,
         qd=speeds,
-        qdd=apply(full.second, q.T, every).T,
+        qdd=apply(full.second, q.T, stride).T,
         load=load,
-        tau=apply(full.smooth, wide, every * again.decimation).T[:count],
-        awake=_awake(speeds, rate / every, again, count),
-        low_pass=again,
+        tau=apply(full.smooth, wide, stride * thinning.decimation).T[:count],
+        awake=_awake(speeds, rate / stride, thinning, count),
+        low_pass=thinning,
         recorded=recorded,
     )
 
 
 def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.ndarray, " kept"]:
-    """Which kept samples have no part in a rest of any drive, nor the filter around them."""
+    """Kept samples whose filter window contains no rest of any drive."""
     asleep = np.zeros(len(qd))
     for speed in np.abs(qd).T:
         for first, last in runs_of(speed < _STILL * speed.max()):
@@ -128,17 +128,19 @@ def _cutoff(q: Values, rate: float) -> float:
     Noise of coarse encoders, not white, lets the usual rule go too high for accelerations."""
     spectrum = SpectrumEstimate(q.shape[1])
     spectrum.add(power_of(q))
-    usual = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
+    general = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
     t = np.linspace(-1, 1, len(q))[:, None]
-    x = q - q.mean(axis=0)
-    x = (x - t * (t * x).mean(axis=0) / np.mean(t**2)) * np.hanning(len(q))[:, None]
+    level = q - q.mean(axis=0)
+    level = (level - t * (t * level).mean(axis=0) / np.mean(t**2)) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
-    total = np.cumsum(np.abs(np.fft.rfft(x, axis=0) * frequency[:, None]) ** 2, axis=0)
-    most = [float(frequency[np.searchsorted(one, _MOST_POWER * one[-1])]) for one in total.T]
+    total = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
+    fastest = [
+        float(frequency[np.searchsorted(power, _MOST_POWER * power[-1])]) for power in total.T
+    ]
     # A drive at rest has noise alone, whose speeds are all at high frequencies.
-    moving = [one for one in most if one < _HIGHEST_CUTOFF] or [_HIGHEST_CUTOFF]
+    moving = [power for power in fastest if power < _HIGHEST_CUTOFF] or [_HIGHEST_CUTOFF]
     highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * max(moving))
-    return float(min(max(LOWEST_CUTOFF, min(usual, highest)), HIGHEST * rate))
+    return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 
 def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Values] | None:
@@ -162,18 +164,18 @@ def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Value
     if np.diff(t).max() < 1.5 * step:
         return t, q, qd, tau
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
-    lines = ([np.interp(grid, t, x) for x in values.T] for values in (q, qd, tau))
+    lines = ([np.interp(grid, t, column) for column in values.T] for values in (q, qd, tau))
     q, qd, tau = (np.reshape(values, (-1, len(grid))).T for values in lines)
     return grid, q, qd, tau
 
 
-def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, most: int) -> tuple[int, int]:
+def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -> tuple[int, int]:
     """First row and end of the stretch with the longest way of all drives."""
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)
-    way = np.append(0.0, np.cumsum(steps.sum(axis=1)))
-    ends = zip(starts, np.maximum(starts + 1, stops - most + 1), strict=True)
-    first = np.concatenate([np.arange(start, stop, max(1, most // 20)) for start, stop in ends])
-    last = np.minimum(first + most, stops[np.searchsorted(starts, first, side="right") - 1])
-    k = int(np.argmax(way[last] - way[first]))
+    travel = np.append(0.0, np.cumsum(steps.sum(axis=1)))
+    ends = zip(starts, np.maximum(starts + 1, stops - longest + 1), strict=True)
+    first = np.concatenate([np.arange(start, stop, max(1, longest // 20)) for start, stop in ends])
+    last = np.minimum(first + longest, stops[np.searchsorted(starts, first, side="right") - 1])
+    k = int(np.argmax(travel[last] - travel[first]))
     return int(first[k]), int(last[k])

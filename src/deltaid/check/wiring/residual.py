@@ -1,4 +1,4 @@
-"""What least squares leaves of torques, for every order, sign and gain of their columns at once.
+"""Least-squares residuals of torques for every order, sign and gain of their columns at once.
 
 E_ij is the torque column j in the rows of drive i, and S = Eᵀ(1 − Y Y⁺)E. So the residual of any
 assignment u of torque columns to drives, with signs and gains, is uᵀS u, and its share of the
@@ -87,7 +87,7 @@ class Residual:
         S: residual of E, by drive i and column j in either direction.
         D: squares of E's columns, by drive and column.
         along: correlation of drive i's torque at the prior with column j.
-        still: drives at rest, whose torques are friction's and tell no sign.
+        still: drives at rest, whose torques are friction's and determine no sign.
         keep: which of the kept samples are used.
         columns: parameters that columns of Y stand for.
     """
@@ -111,17 +111,16 @@ class Residual:
         return self.S[np.ix_(pairs, pairs)], self.D.ravel()[pairs]
 
     def share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
-        """What is left of the torques, as a share of their root mean square."""
+        """Residual as a share of the torques' root mean square."""
         S, D = self.of(order)
         return float(np.sqrt(max(gains @ S @ gains, 0.0) / (gains**2 @ D)))
 
     def own_share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
-        """The same with the rows of each drive divided by its gain, so that a drive that is
-        explained well by itself gets no weight from a large gain."""
+        """The same with each drive's rows divided by its gain: a large gain adds no weight."""
         by = np.repeat(np.abs(gains), self.rows.samples)
         tau = self.torques(order, gains) / by
-        left = Span.of(self.Y / by[:, None]).without(tau)
-        return float(np.linalg.norm(left) / np.linalg.norm(tau))
+        residual = Span.of(self.Y / by[:, None]).without(tau)
+        return float(np.linalg.norm(residual) / np.linalg.norm(tau))
 
     def torques(self, order: tuple[int, ...], gains: np.ndarray) -> Float[np.ndarray, " rows"]:
         """Torque columns in an order, times gains, as weighted rows."""
@@ -135,14 +134,14 @@ def _pairs(order: tuple[int, ...]) -> Int[np.ndarray, " dof"]:
 
 def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     """None where too few samples have poses."""
-    found = poses(dynamics, map.values(motion.q))
-    if found.share < _POSED:
+    reached = poses(dynamics, map.values(motion.q))
+    if reached.share < _POSED:
         return None
     qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
-    values = np.where(found.good, entries_at(dynamics, found.z, qd, qdd, motion.load), 0.0)
+    values = np.where(reached.good, entries_at(dynamics, reached.z, qd, qdd, motion.load), 0.0)
     keep = motion.awake
-    if not found.good.all():
-        keep = keep & (motion.filtered(found.good[None].astype(float))[0] > 1 - 1e-6)
+    if not reached.good.all():
+        keep = keep & (motion.filtered(reached.good[None].astype(float))[0] > 1 - 1e-6)
     if keep.sum() < _FEWEST:
         return None
     tau, (drives, entries) = motion.tau[keep], dynamics.regressor_pattern
@@ -157,8 +156,8 @@ def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     E = rows.stack(of_own_drives(np.broadcast_to(tau, (dynamics.dof, *tau.shape))))
     Y = rows.stack(Y)
     span = Span.of(Y)
-    left = span.without(E)
+    rest = span.without(E)
     D = np.sum(E**2, axis=0).reshape(still.size, -1)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=0))
     along = expected @ tau / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(map, found, rows, Y, E, span, left.T @ left, D, along, still, keep, columns)
+    return Residual(map, reached, rows, Y, E, span, rest.T @ rest, D, along, still, keep, columns)

@@ -25,15 +25,15 @@ from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 
-# Share of the samples whose loops close at which the mapping itself is looked at at all.
-_LOOKED_AT = 0.3
-# Hypotheses that leave so much more than the best one are as good as it.
+# Least share of samples with closed loops for the mapping itself to be evaluated.
+_EVALUATED = 0.3
+# Hypotheses within this ratio of the best residual are as good.
 _AS_GOOD = 1.2
-# Those that are looked at again on all samples, and how many at most.
+# Those within this ratio are evaluated again on all samples, so many at most.
 _NEAR, _DECIDED = 2.0, 6
-# Torques that go with the prior's like this need no search for the gears of other drives.
+# Correlation with the prior's torques that needs no search for gears of other drives.
 _SURE = 0.9
-# Factors that positions of a motor are looked for by, and how many.
+# Range of factors of motor positions, points of the grid, and bisections.
 _SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
@@ -47,79 +47,79 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     The first is the mapping itself where none is clearly better; none if no loops close.
 
     Args:
-        fine: what is decided on.
-        coarse: a part of it, to look for hypotheses.
+        fine: to decide.
+        coarse: a part of it, to search.
     """
     identity = Map.identity(dynamics.dof)
-    plain = next(tried(dynamics, fine, [identity], least=_LOOKED_AT), None)
-    settled = plain is not None and plain.clear and plain.changes == 0
-    if plain is not None and settled and not _other_order(dynamics, coarse):
-        return (plain,)
+    as_mapped = next(tried(dynamics, fine, [identity], least=_EVALUATED), None)
+    settled = as_mapped is not None and as_mapped.clear and as_mapped.changes == 0
+    if as_mapped is not None and settled and not _other_order(dynamics, coarse):
+        return (as_mapped,)
     maps = _orders(identity) if settled else _maps(dynamics)
-    found = _ranked(tried(dynamics, coarse, (map for map in maps if _told(map, fine.moves))))
+    found = _ranked(tried(dynamics, coarse, (map for map in maps if _decidable(map, fine.moves))))
     if not settled and (not found or not found[0].clear or found[0].map.scaled):
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
         if found and found[0].map.scaled:
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
-    near = [candidate for candidate in found if candidate.left < _NEAR * found[0].left]
-    near.sort(key=lambda one: (one.left > _AS_GOOD * found[0].left, one.changes))
-    maps = [*dict.fromkeys(candidate.map for candidate in near)][:_DECIDED]
-    decided = [candidate for candidate in tried(dynamics, fine, maps) if candidate.sensible]
-    if plain is not None:
-        decided = [*(one for one in decided if one.map != identity), plain]
-    if not decided:
+    close = [trial for trial in found if trial.left < _NEAR * found[0].left]
+    close.sort(key=lambda trial: (trial.left > _AS_GOOD * found[0].left, trial.changes))
+    maps = [*dict.fromkeys(trial.map for trial in close)][:_DECIDED]
+    examined = [trial for trial in tried(dynamics, fine, maps) if trial.sensible]
+    if as_mapped is not None:
+        examined = [*(trial for trial in examined if trial.map != identity), as_mapped]
+    if not examined:
         return ()
-    decided = _ranked(decided)
-    good = [one for one in decided if one.left < _AS_GOOD * decided[0].left]
-    if plain is not None and plain.residual.poses.share >= MOSTLY_CLOSED:
-        good = [one for one in good if one.beats(plain)] or [plain]
+    examined = _ranked(examined)
+    good = [trial for trial in examined if trial.left < _AS_GOOD * examined[0].left]
+    if as_mapped is not None and as_mapped.residual.poses.share >= MOSTLY_CLOSED:
+        good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
     if good[0].map.scaled:
-        good = [one for one in good if one.as_likely_as(good[0])]
-    good.sort(key=lambda one: (one.changes, one.unnamed, one.map != identity))
+        good = [trial for trial in good if trial.as_likely_as(good[0])]
+    good.sort(key=lambda trial: (trial.changes, trial.unnamed, trial.map != identity))
     return tuple(good)
 
 
-def _told(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
-    """Whether it changes columns that move: at rest none tells its sign, unit or drive."""
+def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
+    """Whether it changes columns that move: at rest sign, unit and drive are undetermined."""
     moved = [a != i or f != 1 for i, (a, f) in enumerate(zip(map.order, map.scale, strict=True))]
     changed = np.flatnonzero(moved)
     alone = changed[~moves[changed]]
     return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
 
 
-def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
-    return sorted(found, key=lambda candidate: candidate.left)
+def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
+    return sorted(candidates, key=lambda candidate: candidate.left)
 
 
-def _orders(plain: Map) -> Iterator[Map]:
-    return (replace(plain, order=order) for order in permutations(plain.order))
+def _orders(as_mapped: Map) -> Iterator[Map]:
+    return (replace(as_mapped, order=order) for order in permutations(as_mapped.order))
 
 
 def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
     """Whether all columns together fit better in another order; the first is the mapping's."""
-    plain = Map.identity(dynamics.dof)
-    found = residuals(dynamics, motion, _orders(plain))
-    left = [one.share(one.map.order, np.array(plain.scale)) for one in found]
-    return len(left) > 1 and left[0] > 1.02 * min(left)
+    identity = Map.identity(dynamics.dof)
+    solved = residuals(dynamics, motion, _orders(identity))
+    shares = [solution.share(solution.map.order, np.array(identity.scale)) for solution in solved]
+    return len(shares) > 1 and shares[0] > 1.02 * min(shares)
 
 
 def _maps(dynamics: Dynamics) -> Iterator[Map]:
     """As mapped, with other signs, in another order, in other units."""
-    plain, every = Map.identity(dynamics.dof), range(dynamics.dof)
-    yield plain
+    identity, every = Map.identity(dynamics.dof), range(dynamics.dof)
+    yield identity
     for drives in ([i] for i in every):
-        yield plain.times(-1.0, drives)
+        yield identity.times(-1.0, drives)
     if len(every) > 1:
-        yield plain.times(-1.0, every)
-    yield from (map for map in _orders(plain) if map != plain)
+        yield identity.times(-1.0, every)
+    yield from (map for map in _orders(identity) if map != identity)
     for drives in _groups(dynamics):
         for factor in _units(dynamics, drives[0]):
-            yield plain.times(factor, drives)
+            yield identity.times(factor, drives)
 
 
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
-    """Drives that may have a fault in common: all of a kind, or each alone but for one that turns a
-    telescope, which shows no unit by its loops."""
+    """Drives that may share a fault: all of a kind, or each alone except a telescope's, whose loops
+    determine no unit."""
     linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
     for kind in sorted(set(linear)):
         same = [i for i, slides in enumerate(linear) if slides == kind]
@@ -143,10 +143,10 @@ def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
 
 
 def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
-    plain, linear = Map.identity(dynamics.dof), _units(dynamics, drives[0]) is SLIDING
+    identity, linear = Map.identity(dynamics.dof), _units(dynamics, drives[0]) is SLIDING
 
     def closes(factor: float) -> bool:
-        return closed_share(dynamics, motion, plain.times(factor, drives)) >= CLOSED
+        return closed_share(dynamics, motion, identity.times(factor, drives)) >= CLOSED
 
     low, high = _SMALLEST, _LONGEST if linear else _LARGEST
     if not closes(high):
@@ -157,8 +157,8 @@ def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candi
             low, high = (middle, high) if closes(middle) else (low, middle)
         low, high = max(_SMALLEST, low / 30), low
     grid = np.geomspace(low, high, _GRID)
-    maps = (plain.times(float(factor), drives) for factor in grid)
-    rough = min(tried(dynamics, motion, maps, as_is=True), key=lambda one: one.left, default=None)
+    maps = (identity.times(float(factor), drives) for factor in grid)
+    rough = next(iter(_ranked(tried(dynamics, motion, maps, as_is=True))), None)
     if rough is None:
         return None
     best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
@@ -178,7 +178,7 @@ def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[C
 
 
 def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float) -> Candidate:
-    """The factor of the scaled positions that leaves least, from a rough one, by parabolas."""
+    """The best factor of the scaled positions, from a rough one, by parabolas."""
 
     def times(by: float) -> Candidate | None:
         map = best.map.times(by, best.map.scaled)
@@ -186,12 +186,12 @@ def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float)
 
     best = rough
     for _ in range(3):
-        around = [times(by) for by in (1 / step, step)]
-        lower, higher = (np.inf if one is None else one.left**2 for one in around)
+        trials = [times(by) for by in (1 / step, step)]
+        lower, higher = (np.inf if trial is None else trial.left**2 for trial in trials)
         bend = lower + higher - 2 * best.left**2
         if np.isfinite(bend) and bend > 0:
             shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
-            around.append(times(step**shift))
-        best = min((best, *(one for one in around if one is not None)), key=lambda one: one.left)
+            trials.append(times(step**shift))
+        best = _ranked([best, *filter(None, trials)])[0]
         step = float(np.sqrt(step))
     return best

@@ -17,7 +17,7 @@ from deltaid.check.wiring.residual import Map
 from deltaid.model.verdict import Grade, Verdict
 
 _BLOCKS = 16
-# A drive that moves less than this share of the liveliest one tells nothing.
+# A drive that moves less than this share of the liveliest one is not judged.
 _RESTS = 1e-6
 # Correlation above which a column is some drive's velocity, and by which another's goes better.
 _TOGETHER, _BETTER = 0.9, 0.05
@@ -33,11 +33,11 @@ _LEAVE = "leave the velocity columns out: positions are then differentiated"
 
 @dataclass(frozen=True)
 class Rate:
-    """One velocity column beside the derivatives of all positions.
+    """One velocity column compared with the derivatives of all positions.
 
     Attributes:
         drive: whose column it should be.
-        nearest: drive whose derivative it goes with best.
+        nearest: drive whose derivative it correlates with best.
         correlation: with that one's, and `own` with its own's.
         scale: k, of the nearest.
         lag: δ behind it [s], with its standard deviation.
@@ -84,10 +84,10 @@ def _rate(
     nearest = int(np.argmax(together))
     A = np.column_stack([d[:, nearest], dd[:, nearest]])
     inverse = np.linalg.pinv(A)
-    k, b = (float(x) for x in inverse @ v)
-    # What each residual moves b by; those of a block of time may hang together.
-    moved = inverse[1] * (v - A @ (k, b))
-    blocks = np.array([part.sum() for part in np.array_split(moved, _BLOCKS)])
+    k, b = (float(value) for value in inverse @ v)
+    # Influence of each residual on b; those of a block of time may be correlated.
+    influence = inverse[1] * (v - A @ (k, b))
+    blocks = np.array([part.sum() for part in np.array_split(influence, _BLOCKS)])
     std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
     correlation, own = float(together[nearest]), float(together[drive])
     return Rate(drive, nearest, correlation, own, k, -b / k, std / abs(k))
@@ -96,29 +96,29 @@ def _rate(
 def velocity_verdicts(case: Case) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
     map, names = case.map, case.names
-    plain, found = Map.identity(len(names)), rates(case.motion, map)
-    if not found:
+    identity, recorded = Map.identity(len(names)), rates(case.motion, map)
+    if not recorded:
         return
-    if map != plain:  # what goes with the positions as mapped is mended with them
-        right = {rate.drive for rate in rates(case.motion, plain) if rate.right}
-        found = tuple(rate for rate in found if rate.drive not in right)
+    if map != identity:  # velocities that match positions as mapped are corrected with them
+        right = {rate.drive for rate in rates(case.motion, identity) if rate.right}
+        recorded = tuple(rate for rate in recorded if rate.drive not in right)
     swapped = [
         rate
-        for rate in found
+        for rate in recorded
         if rate.nearest != rate.drive and rate.correlation > max(_TOGETHER, rate.own + _BETTER)
     ]
     if swapped:
         yield _order(case, swapped)
         return
-    lost = [rate for rate in found if rate.own <= _TOGETHER]
-    own = [rate for rate in found if rate.own > _TOGETHER]
-    scaled = [rate for rate in own if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL]
+    lost = [rate for rate in recorded if rate.own <= _TOGETHER]
+    matched = [rate for rate in recorded if rate.own > _TOGETHER]
+    scaled = [rate for rate in matched if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL]
     groups: dict[tuple[str, bool], list[Rate]] = {}
     for rate in scaled:
         name = _named(rate.scale, linear=case.linear(rate.drive))
         groups.setdefault((name, rate.scale < 0), []).append(rate)
-    for (name, turned), group in groups.items():
-        yield _scale(case, group, name, turned=turned)
+    for (name, reversed_), group in groups.items():
+        yield _scale(case, group, name, reversed_=reversed_)
     for rate in lost:
         yield Verdict(
             "velocity",
@@ -130,61 +130,61 @@ def velocity_verdicts(case: Case) -> Iterator[Verdict]:
             _LEAVE,
             number=rate.correlation,
         )
-    least = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
-    late = [rate for rate in own if abs(rate.lag) > max(least, _CERTAIN * rate.lag_std)]
+    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
+    late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
     if late and not lost:
         yield _late(case, late)
-    if found and not scaled and not lost and not late:
-        worst = max(found, key=lambda rate: abs(rate.lag))
+    if recorded and not scaled and not lost and not late:
+        worst = max(recorded, key=lambda rate: abs(rate.lag))
         seen = (
             f"recorded velocities are the derivatives of the positions: within "
-            f"{max(abs(rate.scale - 1) for rate in found):.2g} in scale and "
+            f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and "
             f"{1e3 * abs(worst.lag):.2g} ms in time"
         )
         yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * worst.lag, unit="ms")
 
 
-def _order(case: Case, found: list[Rate]) -> Verdict:
+def _order(case: Case, swapped: list[Rate]) -> Verdict:
     entries = case.entries
-    source = {rate.nearest: rate.drive for rate in found}
+    source = {rate.nearest: rate.drive for rate in swapped}
     pairs = ", ".join(
         f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
-        for rate in found
+        for rate in swapped
     )
-    least = min(rate.correlation for rate in found)
+    weakest = min(rate.correlation for rate in swapped)
     return Verdict(
         "velocity",
         Grade.WRONG,
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
-        f"least {least:.3f}: {pairs}",
-        case.whose([rate.drive for rate in found]),
+        f"least {weakest:.3f}: {pairs}",
+        case.whose([rate.drive for rate in swapped]),
         "velocity columns are in another order than the position columns",
         "map the velocity columns in the order of the drives",
         entries.proposal(
             {"velocity": {i: entries.moved("velocity", i, j) for i, j in source.items()}}
         ),
-        number=least,
+        number=weakest,
     )
 
 
 def _named(scale: float, *, linear: bool) -> str:
     """The unit of a scale, if it has a name."""
     units = (_SLIDING if linear else _TURNING).items()
-    near = (name for factor, name in units if abs(abs(scale) / factor - 1) < _NAMED)
-    return next(near, "")
+    matching = (name for factor, name in units if abs(abs(scale) / factor - 1) < _NAMED)
+    return next(matching, "")
 
 
-def _scale(case: Case, found: list[Rate], name: str, *, turned: bool) -> Verdict:
+def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
     """Of drives whose velocities are in one unit, or in none that has a name."""
-    scale = float(np.median([rate.scale for rate in found]))
-    size = float(np.median([abs(rate.scale) for rate in found]))
+    scale = float(np.median([rate.scale for rate in scaled]))
+    size = float(np.median([abs(rate.scale) for rate in scaled]))
     far, entries = max(size, 1 / size) > _UNIT, case.entries
-    whose = case.whose([rate.drive for rate in found])
+    whose = case.whose([rate.drive for rate in scaled])
     whom = f" of {whose}" if whose else ""
     values: Values = {}
-    for rate in found:
+    for rate in scaled:
         i = rate.drive
-        values[i] = entries.turned("velocity", i) if turned else {}
+        values[i] = entries.turned("velocity", i) if reversed_ else {}
         if name:
             factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
             values[i] |= entries.in_unit("velocity", i, 1 / factor)
@@ -196,26 +196,26 @@ def _scale(case: Case, found: list[Rate], name: str, *, turned: bool) -> Verdict
         cause = f"velocities{whom} are in {name}"
     elif far:
         cause = f"velocities{whom} are in another unit, or those of a motor behind a gear"
-    elif not turned:
+    elif not reversed_:
         cure = _LEAVE
-    if turned:
+    if reversed_:
         cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
     key = "velocity-unit" if name or far else "velocity"
-    grade = Grade.WRONG if turned or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
+    grade = Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
     seen = f"velocities{whom} are {scale:.4g} times the rate at which positions change"
     proposals = entries.proposal({"velocity": values})
     return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
 
 
-def _late(case: Case, found: list[Rate]) -> Verdict:
-    worst = max(found, key=lambda rate: abs(rate.lag))
+def _late(case: Case, late: list[Rate]) -> Verdict:
+    worst = max(late, key=lambda rate: abs(rate.lag))
     way = "behind" if worst.lag > 0 else "ahead of"
     return Verdict(
         "velocity",
         Grade.DOUBTFUL,
         f"velocities are {1e3 * abs(worst.lag):.3g} ± {2e3 * worst.lag_std:.1g} ms {way} the "
         "changes of the positions",
-        case.whose([rate.drive for rate in found]),
+        case.whose([rate.drive for rate in late]),
         "the drive smooths its velocity, or logs it at another time than its position",
         f"{_LEAVE} without delay",
         number=1e3 * worst.lag,

@@ -1,8 +1,8 @@
-"""Units, gears, signs, order and zeros of columns: what makes sense of a recording, and what not.
+"""Units, gears, signs, order and zeros of columns: which of them explain a recording.
 
-All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how much
-of the torques do least squares leave (`residual`, `search`)? The best one is the `case` that
-verdicts are read off (`columns`), of the scale of torques in all drives alike by the prior.
+All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how large
+is the least-squares residual (`residual`, `search`)? The best one is the `case` of all verdicts
+(`columns`); a scale common to all torques is judged by the prior.
 Zeros and gravity are judged by their own columns (`homing`, `zeros`), velocities by the derivatives
 of positions (`velocity`).
 """
@@ -25,20 +25,20 @@ from deltaid.check.wiring.velocity import velocity_verdicts
 from deltaid.check.wiring.zeros import zero_verdicts
 from deltaid.model.verdict import Grade, Verdict, worst
 
-# Share of the torques that the right columns may leave.
+# Largest residual share of the torques for correct columns.
 _EXPLAINED = 0.5
-# Correlation with the prior's torque below which a drive's is of another thing.
+# Correlation with the prior's torque below which the column is another signal.
 _SENSELESS = 0.2
-# The part of it that hypotheses are looked for on, if it has so many samples.
+# Part of the stretch to search on, if it has so many samples.
 _FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
-    """Verdicts on what the mapping says of positions, velocities and torques.
+    """Verdicts on the mapping of positions, velocities and torques.
 
-    None where the recording is too short to be filtered.
+    Empty where the recording is too short to be filtered.
     """
     fine = motion(evidence.rows)
     if fine is None or len(fine.tau) < _FEWEST:
@@ -46,26 +46,26 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     coarse = motion(evidence.rows, **_PART)
     if coarse is None or len(coarse.tau) < _FEW:
         coarse = fine
-    good = explained(evidence.dynamics, fine, coarse)
-    if not good:
+    hypotheses = explained(evidence.dynamics, fine, coarse)
+    if not hypotheses:
         return (_out_of_reach(evidence),)
-    case = Case(evidence, fine, good, Entries(evidence))
+    case = Case(evidence, fine, hypotheses, Entries(evidence))
     families = position_verdicts, sign_verdicts, order_verdicts, torque_verdicts
-    found = [verdict for family in families for verdict in family(case)]
+    verdicts = [verdict for family in families for verdict in family(case)]
     senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
-    if case.best.closes and not found and senseless:
-        found.append(_senseless(case))
-    if worst(found) is not Grade.WRONG:
-        found += zero_verdicts(evidence, fine, case.best, case.entries)
-    found += velocity_verdicts(case)
-    if worst(found) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
+    if case.best.closes and not verdicts and senseless:
+        verdicts.append(_senseless(case))
+    if worst(verdicts) is not Grade.WRONG:
+        verdicts += zero_verdicts(evidence, fine, case.best, case.entries)
+    verdicts += velocity_verdicts(case)
+    if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
             f"the loops close, torques go with the motion of their drives ({case.along:.2g} is the "
             f"least correlation with those of the prior) and are {overall(case.ratios):.2g} times "
             "those"
         )
-        found.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
-    return tuple(found)
+        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
+    return tuple(verdicts)
 
 
 def _senseless(case: Case) -> Verdict:
