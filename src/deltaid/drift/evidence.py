@@ -16,10 +16,9 @@ minus the years that have passed is a martingale, and by Doob's inequality
 
 however often one looks. The alarm is R ≥ A with A the years a drive may run for one false alarm.
 
-**Drives of a robot** are alike and hang in the same hall: how friction follows temperature, and how
-it scatters from day to day, are nearly the same. So what the others show of that is what is known
-of a drive before it is looked at. A drive that drifts says little to the others: its coefficients
-count as far as they are known with a change and without.
+**Drives of a robot** are alike and work in the same hall: temperature dependence of friction and
+its scatter from day to day are nearly the same, so those of the others are the prior of a drive.
+Coefficients of a drifting drive count as far as they are known with a change and without.
 """
 
 from dataclasses import dataclass, replace
@@ -41,13 +40,13 @@ MONTH, YEAR = 30.4375, 365.25
 _APART, _MOST = 7.0, 60
 # Changes that a drive is expected to have in a year.
 _A_YEAR = 0.2
-# What others show of scatter counts by this power, for they are disturbed together.
+# Power of the other drives' evidence on scatter, as disturbances are common.
 _TOGETHER = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes that are tried: ramps, then steps.
+    """Candidate changes: ramps, then steps.
 
     Attributes:
         onsets: when each begins [days].
@@ -63,14 +62,14 @@ class Changes:
 
     @classmethod
     def over(cls, days: Float[np.ndarray, " n"]) -> "Changes":
-        """Those that recordings at such days can tell."""
+        """Those that recordings at these days can determine."""
         span = float(days[-1] - days[0])
-        apart = max(_APART, span / _MOST)
-        onsets = days[0] + np.arange(0.0, max(span, apart), apart)
+        spacing = max(_APART, span / _MOST)
+        onsets = days[0] + np.arange(0.0, max(span, spacing), spacing)
         since, count = days[:, None] - onsets, len(onsets)
         columns = np.hstack([np.maximum(since, 0.0) / MONTH, since[:, 1:] >= 0.0])
         scale = np.repeat([RAMP, STEP], [count, count - 1])
-        return cls(np.append(onsets, onsets[1:]), columns, scale, apart / YEAR)
+        return cls(np.append(onsets, onsets[1:]), columns, scale, spacing / YEAR)
 
     @classmethod
     def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
@@ -88,8 +87,8 @@ class Changes:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of a series before: the mean of b, the inverse of its covariance in units of
-    σ², and logarithms of the shares of kinds of scatter."""
+    """Prior of a series: mean of b, inverse of its covariance in units of σ², and logarithms of the
+    shares of kinds of scatter."""
 
     mean: Float[np.ndarray, "series regressors"]
     precision: Float[np.ndarray, "series regressors regressors"]
@@ -98,7 +97,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What recordings say of changes.
+    """Evidence of recordings for changes.
 
     Attributes:
         log_none: evidence for no change with each kind of scatter, with the share of that kind.
@@ -141,26 +140,26 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
     p, nu = prior.mean.shape[1], FREEDOM + sums.count - 1.0
     X = sums.base[..., :p, :p]
     A = X + prior.precision
-    # Series less what is known of their coefficients before.
+    # Series less their prior.
     b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
-    own = b - np.einsum("kspq,sq->ksp", X, prior.mean)
-    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + own, prior.mean)
+    centred = b - np.einsum("kspq,sq->ksp", X, prior.mean)
+    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
     inverse = np.linalg.inv(A)
-    more = np.einsum("kspq,ksq->ksp", inverse, own)
-    plain, per_size = more + prior.mean, inverse @ C
-    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", own, more)
+    shift = np.einsum("kspq,ksq->ksp", inverse, centred)
+    plain, per_size = shift + prior.mean, inverse @ C
+    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
     a = sums.own - np.einsum("kspa,kspa->ksa", C, per_size)
     c = sums.cross[..., p, :] - np.einsum("kspa,ksp->ksa", C, plain)
     log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
-    known = np.maximum(a, 0.0) + changes.scale**-2.0
-    left = np.maximum(r[..., None] - c**2 / known, 1e-12)
-    gain = -0.5 * (np.log(known * changes.scale**2) + nu[:, None] * np.log(left / r[..., None]))
-    size, deviation = c / known, np.sqrt(left / nu[:, None] / known)
+    a_known = np.maximum(a, 0.0) + changes.scale**-2.0
+    rest = np.maximum(r[..., None] - c**2 / a_known, 1e-12)
+    gain = -0.5 * (np.log(a_known * changes.scale**2) + nu[:, None] * np.log(rest / r[..., None]))
+    size, deviation = c / a_known, np.sqrt(rest / nu[:, None] / a_known)
     up = stdtr(nu[:, None], np.stack([size, -size]) / deviation)
     shares = np.array([share for _, share in KINDS])
-    usual = np.where(changes.is_ramp, shares[:2, None], shares[2:, None])[:, None, None]
+    kinds = np.where(changes.is_ramp, shares[:2, None], shares[2:, None])[:, None, None]
     with np.errstate(divide="ignore"):
-        log_factor = gain + np.log(2.0 * up) + np.log(usual)
+        log_factor = gain + np.log(2.0 * up) + np.log(kinds)
     log = log_factor + log_none[None, :, :, None]
     R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
     covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
@@ -171,7 +170,7 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
 
 
 def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int) -> Prior:
-    """What is known of any drive, by standard deviations of coefficients in units of σ."""
+    """Prior of any drive, by standard deviations of coefficients in units of σ."""
     p = len(scale)
     precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
     log = np.repeat(np.log(scatter.usual)[:, None], series, axis=1)
@@ -185,7 +184,7 @@ def with_others(
     unlike: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> Prior:
-    """What is known of each drive before, with what the others of its robot show.
+    """Prior of each drive by the other drives of its robot.
 
     Args:
         alone: evidence of each by itself, with `prior`.
@@ -196,45 +195,45 @@ def with_others(
     kinds = alone.log_none - prior.log_kinds
     some = logsumexp(alone.log_factor, axis=(0, 3)) + np.log(changes.years)
     kinds = kinds + np.logaddexp(0.0, np.log(_A_YEAR) + some)
-    own = kinds.reshape(len(kinds), -1, drives)
-    others = (own.sum(axis=2, keepdims=True) - own).reshape(kinds.shape)
+    by_robot = kinds.reshape(len(kinds), -1, drives)
+    others = (by_robot.sum(axis=2, keepdims=True) - by_robot).reshape(kinds.shape)
     log = prior.log_kinds + _TOGETHER * others
     mean, covariance = _moments(alone, changed)
-    at = np.flatnonzero(np.isfinite(unlike))
+    common = np.flatnonzero(np.isfinite(unlike))
     prior = replace(prior, log_kinds=log - logsumexp(log, axis=0))
-    if not at.size:
+    if not common.size:
         return prior
-    spread = np.diag(unlike[at] ** 2)
-    grid = np.ix_(np.arange(len(mean)), at, at)
-    W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(at), len(at))
-    Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, at].reshape(-1, drives, len(at)))
+    spread = np.diag(unlike[common] ** 2)
+    grid = np.ix_(np.arange(len(mean)), common, common)
+    W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(common), len(common))
+    Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, common].reshape(-1, drives, len(common)))
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
     start = (prior.precision[grid] / sigma2[:, None, None]).reshape(W.shape)
-    known = W.sum(axis=1, keepdims=True) - W + start
-    covariance = np.linalg.inv(known)
+    total = W.sum(axis=1, keepdims=True) - W + start
+    covariance = np.linalg.inv(total)
     middle = np.einsum("rdpq,rdq->rdp", covariance, Wb.sum(axis=1, keepdims=True) - Wb)
-    found, precision = prior.mean.copy(), prior.precision.copy()
-    found[:, at] = middle.reshape(-1, len(at))
-    inverse = np.linalg.inv(covariance + spread).reshape(-1, len(at), len(at))
+    means, precision = prior.mean.copy(), prior.precision.copy()
+    means[:, common] = middle.reshape(-1, len(common))
+    inverse = np.linalg.inv(covariance + spread).reshape(-1, len(common), len(common))
     precision[grid] = inverse * sigma2[:, None, None]
-    return replace(prior, mean=found, precision=precision)
+    return replace(prior, mean=means, precision=precision)
 
 
 def _moments(
-    found: Evidence, changed: Float[np.ndarray, " series"]
+    e: Evidence, changed: Float[np.ndarray, " series"]
 ) -> tuple[
     Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
 ]:
     """Mean and covariance of coefficients, with and without a change."""
-    w, none = found.of_changes.sum(axis=0) * changed[:, None], found.of_kinds * (1.0 - changed)
-    moved = found.plain[..., None] - found.per_size * found.size[..., None, :]
-    mean = np.einsum("ks,ksp->sp", none, found.plain) + np.einsum("ksa,kspa->sp", w, moved)
-    apart, away = found.plain - mean, moved - mean[..., None]
+    w, none = (e.of_changes.sum(axis=0) * changed[:, None], e.of_kinds * (1.0 - changed))
+    moved = e.plain[..., None] - e.per_size * e.size[..., None, :]
+    mean = np.einsum("ks,ksp->sp", none, e.plain) + np.einsum("ksa,kspa->sp", w, moved)
+    off, away = e.plain - mean, moved - mean[..., None]
     covariance = (
-        np.einsum("ks,kspq->spq", none + w.sum(axis=2), found.covariance)
-        + np.einsum("ks,ksp,ksq->spq", none, apart, apart)
+        np.einsum("ks,kspq->spq", none + w.sum(axis=2), e.covariance)
+        + np.einsum("ks,ksp,ksq->spq", none, off, off)
         + np.einsum("ksa,kspa,ksqa->spq", w, away, away, optimize=True)
-        + np.einsum("ksa,kspa,ksqa->spq", w * found.deviation**2, found.per_size, found.per_size,
+        + np.einsum("ksa,kspa,ksqa->spq", w * e.deviation**2, e.per_size, e.per_size,
                     optimize=True)
     )  # fmt: skip
     return mean, covariance

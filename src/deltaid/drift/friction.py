@@ -1,13 +1,13 @@
 """Friction of each recording, with the rigid bodies of the robot's model held.
 
-Bodies do not change from day to day, so what a day's recording has to tell is friction alone:
+Bodies do not change from day to day, so a day's recording determines friction alone:
 
     τ_i − Y_i,rigid p ≈ H_i c_i + (what is held),
 
-with H_i the columns of the drive's friction law. Held things that nobody told of, a new tool or
-another gripper, act like a mass at the platform, so that mass is unknown in every recording: its
-change does not pass for friction. Noise is not white, so standard deviations come from the scatter
-between the recording's stretches of time.
+with H_i the columns of the drive's friction law. Undeclared loads, a new tool or another gripper,
+act like a mass at the platform, so that mass is unknown in every recording and its change is not
+taken for friction. Noise is not white, so standard deviations come from the scatter between the
+recording's stretches of time.
 """
 
 from collections.abc import Sequence
@@ -26,24 +26,22 @@ from deltaid.factors.keys import require_alike
 from deltaid.factors.merged import Merging, merging_of
 from deltaid.model.record import IdentifiedModel
 
-# What is held beside what was told: so many times what the carrier weighs, this far off its axis
-# [m], as a standard deviation.
+# Undeclared load, as a standard deviation: share of the carrier's mass, distance off its axis [m].
 _HELD, _ARM = 0.3, 0.03
 _HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
-# Loads that were told are known to this share before a recording; by how much scales of their
-# parameters are wider than the load.
+# Prior spread of declared loads as a share; by how much scales of their parameters are wider.
 _TOLD, _WIDE = 0.3, 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What one recording is asked for.
+    """Unknowns of one recording.
 
     Attributes:
         names: friction coefficients of drives, then what is held.
         drives: of which drive's friction each is, as a number; −1 of what is held.
         at: places of the coefficients among columns of the fit, in the order of `names`.
-        mean, precision: of what is known before; nothing of friction.
+        mean, precision: of the prior; none of friction.
     """
 
     names: tuple[str, ...]
@@ -70,8 +68,8 @@ class FrictionSeries:
     products: Float[np.ndarray, "n unknowns unknowns"]
 
     def first(self, count: int) -> "FrictionSeries":
-        """What the first recordings say alone."""
-        arrays = (x[:count] for x in (self.values, self.covariance, self.products))
+        """The series of the first recordings alone."""
+        arrays = (array[:count] for array in (self.values, self.covariance, self.products))
         return FrictionSeries(self.drives, self.unknowns, *arrays)
 
     @cached_property
@@ -97,7 +95,7 @@ class FrictionSeries:
 
     @property
     def held(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Mass beside what was told, with its standard deviation [kg]; NaN where none shows."""
+        """Undeclared mass with its standard deviation [kg]; NaN if unobservable."""
         if "held.m" not in self.unknowns.names:
             none = np.full(len(self.values), np.nan)
             return none, none
@@ -126,8 +124,8 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
         )
     merging = merging_of(files, robot, model.settings)
     unknowns = _unknowns(merging, model)
-    found = (_friction(merging, unknowns, model, file) for file in files)
-    arrays = (np.stack(each) for each in zip(*found, strict=True))
+    estimates = (_friction(merging, unknowns, model, file) for file in files)
+    arrays = (np.stack(array) for array in zip(*estimates, strict=True))
     return FrictionSeries(robot.drives, unknowns, *arrays)
 
 
@@ -146,16 +144,16 @@ def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
             k = layout.names.index(f"{carrier}.{symbol}")
             if k in place:
                 rows.append((f"held.{symbol}", -1, place[k], 0.0, (mass * arm) ** -2))
-    first, held = len(layout.names), {load.name: load.parameters for load in model.loads}
-    for one in merging.additions:
-        if isinstance(one, LoadColumns):
-            found = held.get(one.load.name)
-            for k, own in enumerate(one.parameters):
+    first, loads = len(layout.names), {load.name: load.parameters for load in model.loads}
+    for held_load in merging.additions:
+        if isinstance(held_load, LoadColumns):
+            known = loads.get(held_load.load.name)
+            for k, entry in enumerate(held_load.parameters):
                 if first + k in place:
-                    mean = found[k].value - float(one.taken[k]) if found else own.prior
-                    size = _TOLD * own.scale / _WIDE
-                    rows.append((own.name, -1, place[first + k], mean, size**-2))
-        first += len(one.parameters)
+                    mean = known[k].value - float(held_load.taken[k]) if known else entry.prior
+                    size = _TOLD * entry.scale / _WIDE
+                    rows.append((entry.name, -1, place[first + k], mean, size**-2))
+        first += len(held_load.parameters)
     names, drives, at, mean, precision = zip(*rows, strict=True)
     return Unknowns(names, np.array(drives), np.array(at), np.array(mean), np.array(precision))
 
@@ -163,32 +161,32 @@ def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
 def _friction(
     merging: Merging, unknowns: Unknowns, model: IdentifiedModel, file: FactorFile
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What one recording says: values, covariance and products."""
+    """Values, covariance and products of one recording."""
     part, dof, at = merging.part(file), merging.dynamics.dof, unknowns.at
-    known = np.zeros(len(merging.active))
-    own = merging.active < len(model.p)
-    known[own] = model.p[merging.active[own]]
+    fixed = np.zeros(len(merging.active))
+    of_robot = merging.active < len(model.p)
+    fixed[of_robot] = model.p[merging.active[of_robot]]
     is_more = np.array([name.startswith("held.") for name in unknowns.names])
-    known[at[~is_more]] = 0.0
+    fixed[at[~is_more]] = 0.0
     noise = np.maximum(np.array(file.record.noise), 1e-12)[:, None, None]
     is_friction = unknowns.drives == np.arange(dof)[:, None]
-    shown = (is_friction | (unknowns.drives < 0))[:, None, :]
+    visible = (is_friction | (unknowns.drives < 0))[:, None, :]
 
     def problem(stretch: Information) -> LinearProblem:
         F = stretch.factors / noise
-        b = (F[:, :, -1] - F[:, :, :-1] @ known).ravel()
-        A = (F[:, :, at] * shown).reshape(len(b), -1)
+        b = (F[:, :, -1] - F[:, :, :-1] @ fixed).ravel()
+        A = (F[:, :, at] * visible).reshape(len(b), -1)
         return LinearProblem(A, b, np.zeros(len(b), dtype=int), values=stretch.samples.sum())
 
     bodies = unknowns.precision > 0
     size = np.sqrt(unknowns.precision[bodies])
     measured = LinearProblem.together([problem(stretch) for stretch in part.stretches])
-    found = measured.with_known(
+    estimate = measured.with_known(
         np.diag(np.sqrt(unknowns.precision))[bodies], size * unknowns.mean[bodies]
     )
     H = part.information.factors[:, :, at] * is_friction[:, None, :]
     count = np.maximum(part.information.samples[:dof], 1.0)
-    # What has one stretch only tells nothing of its noise.
+    # A single stretch does not determine its noise.
     several = len(part.stretches) > 1
-    covariance = found.covariance() if several else np.full((len(at), len(at)), np.nan)
-    return found.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count)
+    covariance = estimate.covariance() if several else np.full((len(at), len(at)), np.nan)
+    return estimate.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count)

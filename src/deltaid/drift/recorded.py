@@ -1,4 +1,4 @@
-"""Recordings with what is known beside their factors: when they were made, temperature, load."""
+"""Recordings with their time, temperature and load in addition to their factors."""
 
 import re
 from collections.abc import Sequence
@@ -38,21 +38,23 @@ class Recorded:
         """Temperature; NaN where it is not known."""
         if self.temperature is not None:
             return float(self.temperature)
-        known = self.file.record.temperature
-        return float("nan") if known is None else known.mean
+        recorded = self.file.record.temperature
+        return float("nan") if recorded is None else recorded.mean
 
     @property
     def held(self) -> float:
-        """Mass that was held at most [kg]; of a load whose mass nobody gave, what was found."""
+        """Largest mass held [kg]; the identified one of a load without a declared mass."""
         if self.load is not None:
             return self.load
-        found = {one.name: one.parameters[0].value for one in self.file.record.model.loads}
-        masses = [found.get(one.load.name, one.load.mass or 0.0) for one in self.file.record.loads]
+        found = {load.name: load.parameters[0].value for load in self.file.record.model.loads}
+        masses = [
+            found.get(load.load.name, load.load.mass or 0.0) for load in self.file.record.loads
+        ]
         return max(masses, default=0.0)
 
     @property
     def label(self) -> str:
-        """What it is called."""
+        """Its name."""
         return self.name or self.file.record.log
 
 
@@ -64,27 +66,27 @@ def recorded(
     Raises:
         RecordingError: nothing says when one was made.
     """
-    known = [_time(one) for one in files] if times is None else times
-    found = [Recorded(file, time) for file, time in zip(files, known, strict=True)]
-    return sorted(found, key=lambda recording: recording.time)
+    stamps = [_time(file) for file in files] if times is None else times
+    recordings = [Recorded(file, time) for file, time in zip(files, stamps, strict=True)]
+    return sorted(recordings, key=lambda recording: recording.time)
 
 
 def _time(file: FactorFile) -> datetime:
     record = file.record
     if record.first > _SINCE_1970:
         return datetime.fromtimestamp(record.first, UTC).replace(tzinfo=None)
-    what = (
+    reason = (
         f"nothing says when {record.log} was made: its stamps do not count from 1970, and its name "
         "has no date"
     )
-    if found := _DATE.search(record.log):
-        year, month, day, hour, minute, second = (int(x or 0) for x in found.groups())
+    if match := _DATE.search(record.log):
+        year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
         try:
             return datetime(year, month, day, hour, minute, second)
         except ValueError:
-            what = f"the date in {record.log} is none"
+            reason = f"the date in {record.log} is none"
     raise RecordingError(
-        what,
+        reason,
         where=file.path or record.log,
         cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
         "or give times",

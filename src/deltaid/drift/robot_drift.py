@@ -1,4 +1,4 @@
-"""Drift of one robot: friction of its drives over time, and what is said of each."""
+"""Drift of one robot: friction of its drives over time, and a finding on each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class RobotDrift:
         units: of each drive's friction.
         recordings: in the order of time.
         findings: of each drive.
-        tools: changes of what is held that nobody told.
+        tools: undeclared changes of the load.
     """
 
     robot: str
@@ -54,7 +54,7 @@ class RobotDrift:
     @property
     def common(self) -> str | None:
         """A remark where friction of all drives changes in one way: few things do that."""
-        states = {one.state for one in self.findings}
+        states = {finding.state for finding in self.findings}
         if len(self.drives) < 2 or len(states) != 1 or not states & {"rising", "falling"}:
             return None
         return (
@@ -92,15 +92,15 @@ def robot_drift(
     """
     settings = settings or DriftSettings()
     since = settings.since
-    own = [one for one in recordings if since is None or one.time >= since]
-    own.sort(key=lambda one: (one.time, one.file.record.sha256))
-    if not own:
+    kept = [log for log in recordings if since is None or log.time >= since]
+    kept.sort(key=lambda log: (log.time, log.file.record.sha256))
+    if not kept:
         raise RecordingError(
             "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",
             where="recordings",
             cure="give factor files of this robot",
         )
-    return drift_of(own, friction_series([one.file for one in own], model), model, settings, name)
+    return drift_of(kept, friction_series([log.file for log in kept], model), model, settings, name)
 
 
 def drift_of(
@@ -119,9 +119,9 @@ def drift_of(
     since = [recording.time - recordings[0].time for recording in recordings]
     days = np.array([time.total_seconds() / _DAY for time in since])
     tools = tool_changes(days, *friction.held)
-    degrees, held = np.array([(one.degrees, one.held) for one in recordings]).T
-    beside = Regressors.of(days, degrees, held, [tool.day for tool in tools])
-    found = explained(days, *in_percent(friction.mean, friction.std), [beside])
+    degrees, load = np.array([(recording.degrees, recording.held) for recording in recordings]).T
+    beside = Regressors.of(days, degrees, load, [tool.day for tool in tools])
+    series = explained(days, *in_percent(friction.mean, friction.std), [beside])
     drives = model.robot.drives
     return RobotDrift(
         robot=name or model.robot.name,
@@ -129,7 +129,7 @@ def drift_of(
         units=tuple(model.robot.units(drive).force for drive in drives),
         recordings=tuple(recordings),
         friction=friction,
-        findings=tuple(finding(found, i, settings, len(drives)) for i in range(len(drives))),
+        findings=tuple(finding(series, i, settings, len(drives)) for i in range(len(drives))),
         tools=tools,
         settings=settings,
     )

@@ -1,6 +1,6 @@
-"""Series of logarithms of friction, with all that explains them beside a change.
+"""Series of logarithms of friction, with regressors that explain them without a change.
 
-Single recordings that stand apart from their neighbours count less.
+Outliers among their neighbours count less.
 """
 
 from collections.abc import Sequence
@@ -26,15 +26,15 @@ FLAT = 1e4
 # Outliers: neighbours on each side, how many robust deviations are still usual, the least of these
 # [%], and what makes a median of magnitudes the standard deviation of a normal distribution.
 _SIDE, _USUAL, _LEAST, ROBUST = 7, 3.0, 0.2, 1.4826
-# Friction that is known no better than to this share tells nothing.
+# Friction that is known no better than to this share is not used.
 _VAGUE = 0.3
-# What a temperature that is not known adds, if the others are [%/K].
+# Uncertainty by an unknown temperature, if the others are known [%/K].
 _USUAL_SLOPE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """What explains friction beside a change, the level first.
+    """Regressors of friction without a change, the level first.
 
     Attributes:
         scale: standard deviations of coefficients before any recording, in units of σ.
@@ -85,11 +85,10 @@ class Regressors:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """Series and what was found in them.
+    """Series and the evidence for changes in them.
 
     Attributes:
-        y: logarithms of friction [%], less `start`, their median; NaN where a recording tells
-            nothing.
+        y: logarithms of friction [%], less `start`, their median; NaN where undetermined.
     """
 
     days: Float[np.ndarray, " n"]
@@ -104,18 +103,18 @@ def _slow(
     days: Float[np.ndarray, " n"], T: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """A temperature over weeks."""
-    near = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
-    size = near.sum(axis=1)
-    return np.where(size > 0.0, near @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)
+    weights = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
+    size = weights.sum(axis=1)
+    return np.where(size > 0.0, weights @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)
 
 
 def in_percent(
     mean: Float[np.ndarray, "drives n"], std: Float[np.ndarray, "drives n"]
 ) -> tuple[Float[np.ndarray, "drives n"], Float[np.ndarray, "drives n"]]:
     """Logarithms of friction and their deviations [%]; NaN where it is not known."""
-    told = (mean > 0) & (std < _VAGUE * np.abs(mean)) & np.isfinite(std)
-    safe = np.where(told, mean, 1.0)
-    return np.where(told, 100.0 * np.log(safe), np.nan), np.where(told, 100.0 * std / safe, np.inf)
+    good = (mean > 0) & (std < _VAGUE * np.abs(mean)) & np.isfinite(std)
+    safe = np.where(good, mean, 1.0)
+    return np.where(good, 100.0 * np.log(safe), np.nan), np.where(good, 100.0 * std / safe, np.inf)
 
 
 def explained(
@@ -132,16 +131,16 @@ def explained(
         regressors: of each robot, as many columns of each.
     """
     drives, first = len(y) // len(regressors), regressors[0]
-    X = np.repeat(np.stack([one.columns for one in regressors]), drives, axis=0)
-    unknown = np.repeat(np.stack([one.unknown for one in regressors]), drives, axis=0)
+    X = np.repeat(np.stack([robot.columns for robot in regressors]), drives, axis=0)
+    unknown = np.repeat(np.stack([robot.unknown for robot in regressors]), drives, axis=0)
     some = np.isfinite(y).any(axis=1)
     start = np.zeros(len(y))
     start[some] = np.nanmedian(y[some], axis=1)
     z = y - start[:, None]
     variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
     changes = Changes.over(days)
-    found = evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives)
-    return Explained(days, z, start, first, changes, found)
+    evidence = evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives)
+    return Explained(days, z, start, first, changes, evidence)
 
 
 def evidence_of(
@@ -184,32 +183,32 @@ def inflation(
     """
     z = y - _explained(y, regressors)
     wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
-    apart = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
-    scale = np.maximum(ROBUST * _median(apart)[:, None], _LEAST)
-    return np.nan_to_num(np.maximum(apart / (_USUAL * scale), 1.0) ** 2, nan=1.0)
+    residual = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
+    scale = np.maximum(ROBUST * _median(residual)[:, None], _LEAST)
+    return np.nan_to_num(np.maximum(residual / (_USUAL * scale), 1.0) ** 2, nan=1.0)
 
 
 def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
-    """Along the last axis, of what is there; NaN where nothing is."""
-    found, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
-    found[some] = np.nanmedian(values[some], axis=-1)
-    return found
+    """Along the last axis without NaN; NaN where nothing is left."""
+    medians, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
+    medians[some] = np.nanmedian(values[some], axis=-1)
+    return medians
 
 
 def _explained(
     y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
 ) -> Float[np.ndarray, "series n"]:
     """Roughly: by changes from one recording to the next, great ones clipped."""
-    found, count = np.zeros_like(y), regressors.shape[2]
-    for k, (own, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
-        there = np.isfinite(own)
-        dy, dX = np.diff(own[there]), np.diff(X[there], axis=0)
+    fitted, count = np.zeros_like(y), regressors.shape[2]
+    for k, (series, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
+        recorded = np.isfinite(series)
+        dy, dX = np.diff(series[recorded]), np.diff(X[recorded], axis=0)
         slope = np.zeros(count)
         for _ in range(3):
-            left = dy - dX @ slope
-            scale = max(ROBUST * np.median(np.abs(left)), _LEAST) if len(left) else 1.0
-            target = dX @ slope + np.clip(left, -2.0 * scale, 2.0 * scale)
+            residual = dy - dX @ slope
+            scale = max(ROBUST * np.median(np.abs(residual)), _LEAST) if len(residual) else 1.0
+            target = dX @ slope + np.clip(residual, -2.0 * scale, 2.0 * scale)
             ridge = np.vstack([dX, scale * 0.1 * np.eye(count)])
             slope = np.linalg.lstsq(ridge, np.append(target, np.zeros(count)), rcond=None)[0]
-        found[k] = X @ slope
-    return found
+        fitted[k] = X @ slope
+    return fitted

@@ -1,4 +1,4 @@
-"""What a user may say of drift."""
+"""Settings of drift."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,14 +9,14 @@ from deltaid.errors import DeltaidError
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """How drift is looked for.
+    """Settings of the search for drift.
 
     Attributes:
         limit: friction that is too much, as a share of what it was before the change (1.5) or as a
-            mean torque [N m or N]; None if nobody said.
+            mean torque [N m or N]; None if not given.
         limit_is: which of both.
         false_alarms: a robot may have so many a year, over all of its drives.
-        since: recordings before are left out, such as those before a repair.
+        since: earlier recordings are excluded, such as those before a repair.
     """
 
     limit: float | None = None
@@ -30,10 +30,10 @@ class DriftSettings:
         Raises:
             DeltaidError: a limit that is passed already, or no false alarm at all.
         """
-        least = 1.0 if self.limit_is == "share" else 0.0
-        if self.limit is not None and not self.limit > least:
+        lowest = 1.0 if self.limit_is == "share" else 0.0
+        if self.limit is not None and not self.limit > lowest:
             raise DeltaidError(
-                f"must be above {least:g}, not {self.limit:g}",
+                f"must be above {lowest:g}, not {self.limit:g}",
                 where="limit",
                 cure="give a share of the friction before the change, such as 1.5, or a torque",
             )

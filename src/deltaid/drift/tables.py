@@ -49,10 +49,10 @@ DRIFT = {
 }
 
 
-def friction_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
+def friction_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
     """Friction of each recording: coefficients of each drive's law, and its mean."""
     rows = list[tuple[object, ...]]()
-    for robot in found:
+    for robot in robots:
         friction, unknowns = robot.friction, robot.friction.unknowns
         terms = robot.recordings[0].file.record.robot.friction_terms
         units = {term.name: term.unit for term in terms}
@@ -74,9 +74,9 @@ def friction_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=FRICTION, orient="row")
 
 
-def drift_table(found: Iterable[RobotDrift]) -> pl.DataFrame:
-    """What is said of each drive."""
-    rows = [row for robot in found for row in _rows(robot)]
+def drift_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
+    """The finding on each drive."""
+    rows = [row for robot in robots for row in _rows(robot)]
     return pl.DataFrame(rows, schema=DRIFT, orient="row")
 
 

@@ -1,7 +1,7 @@
-"""Tools that were changed and nobody told: steps in what recordings say is held.
+"""Undeclared tool changes: steps in the mass that recordings determine.
 
-The mass that a recording shows beside what was told is a series like friction's. Where it steps,
-the change has its day, and friction may step with it without being called drift.
+The undeclared mass of each recording is a series like friction's. Where it steps, a tool was
+changed, and friction may step with it without being reported as drift.
 """
 
 from dataclasses import dataclass
@@ -33,16 +33,16 @@ def tool_changes(
     days: Float[np.ndarray, " n"], mass: Float[np.ndarray, " n"], std: Float[np.ndarray, " n"]
 ) -> tuple[ToolChange, ...]:
     """Steps of the mass that is held, in the order of time."""
-    there = np.isfinite(mass) & np.isfinite(std) & (std > 0)
-    days, mass, std = days[there], mass[there], std[there]
+    known = np.isfinite(mass) & np.isfinite(std) & (std > 0)
+    days, mass, std = days[known], mass[known], std[known]
     if len(days) < _FEWEST:
         return ()
     daily = ROBUST * float(np.median(np.abs(np.diff(mass)))) / np.sqrt(2.0)
     unit = max(daily, float(np.median(std)))
-    found = list[float]()
-    while len(found) < _MOST and (day := _step(days, mass / unit, std / unit, found)) is not None:
-        found.append(day)
-    changes, ends = list[ToolChange](), [-np.inf, *sorted(set(found)), np.inf]
+    steps = list[float]()
+    while len(steps) < _MOST and (day := _step(days, mass / unit, std / unit, steps)) is not None:
+        steps.append(day)
+    changes, ends = list[ToolChange](), [-np.inf, *sorted(set(steps)), np.inf]
     for first, day, last in zip(ends, ends[1:], ends[2:], strict=False):
         before, after = (days >= first) & (days < day), (days >= day) & (days < last)
         size = float(np.median(mass[after]) - np.median(mass[before]))
@@ -56,13 +56,13 @@ def _step(
     days: Float[np.ndarray, " n"],
     y: Float[np.ndarray, " n"],
     std: Float[np.ndarray, " n"],
-    known: list[float],
+    steps: list[float],
 ) -> float | None:
     """The day of a further step; None if there is none."""
-    X = np.stack([np.ones(len(days)), *((days >= day).astype(float) for day in known)], axis=1)
+    X = np.stack([np.ones(len(days)), *((days >= day).astype(float) for day in steps)], axis=1)
     z, variance, changes = (y - np.median(y))[None], 0.5 + 0.5 * std[None] ** 2, Changes.steps(days)
-    scale = np.full(1 + len(known), FLAT)
-    found = evidence_of(days, z, variance, X[None], changes, scale, scale, 1)
-    if found.R[0] < _YEARS:
+    scale = np.full(1 + len(steps), FLAT)
+    evidence = evidence_of(days, z, variance, X[None], changes, scale, scale, 1)
+    if evidence.R[0] < _YEARS:
         return None
-    return float(changes.onsets[np.argmax(found.of_changes.sum(axis=(0, 1))[0])])
+    return float(changes.onsets[np.argmax(evidence.of_changes.sum(axis=(0, 1))[0])])

@@ -1,12 +1,12 @@
-"""Day-to-day scatter: a wander that forgets, and what is new every day.
+"""Day-to-day scatter: AR(1) noise plus white noise.
 
-What is left of a series y_t when all that explains it is taken out,
+The residual of a series y_t after all regressors,
 
     u_t = w_t + e_t,   cov(w_s, w_t) = σ² ρ exp(−|t − s| / T),   var(e_t) = σ² (1 − ρ) v_t,
 
-is told by the memory T, the share ρ of the wander, and σ. A Kalman filter takes out of every
-column what the past foretells; what it leaves is white, and sums of its products are all that a
-fit of any combination of columns needs.
+has the memory T, the share ρ of AR(1) noise, and σ. A Kalman filter subtracts its prediction from
+every column; the innovations are white, and sums of their products are all that a fit of any
+combination of columns needs.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-# Memories [days] and shares of the wander that are tried, beside none at all, with how usual each
-# is before any recording: long memories and wanders that are most of the scatter are rare.
+# Candidate memories [days] and shares of AR(1) noise, in addition to none, with prior weights: long
+# memories and large shares are rare.
 MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
 SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
 _NONE = 2.0
@@ -34,8 +34,8 @@ class Scatter:
     @classmethod
     def grid(cls) -> "Scatter":
         """None without memory, and all of the grid."""
-        each = [(T, share, a * b) for T, a in MEMORIES.items() for share, b in SHARES.items()]
-        memory, share, usual = np.array([(1.0, 0.0, _NONE), *each]).T
+        kinds = [(T, share, a * b) for T, a in MEMORIES.items() for share, b in SHARES.items()]
+        memory, share, usual = np.array([(1.0, 0.0, _NONE), *kinds]).T
         return cls(memory, share, usual / usual.sum())
 
 
@@ -82,7 +82,7 @@ def whitened_sums(
     P = np.broadcast_to(share, (kinds, series)).copy()
     foretold, white = (np.zeros((kinds, series, *m, width + count)) for m in ((), (_AT_ONCE,)))
     products = np.zeros((kinds, series, width, width + count))
-    own, log_det = np.zeros((kinds, series, count)), np.zeros((kinds, series))
+    squares, log_det = np.zeros((kinds, series, count)), np.zeros((kinds, series))
     for t in range(n):
         a = forget[:, t, None]
         if t:
@@ -98,6 +98,6 @@ def whitened_sums(
         if k == _AT_ONCE - 1 or t == n - 1:
             some = white[:, :, : k + 1]
             products += some[..., :width].swapaxes(2, 3) @ some
-            own += np.einsum("ksta,ksta->ksa", some[..., width:], some[..., width:])
-    told = known.sum(axis=1).astype(float)
-    return Sums(products[..., :width], products[..., width:], own, log_det, told)
+            squares += np.einsum("ksta,ksta->ksa", some[..., width:], some[..., width:])
+    recordings = known.sum(axis=1).astype(float)
+    return Sums(products[..., :width], products[..., width:], squares, log_det, recordings)

@@ -1,4 +1,4 @@
-"""Columns of the regression beside those of the robot: lags, loads, whatever else torques follow.
+"""Additional columns of the regression: lags, loads and other effects on torques.
 
 A group of such columns is one `Addition`, a class in a file of its own. `Extended` puts them behind
 the columns of a robot, so p of the fit is [p of the robot, values of the additions], and reduction,
@@ -55,13 +55,13 @@ class Addition(ABC):
         """
 
     def on(self, dynamics: Dynamics) -> "Addition":
-        """The same beside the columns of a robot with other friction laws."""
+        """The same for a robot with other friction laws."""
         del dynamics
         return self
 
     @property
     def free(self) -> Free:
-        """What the fit may change of its parameters: all, or none where they are held."""
+        """Free parameters of the fit: all, or none where they are held."""
         if not self.is_held:
             return free_coefficients(self.parameters)
         n = len(self.parameters)
@@ -69,26 +69,26 @@ class Addition(ABC):
 
     @property
     def is_held(self) -> bool:
-        """Whether the fit holds what whoever judges it counts as unknown."""
+        """Whether the fit holds its parameters, which count as unknown in its judgement."""
         return False
 
     @property
     def is_absolute(self) -> bool:
-        """Whether it is known in kg or N m by itself, so that it tells how large torques are."""
+        """Whether it is known in kg or N m, so that it determines the scale of torques."""
         return False
 
     @property
     def tells(self) -> tuple[str, ...]:
-        """Beginnings of names of what may be off and is told by its parameters."""
+        """Prefixes of tolerances that its parameters determine."""
         return ()
 
     @property
     def witness(self) -> str:
-        """What it is called where it tells how large torques are."""
+        """Its name where it determines the scale of torques."""
         return "what is known"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        """What the fit found of it, as corrections; `judged` are its parameters."""
+        """Corrections by its fitted parameters `judged`."""
         del judged
         return ()
 
@@ -116,9 +116,9 @@ class Extended:
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
         first = self.own
         for addition in self.additions:
-            drives, at = addition.pattern
+            drives, within = addition.pattern
             rows.append(drives)
-            columns.append(first + at)
+            columns.append(first + within)
             first += len(addition.parameters)
         return np.concatenate(rows), np.concatenate(columns)
 
@@ -153,7 +153,7 @@ def of_each(
 ) -> Iterator[tuple[_Added, tuple[_Value, ...]]]:
     """Each addition with its own of values that stand in the order of their parameters."""
     rest = iter(values)
-    return ((one, tuple(islice(rest, len(one.parameters)))) for one in additions)
+    return ((addition, tuple(islice(rest, len(addition.parameters)))) for addition in additions)
 
 
 def entries(

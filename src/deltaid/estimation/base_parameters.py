@@ -1,4 +1,4 @@
-"""Base parameters (Sec. IV A): the combinations of parameters that torques can tell.
+"""Base parameters (Sec. IV A): the combinations of parameters that torques determine.
 
 The rank is that of the regressor's factor, its columns scaled to unit length. Representatives are
 chosen in a fixed order (platform first), and each other column is written as a combination of them:
@@ -20,7 +20,7 @@ from deltaid.shown import Shown
 # Dependences of the mechanism come out at 1e-15, the weakest parameters of the shipped robots at
 # 1e-3; `DEPENDENT` lies between.
 _NEGLIGIBLE = 1e-8
-# What is fitted beside the robot may hang on what is known of it: below this share it is not told.
+# Additional columns may nearly depend on the robot's: below this share they are undetermined.
 _HARDLY = 1e-5
 # A sum that is smaller than this share of its terms is zero but for rounding.
 _CANCELLED = 1e-12
@@ -82,7 +82,7 @@ class BaseParameters(Shown):
         return [group.representative for group in self.groups]
 
     def values(self, p: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " base"]:
-        """The base parameters of p; zero where terms cancel to what rounding leaves of them."""
+        """The base parameters of p; zero where terms cancel up to rounding."""
         terms = self.combination() * p
         values, sizes = terms.sum(axis=1), np.abs(terms).sum(axis=1)
         return np.where(np.abs(values) > _CANCELLED * sizes, values, 0.0)
@@ -102,10 +102,10 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     shown = np.flatnonzero(norms > DEPENDENT * norms.max())
     scaled = Y[:, shown] / norms[shown]
     columns = information.columns[shown]
-    own = columns < len(layout.names) - layout.added
-    rank = Span.of(scaled[:, own]).rank
+    is_robots = columns < len(layout.names) - layout.added
+    rank = Span.of(scaled[:, is_robots]).rank
     chosen = _representatives(scaled, columns, layout)
-    of_robot = int(np.sum(own[chosen]))
+    of_robot = int(np.sum(is_robots[chosen]))
     if of_robot != rank:
         raise IdentificationError(
             f"the motion determines between {min(rank, of_robot)} and "

@@ -94,16 +94,16 @@ def normalised(
 
 def affine(block: Block) -> Affine:
     """A normalised block as constant plus Σ x_k slope_k."""
-    at = np.unique(block.index[block.index >= 0])
-    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in at]
-    return at, normalised(block.prior, block.constant), np.array(slopes)
+    variables = np.unique(block.index[block.index >= 0])
+    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in variables]
+    return variables, normalised(block.prior, block.constant), np.array(slopes)
 
 
 class _Program:
     """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
 
-    def __init__(self, objective: Objective, quadratic: DataTerm, asked: Conic) -> None:
-        self._objective, self._quadratic, self._asked = objective, quadratic, asked
+    def __init__(self, objective: Objective, quadratic: DataTerm, settings: Conic) -> None:
+        self._objective, self._quadratic, self._settings = objective, quadratic, settings
         self._reduction = objective.reduction
         self._size = 2 * objective.reduction.size
         self._rows: list[sparse.csc_matrix] = []
@@ -138,13 +138,13 @@ class _Program:
             sparse.vstack(self._rows, format="csc"),
             np.concatenate(self._right),
             self._cones,
-            quiet_settings(self._asked.tolerance),
+            quiet_settings(self._settings.tolerance),
         ).solve()
         x = np.array(solution.x)[:n] * self._reduction.scale
         value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
         bound = gamma * (solution.obj_val_dual + self._quadratic.c + self._constant)
         status = str(solution.status)
-        if not value - bound <= self._asked.largest_gap * (abs(value) + gamma):
+        if not value - bound <= self._settings.largest_gap * (abs(value) + gamma):
             raise IdentificationError(
                 f"the conic solver stopped without a certificate ({status}, objective "
                 f"{value:.3g}, bound {bound:.3g})",
@@ -162,9 +162,9 @@ class _Program:
 
     def _affine(self, block: Block) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """Normalised block as constant and one matrix for each variable of u."""
-        at, constant, slopes = affine(block)
+        index, constant, slopes = affine(block)
         scale = self._reduction.scale
-        return constant, {int(k): slope * scale[k] for k, slope in zip(at, slopes, strict=True)}
+        return constant, {int(k): slope * scale[k] for k, slope in zip(index, slopes, strict=True)}
 
     def _require_psd(self, constant: np.ndarray, slopes: dict[int, np.ndarray]) -> None:
         right = svec(constant)
@@ -179,8 +179,8 @@ class _Program:
         k = len(constant)
         self._constant += 2 * weight * (np.trace(constant) - k)
         for variable, slope in slopes.items():
-            more = 2 * weight * np.trace(slope)
-            self._linear[variable] = self._linear.get(variable, 0.0) + more
+            linear = 2 * weight * np.trace(slope)
+            self._linear[variable] = self._linear.get(variable, 0.0) + linear
         lower = [(i, j) for j in range(k) for i in range(j, k)]
         Z = {ij: self._size + a for a, ij in enumerate(lower)}
         t = [self._size + len(lower) + i for i in range(k)]

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.span import DEPENDENT, Columns, Span, lengths
 
-# Stretches of time of a recording whose scatter says how certain something is.
+# Stretches of time of a recording whose scatter gives covariances.
 STRETCHES = 40
 # No recording fits a model better than to this share of its largest torque.
 _MISFIT_FLOOR = 1e-5
@@ -31,22 +31,21 @@ class DriveRows:
 
     @classmethod
     def by_noise(cls, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
-        """Rows over what a drive's own columns leave of its torques, root mean square."""
+        """Rows over the RMS residual of each drive's torques by its own columns."""
         noise = []
         for columns, right in zip(A, b, strict=True):
-            own = columns[:, np.any(columns != 0, axis=0)]
-            own = own / lengths(own)
-            left = right - own @ np.linalg.lstsq(own, right, rcond=DEPENDENT)[0]
+            active = columns[:, np.any(columns != 0, axis=0)]
+            active = active / lengths(active)
+            residual = right - active @ np.linalg.lstsq(active, right, rcond=DEPENDENT)[0]
             floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
-            noise.append(max(float(np.sqrt(np.mean(left**2))), floor))
+            noise.append(max(float(np.sqrt(np.mean(residual**2))), floor))
         return cls(np.array(noise), b.shape[1])
 
     def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
-        """Rows over what the columns of all drives together leave of each drive's b, root mean
-        square."""
-        left = self.of_drives(Span.of(self.stack(A)).without(self.stack(b)))
+        """Rows over the RMS residual of each drive's b by the columns of all drives together."""
+        residual = self.of_drives(Span.of(self.stack(A)).without(self.stack(b)))
         floor = _MISFIT_FLOOR * self.scale
-        return DriveRows(np.maximum(np.sqrt(np.mean(left**2, axis=1)), floor), self.samples)
+        return DriveRows(np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor), self.samples)
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
         """Something of every drive as rows."""

@@ -1,5 +1,5 @@
-"""What is free of a body in a fit: entries of its pseudo-inertia matrix, how its parameters follow
-from them, and the blocks that keep it consistent."""
+"""Free variables of a body in a fit: entries of its pseudo-inertia matrix, the map to its
+parameters, and the blocks that keep it consistent."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -47,9 +47,9 @@ class Free:
 def free_coefficients(parameters: Sequence[Parameter]) -> Free:
     """Coefficients that are free one by one, positive unless they are signed."""
     blocks = tuple(
-        Block(one.name, np.array([[k]]), np.zeros((1, 1)), one.prior * np.eye(1))
-        for k, one in enumerate(parameters)
-        if not one.signed
+        Block(entry.name, np.array([[k]]), np.zeros((1, 1)), entry.prior * np.eye(1))
+        for k, entry in enumerate(parameters)
+        if not entry.signed
     )
     return Free(tuple(parameters), np.eye(len(parameters)), np.zeros(len(parameters)), blocks)
 
@@ -95,7 +95,7 @@ def _body_blocks(
     blocks = []
     for i, part in enumerate(together):
         if part[:i].any():
-            continue  # had with its first row
+            continue  # done with its first row
         members = rows[part]
         ix = np.ix_(members, members)
         if np.all(index[ix] < 0):

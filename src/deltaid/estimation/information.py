@@ -1,6 +1,6 @@
 """Everything a fit needs from any number of samples: triangular factors of [Ȳ, τ̄], one a drive.
 
-What sensors show beside the drives' torques has factors too, behind those of the drives.
+Channels of sensors have factors too, behind those of the drives.
 
 For drive i let A_i = [Y_i, τ_i] hold its rows of all samples. Its QR factor R_i with
 R_iᵀ R_i = A_iᵀ A_i is all that least squares, (15) and the torque error of any p ever use. Factors
@@ -29,7 +29,7 @@ _PANEL = 60_000
 
 @runtime_checkable
 class Columns(Protocol):
-    """Which columns torques are explained with, drive by drive (as of `Regressor`)."""
+    """Columns that explain torques, drive by drive (as of `Regressor`)."""
 
     @property
     def dof(self) -> int: ...  # of drives and channels of sensors
@@ -40,7 +40,7 @@ class Columns(Protocol):
 
 @runtime_checkable
 class Known(Protocol):
-    """Columns of which something is known without any sample."""
+    """Columns with information without any sample."""
 
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]: ...
@@ -52,7 +52,7 @@ Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 
 @dataclass(frozen=True)
 class Information:
-    """What a recording says about the parameters.
+    """Information on the parameters in a recording.
 
     Attributes:
         columns: the parameters (positions in p) that the factors' columns stand for; all others
@@ -82,7 +82,7 @@ class Information:
 
     @property
     def of_drives(self) -> "Information":
-        """What torques alone say."""
+        """That of torques alone."""
         own = self.drives
         return Information(self.columns, self.factors[own], self.samples[own], self.torque_max[own])
 
@@ -168,9 +168,9 @@ def collect(
     n, dof = len(columns) + 1, regressor.dof
     factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
     for part in parts:
-        for i, (at, R) in enumerate(part.triangles):
+        for i, (places, R) in enumerate(part.triangles):
             widened = np.zeros((len(R), n))
-            widened[:, at] = R
+            widened[:, places] = R
             factors[i] = triangle(np.vstack([factors[i], widened]))
         samples = samples + part.samples
         torque_max = np.maximum(torque_max, part.torque_max)
@@ -205,7 +205,7 @@ def gather_samples(
 def merge(parts: Iterable[Information]) -> Information:
     """Information of several recordings of the same robot together."""
     parts = tuple(parts)
-    factors = [triangle(np.vstack(own)) for own in zip(*(p.factors for p in parts), strict=True)]
+    factors = [triangle(np.vstack(R)) for R in zip(*(p.factors for p in parts), strict=True)]
     samples = np.sum([part.samples for part in parts], axis=0)
     torque_max = np.max([part.torque_max for part in parts], axis=0)
     return Information(parts[0].columns, np.stack(factors), samples, torque_max, parts[0].channels)

@@ -188,12 +188,12 @@ class LogCholeskyMap:
                 entries[free[i, j]] = value
                 continue
             if i == j:
-                held = i not in self.reduction.completed[body]
+                fixed = i not in self.reduction.completed[body]
                 why = f"{entry}, which torques show, at its prior"
             else:
-                held = ca.sparsify(value).nnz() > 0
+                fixed = ca.sparsify(value).nnz() > 0
                 why = f"{entry} at zero while its neighbours are free"
-            if held:
+            if fixed:
                 raise IdentificationError(
                     f"log-cholesky cannot hold {why}",
                     where=f"bodies.{body}.free",

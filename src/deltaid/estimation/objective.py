@@ -1,5 +1,5 @@
-"""The objective (15) as a function of the free variables x, from the information alone; what a
-solver of it is, and what it finds."""
+"""The objective (15) as a function of the free variables x, from the information alone; its solver
+and solution."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
@@ -24,9 +24,9 @@ class DataTerm:
     @classmethod
     def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "DataTerm":
         """‖A x − b‖² + c of rows [A b]."""
-        found, n = triangle(rows), rows.shape[1] - 1
+        R_, n = triangle(rows), rows.shape[1] - 1
         R = np.zeros((n + 1, n + 1))
-        R[: len(found)] = found
+        R[: len(R_)] = R_
         return cls(R[:n, :n], R[:n, n], c + float(R[n, n] ** 2))
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
@@ -109,7 +109,7 @@ def data_term(information: Information, reduction: Reduction) -> DataTerm:
 
 
 def noise_level(information: Information) -> float:
-    """σ̂ of the weighted torques, as a share of τ_max: what no parameters whatever could explain.
+    """σ̂ of the weighted torques, as a share of τ_max, whatever the parameters.
 
     The residual of the unconstrained least squares over all columns, with its degrees of freedom.
     """

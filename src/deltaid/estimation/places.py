@@ -1,4 +1,4 @@
-"""What a recording says, place by place: sums of [Y, τ]ᵀ[Y, τ] over all visits to a place.
+"""A recording place by place: sums of [Y, τ]ᵀ[Y, τ] over all visits to a place.
 
 An error that comes with the pose (torque ripple, a wrong length, friction that changes along the
 way) repeats whenever the robot comes back, so stretches of time agree although all are wrong alike.
@@ -53,15 +53,15 @@ class Places:
         place = np.clip(parts, 0, self._parts - 1) @ np.cumprod([1, *self._parts[:-1]])
         order, count = np.argsort(place, kind="stable"), self._shape[0]
         ends = np.searchsorted(place[order], np.arange(count + 1))
-        found = []
+        visits = []
         for columns, samples in drives:
             products = np.zeros((count, len(columns), len(columns)))
             ordered = samples[:, order]
             for k in np.flatnonzero(np.diff(ends)):
-                there = ordered[:, ends[k] : ends[k + 1]]
-                np.matmul(there, there.T, out=products[k])
-            found.append((columns, products))
-        return found
+                inside = ordered[:, ends[k] : ends[k + 1]]
+                np.matmul(inside, inside.T, out=products[k])
+            visits.append((columns, products))
+        return visits
 
     def add(self, visits: list[Visits]) -> None:
         if not self._totals:

@@ -1,4 +1,4 @@
-"""What is minimised and by what: the objective that settings ask for, and what their names mean."""
+"""The objective and solver that settings name."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from deltaid.estimation.regularizer import AFFINE_INVARIANT, LOG_DET, Metric
 from deltaid.model.options import Method, RegularizerName
 from deltaid.model.record import Settings
 
-# What the names that users write stand for.
 SOLVERS: dict[Method, Solver] = {"conic": Conic(), "log-cholesky": LogCholesky()}
 METRICS: dict[RegularizerName, Metric] = {
     "euclidean": Metric(),

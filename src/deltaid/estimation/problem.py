@@ -1,12 +1,12 @@
-"""A linear least-squares problem: columns, weighted rows in groups, what is known before.
+"""A linear least-squares problem: columns, weighted rows in groups, a prior.
 
     A x = b + e,    D x = d + e₀,    Var e₀ = 1
 
-Rows stand in groups g, stretches of time, and what is known before in none. x is the minimiser
+Rows are in groups g, stretches of time, and those of the prior in none. x is the minimiser
 of ‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, that of ‖Qᵀ(A x − b)‖² + … with Q
 an orthonormal basis of instruments Z, columns without that noise. It errs by Σ_g s_g with the
-scores s_g = K_gᵀ e_g, K the rows' influence on x. Torques are not white, so how s_g scatter tells
-by how much; white noise of the same size is believed where that is more (Liang and Zeger 1986).
+scores s_g = K_gᵀ e_g, K the rows' influence on x. Torques are not white, so the scatter of s_g
+gives the covariance, or white noise of the same size where that is more (Liang and Zeger 1986).
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from deltaid.estimation.span import DEPENDENT, Columns, Rows, Span, lengths
 
-# The group of what is known before.
+# The group of the prior's rows.
 KNOWN = -1
 
 
@@ -28,7 +28,7 @@ class LinearProblem:
 
     A: Columns  # A, b: columns and right side
     b: Rows
-    # of each row; `KNOWN` for what is known before, whose noise is 1
+    # of each row; `KNOWN` for the prior, whose noise is 1
     groups: Int[np.ndarray, " rows"]
     # instruments; the columns themselves where they have no noise
     Z: Float[np.ndarray, "rows instruments"] | None = None
@@ -57,12 +57,12 @@ class LinearProblem:
         )
 
     def with_known(self, D: Columns, d: Rows) -> "LinearProblem":
-        """The same with what is known before; it is an instrument for itself."""
+        """The same with a prior, which is an instrument for itself."""
         instruments = None
         if self.Z is not None:
-            known = np.zeros((len(D), self.Z.shape[1]))
-            known[:, : D.shape[1]] = D
-            instruments = np.vstack([self.Z, known])
+            padded = np.zeros((len(D), self.Z.shape[1]))
+            padded[:, : D.shape[1]] = D
+            instruments = np.vstack([self.Z, padded])
         return replace(
             self,
             A=np.vstack([self.A, D]),
@@ -106,7 +106,7 @@ class LinearProblem:
 
     @property
     def freedom(self) -> float:
-        """Rows that are left to tell the level of white noise."""
+        """Degrees of freedom of the white noise level."""
         return max(self.measured - self.span.rank, 1.0)
 
     @cached_property
@@ -126,16 +126,16 @@ class LinearProblem:
         """The triangle R of [A b], RᵀR = [A b]ᵀ[A b]."""
         return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
 
-    def of_columns(self, which: Int[np.ndarray, " _"]) -> "LinearProblem":
-        return replace(self, A=self.A[:, which])
+    def of_columns(self, columns: Int[np.ndarray, " _"]) -> "LinearProblem":
+        return replace(self, A=self.A[:, columns])
 
-    def covariance(self, which: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
-        """Of some entries of x, by the scatter between groups and by what is known before."""
-        influence = self.span.Q @ self.inverse[which].T
-        own = self.groups != KNOWN
-        known = influence[~own]
-        errors = scatter(influence[own], self.residual[own], self.groups[own], self.freedom)
-        return errors + known.T @ known
+    def covariance(self, entries: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
+        """Of some entries of x, by the scatter between groups and the prior."""
+        influence = self.span.Q @ self.inverse[entries].T
+        rows = self.groups != KNOWN
+        prior = influence[~rows]
+        errors = scatter(influence[rows], self.residual[rows], self.groups[rows], self.freedom)
+        return errors + prior.T @ prior
 
 
 def scatter(
@@ -144,10 +144,10 @@ def scatter(
     """Covariance of Σ K_gᵀ e_g by the scatter of its terms, or white if that is wider, with K the
     influence of rows, e their residual and `freedom` of `LinearProblem`."""
     s = group_sums(influence * residual[:, None], groups)
-    found = s.T @ s * (len(s) / max(len(s) - 1, 1))
+    covariance = s.T @ s * (len(s) / max(len(s) - 1, 1))
     white = np.sum(influence**2, axis=0) * float(residual @ residual) / freedom
-    grown = np.sqrt(np.maximum(white / np.maximum(np.diag(found), 1e-300), 1.0))
-    return found * np.outer(grown, grown)
+    grown = np.sqrt(np.maximum(white / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return covariance * np.outer(grown, grown)
 
 
 def group_sums(
@@ -164,5 +164,5 @@ def level_along(
 ) -> float:
     """Mean variance of the noise along orthonormal columns, by scatter or white if larger."""
     s = group_sums(U * residual[:, None], groups)
-    found = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
-    return max(found, float(residual @ residual) / freedom, 1e-300)
+    variance = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
+    return max(variance, float(residual @ residual) / freedom, 1e-300)

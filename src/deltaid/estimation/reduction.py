@@ -4,7 +4,7 @@ The free variables x are entries of the bodies' pseudo-inertia matrices (12), fr
 and rotor inertias. p = A x + p_0. Physical consistency of x is: every block M_b(x), affine in x, is
 positive definite. A block is a principal part of a body's M̄ whose entries hang together, or a
 coefficient that may not have either sign. Diagonal entries that are neither free nor visible in any
-torque are left out of the blocks and completed afterwards, for they can be made large enough.
+torque are excluded from the blocks and completed afterwards, for they can be made large enough.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,11 +40,10 @@ _COMPLETION_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class Reduction:
-    """The free variables of a robot and what they mean.
+    """The free variables of a robot.
 
     Attributes:
-        variables: what each free variable is: an entry of a body's M̄, whose scale is √(M̄_ii M̄_jj),
-            or a coefficient of a joint.
+        variables: entries of a body's M̄, whose scale is √(M̄_ii M̄_jj), or coefficients of a joint.
         A, p_0: p = A x + p_0.
         blocks: what must be positive definite.
         p_reg: p at the prior, reduced.
@@ -145,8 +144,8 @@ def build_reduction(
         parts.append(part)
     parts.append(free_coefficients(layout.parameters[layout.coefficients]))
     parts += [free for _, free in additions]
-    more = tuple(parameter for group, _ in additions for parameter in group)
-    layout = ParameterLayout((*layout.parameters, *more), layout.bodies)
+    added = tuple(parameter for group, _ in additions for parameter in group)
+    layout = ParameterLayout((*layout.parameters, *added), layout.bodies)
     variables = tuple(variable for part in parts for variable in part.variables)
     A, blocks, row, column = np.zeros((len(layout.names), len(variables))), list[Block](), 0, 0
     for part in parts:
@@ -162,7 +161,7 @@ def build_reduction(
         blocks=tuple(blocks),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
-        stated={name: own / spread for name, own in stated_spreads(robot).items()},
+        stated={name: stated / spread for name, stated in stated_spreads(robot).items()},
     )
 
 
@@ -188,7 +187,7 @@ def _complete(p: Float[np.ndarray, " 10"], completed: tuple[int, ...]) -> Float[
         rest = np.ix_(known, known)
         coupling = M[known, i]
         if known and np.any(coupling):
-            least = coupling @ np.linalg.solve(M[rest], coupling)
-            M[i, i] = max(M[i, i], (1 + _COMPLETION_MARGIN) * least)
+            lowest = coupling @ np.linalg.solve(M[rest], coupling)
+            M[i, i] = max(M[i, i], (1 + _COMPLETION_MARGIN) * lowest)
         known.append(i)
     return inertia_parameters(M)

@@ -1,4 +1,4 @@
-"""How large the torque noise really is, parameter by parameter: from the scatter between groups.
+"""Torque noise parameter by parameter, from the scatter between groups.
 
 Least squares errs by R⁻¹ s with s = Qᵀe, where Q R is the weighted base regressor and e the noise.
 For a combination of errors, uᵀs, white noise of level σ gives the variance σ²‖u‖². Torques are not
@@ -30,7 +30,7 @@ from deltaid.estimation.information import Information
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
 # white level is taken with the widest t there is.
 _NO_SCATTER = 1e-6
-# Shares of ‖u‖² below this are rounding, and what facts alone tell has so many degrees of freedom.
+# Shares of ‖u‖² below this are rounding; degrees of freedom where facts alone determine.
 _ROUNDING, _SURE = 1e-9, 1e9
 # Noise that is so many times smaller than the standard deviation does not matter.
 _HARDLY = 100.0
@@ -69,13 +69,13 @@ class Scatter:
     sigma: float = 0.0
 
     def by_facts(self, U: Combinations) -> Each:
-        """σ̂² uᵀH_0 u, what facts leave open of the columns of U; 0 but for rounding without any."""
+        """σ̂² uᵀH_0 u, the variance of the columns of U by facts; 0 without any."""
         size, whole = np.sum(U**2, axis=0), np.sum(U * (self.shares.sum(axis=0) @ U), axis=0)
         share = 1.0 - whole / np.where(size > 0, size, 1.0)
         return self.sigma**2 * np.where(share > _ROUNDING, share, 0.0) * size
 
     def variances(self, U: Combinations) -> tuple[Each, Each]:
-        """v and ν of the columns of U; NaN where the groups do not tell."""
+        """v and ν of the columns of U; NaN where the groups do not determine them."""
         v, nu = self._by_groups(U)
         facts = self.by_facts(U)
         if not facts.any():
@@ -93,8 +93,8 @@ class Scatter:
         diagonal = np.arange(len(self.shares))
         omega[:, diagonal, diagonal] += own
         t = np.trace(omega, axis1=1, axis2=2)
-        told = t > _NO_SCATTER * size
-        t = np.where(told, t, np.nan)
+        valid = t > _NO_SCATTER * size
+        t = np.where(valid, t, np.nan)
         v = size * np.sum((self.scores @ U) ** 2, axis=0) / t
         nu = np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0)
         none = size <= _NO_SCATTER * whole
@@ -117,14 +117,14 @@ class Noise:
         if self.scatter is None:
             return white, np.full(U.shape[1], self.freedom)
         v, nu = self.scatter.variances(U)
-        told = np.isfinite(v)
-        return np.where(told, np.sqrt(v), white), np.where(told, nu, 1.0)
+        valid = np.isfinite(v)
+        return np.where(valid, np.sqrt(v), white), np.where(valid, nu, 1.0)
 
 
 def half_width(std: Each, by_noise: Each, freedom: Each) -> Each:
     """Half the width of 95 % intervals, by Satterthwaite: only the part by noise is estimated."""
-    least = np.maximum(std / _HARDLY, np.finfo(float).tiny)
-    return quantile(freedom * (std / np.maximum(by_noise, least)) ** 4) * std
+    smallest = np.maximum(std / _HARDLY, np.finfo(float).tiny)
+    return quantile(freedom * (std / np.maximum(by_noise, smallest)) ** 4) * std
 
 
 def observe(
@@ -147,10 +147,10 @@ def observe(
         scores = half[:, :, -1] - half[:, :, :-1] @ values
         scatter = Scatter(half[:, :, :-1] @ U.T, scores, sigma)
         v, _ = scatter.variances(U)
-        told = v > 0
-        if not told.any():
+        valid = v > 0
+        if not valid.any():
             continue
-        size = float(np.mean(np.log(v[told] / np.sum(U**2, axis=0)[told])))
+        size = float(np.mean(np.log(v[valid] / np.sum(U**2, axis=0)[valid])))
         if size > largest:
             best, largest = Noise(root, sigma, freedom, scatter, name), size
     return best

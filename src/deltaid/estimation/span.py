@@ -1,4 +1,4 @@
-"""What columns can explain: their span, and the coefficients that go with it."""
+"""The span of columns, and least squares in it."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 # Singular values of columns of unit length below this share of the largest are zero.
 DEPENDENT = 1e-9
-# Directions of columns that other columns have explained but for this share of their length.
+# Directions that other columns explain up to this share of their length are dropped.
 _EXPLAINED = 1e-3
 
 Columns = Float[np.ndarray, "rows columns"]
@@ -30,15 +30,15 @@ class Span:
         norms = lengths(A)
         Q, R = np.linalg.qr(A / norms)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
-        kept = s > DEPENDENT * s.max(initial=0.0)
-        return cls(Q @ U[:, kept], Vt[kept].T / s[kept] / norms[:, None])
+        used = s > DEPENDENT * s.max(initial=0.0)
+        return cls(Q @ U[:, used], Vt[used].T / s[used] / norms[:, None])
 
     @property
     def rank(self) -> int:
         return self.Q.shape[1]
 
     def without(self, A: np.ndarray) -> np.ndarray:
-        """What the columns cannot explain of A, (1 − Q Qᵀ) A."""
+        """The residual (1 − Q Qᵀ) A."""
         return A - self.Q @ (self.Q.T @ A)
 
     def coefficients(self, b: Rows) -> Float[np.ndarray, " columns"]:
@@ -46,12 +46,12 @@ class Span:
         return self.inverse @ (self.Q.T @ b)
 
     def with_directions(self, U: Columns) -> "Span":
-        """The same with further orthonormal columns, whose coefficients nobody asks for."""
+        """The same with additional orthonormal columns, without coefficients."""
         nothing = np.zeros((len(self.inverse), U.shape[1]))
         return Span(np.hstack([self.Q, U]), np.hstack([self.inverse, nothing]))
 
     def with_columns(self, A: Columns) -> "Span":
-        """The same with further columns, as far as they are not explained yet."""
+        """The same with additional columns, as far as they are not explained yet."""
         U, s, _ = np.linalg.svd(self.without(A), full_matrices=False)
         return self.with_directions(U[:, s > DEPENDENT * np.linalg.norm(A)])
 
@@ -63,8 +63,8 @@ def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
 
 
 def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
-    """Combinations of columns of unit length, less what others explain, that are orthonormal; a
-    direction that has hardly anything left is none."""
+    """Orthonormal combinations of unit columns that others are projected out of, without directions
+    of nearly zero length."""
     values, vectors = np.linalg.eigh(A.T @ A)
-    kept = values > _EXPLAINED**2
-    return vectors[:, kept] / np.sqrt(values[kept])
+    used = values > _EXPLAINED**2
+    return vectors[:, used] / np.sqrt(values[used])

@@ -19,8 +19,8 @@ from deltaid.estimation.traces import Trace
 
 @dataclass(frozen=True, eq=False)
 class RecordingRows:
-    """Rows of one recording: torques less what is known of them, over the free parameters x and
-    what is looked for beside them; instruments as of `DriveRows.problem`."""
+    """Rows of one recording: torques less their known part, over the free parameters x and
+    additional ones; instruments as of `DriveRows.problem`."""
 
     A: ColumnsOfDrives
     tau: OfDrives
@@ -55,11 +55,11 @@ class TraceRows:
         return self.reduction.size
 
     def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> RecordingRows:
-        """Rows of a trace, with columns of something beside the parameters."""
-        Y, at = trace.regressor((*self.additions, *beside)), self.active
-        own, more = Y[:, :, : len(at)], Y[:, :, len(at) :]
-        tau = trace.torques() - own @ self.reduction.p_0[at]
-        return RecordingRows(np.concatenate([own @ self.reduction.A[at], more], axis=2), tau)
+        """Rows of a trace, with additional columns."""
+        Y, active = trace.regressor((*self.additions, *beside)), self.active
+        fit, added = Y[:, :, : len(active)], Y[:, :, len(active) :]
+        tau = trace.torques() - fit @ self.reduction.p_0[active]
+        return RecordingRows(np.concatenate([fit @ self.reduction.A[active], added], axis=2), tau)
 
     def problem(
         self,
@@ -68,19 +68,19 @@ class TraceRows:
         deviation: Float[np.ndarray, " beside"] | None = None,
     ) -> LinearProblem:
         """Least squares over recordings with the same columns together, with the prior of the
-        parameters, and mean and deviation of what stands beside them where these are known."""
+        parameters, and mean and deviation of additional columns where known."""
         width = recordings[0].A.shape[2]
         prior = Metric().regularizer(self.reduction).quadratic
         D = np.zeros((len(prior.D), width))
         D[:, : self.size] = prior.D / self.spread
         d = prior.D @ prior.x_reg / self.spread
         if mean is not None and deviation is not None:
-            more = np.eye(width)[self.size :] / deviation[:, None]
-            D, d = np.vstack([D, more]), np.concatenate([d, mean / deviation])
+            known = np.eye(width)[self.size :] / deviation[:, None]
+            D, d = np.vstack([D, known]), np.concatenate([d, mean / deviation])
         return LinearProblem.together([rows.problem for rows in recordings]).with_known(D, d)
 
     def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
-        """p of the robot and of additions, for x and what stands beside it."""
+        """p of the robot and of additions, for x with additional columns."""
         return self.reduction.A @ x[: self.size] + self.reduction.p_0
 
 

@@ -1,6 +1,5 @@
 """A recording in memory: motion and torques at the full rate, for checks and lags that need them
-again and again, shifted in time or with further columns; all that is formed from them goes through
-the same low-pass and is thinned alike."""
+repeatedly, shifted in time or with additional columns, through the same low-pass and thinning."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -41,14 +40,13 @@ class Trace:
 
     def filtered(
         self,
-        of: Callable[[Samples], Values],
+        quantity: Callable[[Samples], Values],
         drives: Int[np.ndarray, " channels"],
         margin: int = 0,
     ) -> Values:
-        """m(t) x(t), low-passed and thinned, for quantities x that `of` gives, a few samples at a
-        time, with the weight m of a drive for each channel; so many samples at either end, the
-        margin, x is wrong, for want of those before and after."""
-        parts = [_through(self.low_pass, run, of, drives, margin) for run in self.stretches]
+        """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of a drive for each
+        channel; x is wrong in `margin` samples at either end."""
+        parts = [_through(self.low_pass, run, quantity, drives, margin) for run in self.stretches]
         return np.concatenate(parts, axis=1)
 
     def torques(self) -> Values:
@@ -110,9 +108,8 @@ def trace(
 ) -> Trace:
     """A recording in memory; of a long one its excerpt.
 
-    Speeds and accelerations come from the positions, also where they are recorded, so that nothing
-    that is wrong with those gets in. Samples at which a joint turns round do not count: steps of
-    friction are known to half a sample only.
+    Speeds and accelerations come from the positions, even where recorded, so that their errors have
+    no influence. Reversals do not count: steps of friction are known to half a sample only.
 
     Args:
         load: as of `Trace`.
@@ -144,7 +141,7 @@ def trace(
 
 
 def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
-    """Samples with their torques later; weights leave out reversals beside their old places."""
+    """Samples with their torques later; weights exclude reversals near their old places."""
     before, after = shift.reach
     motion, dof = (stretch.z, stretch.qd, stretch.qdd, stretch.carried), stretch.z.shape[1]
     # What loads take is taken out where they are held, not where their torques were recorded.
@@ -157,9 +154,9 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
     for i, smear in enumerate(shift.smear):
         reach = int(np.ceil(float(smear + (shift.common != 0.0))))
         weights[:, [i]] = least_about(weights[:, [i]], reach)
-    own = stretch.part(slice(before, len(wide) - after))
-    moved = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
-    return replace(own, **moved, tau=tau - carried, weights=weights)
+    kept = stretch.part(slice(before, len(wide) - after))
+    motion_ = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
+    return replace(kept, **motion_, tau=tau - carried, weights=weights)
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:
@@ -176,7 +173,7 @@ def _outputs(low_pass: LowPass, rows: int) -> int:
 def _through(
     low_pass: LowPass,
     stretch: Samples,
-    of: Callable[[Samples], Values],
+    quantity: Callable[[Samples], Values],
     drives: np.ndarray,
     margin: int,
 ) -> Values:
@@ -190,8 +187,8 @@ def _through(
         outputs = min(at_once, count - start)
         first, last = start * thinned, (start + outputs - 1) * thinned + support
         low, high = max(0, first - margin), min(rows, last + margin)
-        x = of(stretch.part(slice(low, high)))[:, first - low : last - low]
+        x = quantity(stretch.part(slice(low, high)))[:, first - low : last - low]
         x = stretch.part(slice(first, last)).weighted(x, drives)
-        apart = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
-        parts.append(apply(low_pass.smooth, apart, low_pass.decimation)[:, :outputs])
+        led = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
+        parts.append(apply(low_pass.smooth, led, low_pass.decimation)[:, :outputs])
     return np.concatenate(parts, axis=1)

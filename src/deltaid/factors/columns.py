@@ -1,11 +1,10 @@
-"""The columns that a recording is gathered with, whatever robot is fitted to it later.
+"""The columns that a recording is gathered with, for any later fit of its robot.
 
 - Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
 - Friction: splines over speed (`speed_columns`), and what gears carry.
 - What loads take while they are held.
-- What is of this recording alone: a lag of each drive beside what has been corrected, friction that
-  changes along it.
+- Nuisance columns of this recording: residual lag of each drive, friction that changes along it.
 
 A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by the mechanism alone
 (base parameters of a generic motion), of a friction term by its values at the knots of a spline.
@@ -58,11 +57,11 @@ def _reference_speed(robot: RobotDescription, joint: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class GatheredColumns:
-    """The columns of one robot, with some beside it.
+    """The columns of one robot, with additional ones.
 
     Attributes:
         dynamics: of the robot with plain friction.
-        additions: speed columns, then what is carried, then all others.
+        additions: speed columns, then carried load, then all others.
     """
 
     dynamics: Dynamics
@@ -78,8 +77,8 @@ class GatheredColumns:
         """Columns of a robot.
 
         Args:
-            p: of the plain robot, by which it is known what gears carry.
-            others: additions beside speed and load.
+            p: of the plain robot, for the load that gears carry.
+            others: additional columns.
         """
         dynamics = compiled(plain(robot))
         speeds = (
@@ -87,11 +86,11 @@ class GatheredColumns:
             for joint in dynamics.robot.friction_joints
         )
         carried = CarriedColumns(dynamics, p)
-        return cls(dynamics, (*speeds, carried, *(other.on(dynamics) for other in others)))
+        return cls(dynamics, (*speeds, carried, *(addition.on(dynamics) for addition in others)))
 
     @cached_property
     def regressor(self) -> Dynamics | Extended:
-        """All of them behind those of the plain robot."""
+        """The plain robot's columns, then the additions."""
         return extended(self.dynamics, self.additions)
 
     @property
@@ -102,23 +101,23 @@ class GatheredColumns:
     @cached_property
     def kept(self) -> Int[np.ndarray, " kept"]:
         """Places of the columns that go into a file among those of the regressor."""
-        own = len(self.dynamics.layout.names)
-        friction = range(own)[self.dynamics.layout.friction]
+        count = len(self.dynamics.layout.names)
+        friction = range(count)[self.dynamics.layout.friction]
         rigid = {group.representative for group in self.base.groups} - {*friction}
         return np.intersect1d(
-            [*rigid, *range(own, len(self.names))], active_columns(self.regressor)
+            [*rigid, *range(count, len(self.names))], active_columns(self.regressor)
         )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all columns of the regressor."""
-        added = (parameter.name for own in self.additions for parameter in own.parameters)
+        added = (parameter.name for addition in self.additions for parameter in addition.parameters)
         return (*self.dynamics.layout.names, *added)
 
     @cached_property
     def place(self) -> dict[str, int]:
         """Place of each name among those that go into a file, in their order."""
-        return {self.names[at]: k for k, at in enumerate(self.kept)}
+        return {self.names[column]: k for k, column in enumerate(self.kept)}
 
 
 def map_to(
@@ -140,12 +139,12 @@ def map_to(
     for term in dynamics.robot.friction_terms:
         shares[term.name] = _friction(columns, term, term.values)
     every = [shares.get(name, {}) for name in dynamics.layout.names]
-    for own in additions:
-        if isinstance(own, LawConstants):
-            slopes = ((term, partial(_slope, term, constant)) for term, constant in own.constants)
+    for extra in additions:
+        if isinstance(extra, LawConstants):
+            slopes = ((term, partial(_slope, term, constant)) for term, constant in extra.constants)
             every += [_friction(columns, term, slope) for term, slope in slopes]
         else:
-            every += [{parameter.name: 1.0} for parameter in own.parameters]
+            every += [{parameter.name: 1.0} for parameter in extra.parameters]
     T = np.zeros((len(place), len(every)))
     for k, combination in enumerate(every):
         for name, share in combination.items():
@@ -160,10 +159,10 @@ def _friction(
     """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
         return {f"carried.{term.joint}": 1.0}
-    speeds = (own for own in columns.additions if isinstance(own, SpeedColumns))
-    own = next(own for own in speeds if own.name == term.joint)
-    names = (parameter.name for parameter in own.parameters)
-    return dict(zip(names, own.following(h).tolist(), strict=True))
+    speeds = (splines for splines in columns.additions if isinstance(splines, SpeedColumns))
+    splines = next(splines for splines in speeds if splines.name == term.joint)
+    names = (parameter.name for parameter in splines.parameters)
+    return dict(zip(names, splines.following(h).tolist(), strict=True))
 
 
 def _slope(term: FrictionTerm, constant: str, v: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What one recording says, condensed: triangular factors of its rows, whole and in groups."""
+"""One recording condensed: triangular factors of its rows, whole and in groups."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Many groups, packed as a file holds them; each is unpacked when it is asked for.
+    """Many groups, packed as a file holds them, unpacked on access.
 
     Attributes:
         names, samples, torque_max: of the groups.

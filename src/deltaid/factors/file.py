@@ -1,9 +1,8 @@
 """Factor files: one small Parquet file a recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit; those of stretches and places, and what tolerances do, which only say how far to trust the
-rest, keep seven digits.
-What stands beside them is JSON under the key `deltaid` of the file's metadata.
+bit; those of stretches, places and tolerances, which only determine uncertainty, keep seven digits.
+All else is JSON under the key `deltaid` of the file's metadata.
 """
 
 from dataclasses import dataclass
@@ -56,7 +55,7 @@ def is_factor_file(path: Path) -> bool:
     return path.name.endswith(ENDING)
 
 
-def write(found: FactorFile, path: Path, key: str = "") -> None:
+def write(file: FactorFile, path: Path, key: str = "") -> None:
     """Write a factor file, whole or not at all.
 
     Args:
@@ -65,7 +64,7 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
     Raises:
         DeltaidError: it cannot be written.
     """
-    condensed, rows = found.condensed, []
+    condensed, rows = file.condensed, []
     geometry = [] if condensed.geometry is None else [condensed.geometry]
     for group in (condensed.whole, *geometry, *condensed.groups):
         for i, R in enumerate(group.factors):
@@ -74,7 +73,7 @@ def write(found: FactorFile, path: Path, key: str = "") -> None:
             rows.append((group.name, i, group.samples[i], group.torque_max[i], *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
-        buffer, compression="zstd", metadata={_KEY: found.record.model_dump_json(), _FROM: key}
+        buffer, compression="zstd", metadata={_KEY: file.record.model_dump_json(), _FROM: key}
     )
     write_bytes(path, buffer.getvalue())
 
@@ -104,9 +103,9 @@ def read(path: Path) -> FactorFile:
     return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
 
 
-def _refusal(what: str, where: str) -> RecordingError:
+def _refusal(reason: str, where: str) -> RecordingError:
     cure = "gather the recording again with `deltaid gather`"
-    return RecordingError(what, where=where, cure=cure)
+    return RecordingError(reason, where=where, cure=cure)
 
 
 def _record(text: str | None, where: str) -> FactorRecord:
@@ -125,21 +124,21 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
-    drives, more = len(record.felt), len(record.quantities)
-    apart, names = ["whole", "geometry"][: 1 + bool(more)], table["group"].to_list()[::drives]
+    drives, shifts = len(record.felt), len(record.quantities)
+    exact, names = ["whole", "geometry"][: 1 + bool(shifts)], table["group"].to_list()[::drives]
     rows = [(name, i) for name in names for i in range(drives)]
-    whole_file = names[: len(apart)] == apart and len(names) > len(apart)
+    whole_file = names[: len(exact)] == exact and len(names) > len(exact)
     if not whole_file or table.select("group", "drive").rows() != rows:
         raise _refusal("has lost some of its rows", where)
-    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(apart)))
-    sizes = tuple(len(own) + 1 for own in record.felt)
-    wide = tuple(n + more for n in sizes)
+    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(exact)))
+    sizes = tuple(len(places) + 1 for places in record.felt)
+    wide = tuple(n + shifts for n in sizes)
     return Condensed(
         record.names,
-        tuple(np.array(own, dtype=int) for own in record.felt),
+        tuple(np.array(places, dtype=int) for places in record.felt),
         next(iter(_groups(whole[:drives], sizes, "exact", where))),
         _groups(rest, sizes, "rounded", where),
-        next(iter(_groups(geometry[:drives], wide, "rounded", where))) if more else None,
+        next(iter(_groups(geometry[:drives], wide, "rounded", where))) if shifts else None,
     )
 
 

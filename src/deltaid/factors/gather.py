@@ -1,4 +1,4 @@
-"""One recording condensed: identified by itself, corrected, gathered with columns for any law."""
+"""One recording condensed: identified alone, corrected, gathered with columns for any law."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,11 +35,11 @@ from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
-# Of a recording: consecutive stretches of time, and places of the platform, the last of which takes
-# in what is seldom visited. Together no more than 40 groups.
+# Of a recording: consecutive stretches of time, and places of the platform, the last of which holds
+# the seldom visited ones. Together no more than 40 groups.
 _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
-# A file has no more bytes, of which so many are for what stands beside its factors; numbers of the
-# whole take twice those of a group, and the rows with tolerances about one and a half.
+# Bytes of a file at most, and those of its record; numbers of the whole take twice those of a
+# group, and the rows with tolerances about one and a half.
 _BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
 # A recording's range along an axis is cut into three to seven places.
 _PARTS = 3
@@ -54,7 +54,7 @@ def gathered(
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> FactorFile:
-    """What a recording says, as small as it goes: identified by itself, corrected, condensed.
+    """A recording identified alone, corrected and condensed.
 
     Args:
         robot, log, columns, settings, force, progress: as of `deltaid.identify`.
@@ -70,9 +70,9 @@ def gathered(
     )
     progress("condensing")
     problem, recording = result.problem, result.recordings[0]
-    own = gathered_columns(problem, recording)
-    found, quantities = with_geometry(condensed(own, recording), own, problem, recording)
-    return FactorFile(record_of(type_, result, found, quantities), found)
+    over = gathered_columns(problem, recording)
+    factors, quantities = with_geometry(condensed(over, recording), over, problem, recording)
+    return FactorFile(record_of(type_, result, factors, quantities), factors)
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ def gather_into(
             if read_key(path) == key:
                 yield Gathering(log, path, "there")
                 continue
-            found = gathered(
+            file = gathered(
                 robot, log, columns=mapping, settings=settings, force=force, progress=progress
             )
-            write(found, path, key)
+            write(file, path, key)
         except DeltaidError as error:
             yield Gathering(log, path, "refused", error)
             continue
@@ -137,16 +137,16 @@ def gather_into(
 
 
 def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
-    """The columns of a recording that has been fitted by itself.
+    """The columns of a recording that has been fitted alone.
 
     Lags see the slope of the fitted model's torques.
     """
-    kept = tuple(own for own in problem.additions if isinstance(own, LoadColumns | Warmth))
-    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), kept)
+    extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
+    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), extra)
     p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
     p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
-    each = alone(problem.dynamics.dof)
-    lags = LagColumns(columns.dynamics, columns.additions, p, recording, each)
+    groups = alone(problem.dynamics.dof)
+    lags = LagColumns(columns.dynamics, columns.additions, p, recording, groups)
     return replace(columns, additions=(*columns.additions, lags))
 
 
@@ -155,14 +155,14 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = Places(box, rows.dof, len(rows.active) + 1, parts)
-    at = np.searchsorted(rows.active, columns.kept)
+    column = np.searchsorted(rows.active, columns.kept)
     drives, entries = rows.regressor_pattern
     felt = tuple(
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
     )
     stretch_count, place_count = _counts([len(own) + 1 for own in felt])
     blocks = gather(rows, recording, places, count=stretch_count)
-    with_tau = [np.append(at[own], len(rows.active)) for own in felt]
+    with_tau = [np.append(column[own], len(rows.active)) for own in felt]
 
     def group(name: str, part: Information) -> Group:
         factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
@@ -181,7 +181,7 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
 def with_geometry(
     condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
 ) -> tuple[Condensed, tuple[str, ...]]:
-    """The same with what tolerances of the description do to some rows, and the names of these."""
+    """The same with the effect of the description's tolerances on some rows, and their names."""
     if columns.dynamics.robot.tolerances.exact:
         return condensed, ()
     p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
@@ -189,9 +189,10 @@ def with_geometry(
         columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
     )
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
-    shown = np.arange(len(columns.kept), every[0].shape[1])
+    shifts = np.arange(len(columns.kept), every[0].shape[1])
     factors = (
-        triangle(own[:, [*felt, *shown]]) for own, felt in zip(every, condensed.felt, strict=True)
+        triangle(part[:, [*felt, *shifts]])
+        for part, felt in zip(every, condensed.felt, strict=True)
     )
     geometry = Group("geometry", tuple(factors), none, none)
     return replace(condensed, geometry=geometry), rows.names
@@ -235,11 +236,11 @@ def _by_place(
     weight = np.einsum("pijj->p", sums)
     visited = np.flatnonzero(weight > 0)
     visited = visited[np.argsort(-weight[visited], kind="stable")]
-    often, rest = visited[: count - 1], visited[count - 1 :]
+    often, seldom = visited[: count - 1], visited[count - 1 :]
     for k in sorted(often.tolist()):
         yield names[k], sums[k]
-    if rest.size:
-        yield "place elsewhere", sums[rest].sum(axis=0)
+    if seldom.size:
+        yield "place elsewhere", sums[seldom].sum(axis=0)
 
 
 def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
@@ -251,7 +252,7 @@ def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
 def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     """The fitted parameters of the robot with plain friction."""
     dynamics = compiled(plain(problem.dynamics.robot))
-    known = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    fitted = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     prior = prior_parameters(dynamics.robot)
     names = dynamics.layout.names
-    return np.array([known.get(n, x) for n, x in zip(names, prior.tolist(), strict=True)])
+    return np.array([fitted.get(n, value) for n, value in zip(names, prior.tolist(), strict=True)])

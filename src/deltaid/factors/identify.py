@@ -1,5 +1,5 @@
-"""`identify` and `validate` from factor files, without their recordings: what these said by
-themselves as they were gathered is said of all of them together."""
+"""`identify` and `validate` from factor files, without their recordings; verdicts, remarks and
+corrections come from the recordings' own identifications."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from deltaid.robot.friction import Friction
 from deltaid.robot.friction_text import written
 from deltaid.robot.load import RobotLike, described
 
-# What a fit to all recordings says for itself, and `_torque_constants`.
+# Corrections that the common fit or `_torque_constants` report.
 _OF_FIT = ("friction", "prior", "load", "gain")
 # Terms with constants of their own beside the coefficient.
 _CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom": ("speed",)}
@@ -81,25 +81,22 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
         RecordingError: the file is of another mechanism than the model, or holds a load that the
             model does not know.
     """
-    known = load(model)
-    require_alike([file], known.robot)
-    merging = merging_of([file], known.robot, Settings())
+    identified = load(model)
+    require_alike([file], identified.robot)
+    merging = merging_of([file], identified.robot, Settings())
     loads = {
-        own.load.name: known_load(own, known, file.where)
-        for own in merging.additions
-        if isinstance(own, LoadColumns) and own.parameters
+        columns.load.name: known_load(columns, identified, file.where)
+        for columns in merging.additions
+        if isinstance(columns, LoadColumns) and columns.parameters
     }
     information = merged(merging, [file]).information
-    return _torque_errors(information, np.append(known.p, merging.of_loads(loads)), [file])
+    return _torque_errors(information, np.append(identified.p, merging.of_loads(loads)), [file])
 
 
 def _torque_errors(
     information: Information, values: Parameters, files: Sequence[FactorFile]
 ) -> TorqueError:
-    """What parameters leave of the torques of all recordings.
-
-    What only unfiltered rows show, their noise, is what the recordings' own fits left of these.
-    """
+    """Residual torques of all recordings; unfiltered noise is that of the recordings' own fits."""
     drives = information.drives
     rms, torque = information.rms(values)[drives], information.torque_rms()[drives]
     fits = [file.record.model.fit for file in files]
@@ -133,27 +130,28 @@ def prepared(
     files = ordered(files)
     if settings.friction != "choose":
         return files, robot
-    asked = [file.record.model.robot.friction for file in files]
+    chosen = [file.record.model.robot.friction for file in files]
     laws = {
-        joint: _usual([laws[joint] for laws in asked])
+        joint: _usual([laws[joint] for laws in chosen])
         for joint in robot.friction
-        if all(joint in laws for laws in asked)
+        if all(joint in laws for laws in chosen)
     }
     return files, robot.changed(friction=dict(robot.friction) | laws)
 
 
 def _usual(laws: Sequence[Friction]) -> Friction:
-    """The law that is asked for most."""
+    """The most frequent law."""
     kinds = Counter(_terms(law) for law in laws)
     terms = min(kinds, key=lambda kind: (-kinds[kind], len(kind), kind))
-    own = [law for law in laws if _terms(law) == terms]
-    found = min(own, key=lambda law: law.model_dump_json())
+    same = [law for law in laws if _terms(law) == terms]
+    law = min(same, key=lambda law: law.model_dump_json())
     for term in set(_CURVED).intersection(terms):
         values = {
-            name: median(getattr(getattr(law, term), name) for law in own) for name in _CURVED[term]
+            name: median(getattr(getattr(law, term), name) for law in same)
+            for name in _CURVED[term]
         }
-        found = found.changed(**{term: getattr(found, term).changed(**values)})
-    return found
+        law = law.changed(**{term: getattr(law, term).changed(**values)})
+    return law
 
 
 def _terms(law: Friction) -> tuple[str, ...]:
@@ -161,79 +159,79 @@ def _terms(law: Friction) -> tuple[str, ...]:
 
 
 def _verdicts(files: Sequence[FactorFile]) -> list[Verdict]:
-    """Verdicts on recordings; of several each says which, and none what it does not show of the
-    parameters, for another may."""
-    several, found = len(files) > 1, list[Verdict]()
+    """Verdicts on recordings, each with its subject; of several without those on information,
+    which recordings determine together."""
+    several, verdicts = len(files) > 1, list[Verdict]()
     for file in files:
-        for known in file.record.verdicts:
-            if not several or known.key not in KEYS["the information"]:
-                parts = (file.record.log if several else "", known.subject)
+        for record in file.record.verdicts:
+            if not several or record.key not in KEYS["the information"]:
+                parts = (file.record.log if several else "", record.subject)
                 subject = ": ".join(part for part in parts if part)
-                found.append(replace(Verdict(**known.model_dump()), subject=subject))
-    return found
+                verdicts.append(replace(Verdict(**record.model_dump()), subject=subject))
+    return verdicts
 
 
 def _remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[str]:
     """Verdicts that are not good, warnings of the survey, and what factor files do not hold."""
-    said = [verdict.sentence for verdict in _verdicts(files) if verdict.grade is not Grade.GOOD]
+    remarks = [verdict.sentence for verdict in _verdicts(files) if verdict.grade is not Grade.GOOD]
     for file in files:
-        said += file.record.warnings
+        remarks += file.record.warnings
         if file.record.model.sensors:
             names = ", ".join(sensor.name for sensor in file.record.model.sensors)
-            said.append(
+            remarks.append(
                 f"{file.record.log}: factor files hold torques alone, so what {names} showed is "
                 "not in this fit; identify the recording itself to have it"
             )
-    said += [
+    remarks += [
         f"the torque constant of {gain.subject} was put right as recordings were gathered and "
         "counts as known here: intervals leave its own out"
         for gain in gains
     ]
-    return said
+    return remarks
 
 
 def _corrections(
     described: RobotDescription, chosen: RobotDescription, files: Sequence[FactorFile]
 ) -> list[Correction]:
-    """Those of each recording, and friction laws that most of them asked for."""
-    found = [
-        own if own.log else own.changed(log=file.record.log)
+    """Corrections of each recording, and the most frequent friction laws."""
+    corrections = [
+        correction if correction.log else correction.changed(log=file.record.log)
         for file in files
-        for own in file.record.model.corrections
-        if own.kind not in _OF_FIT
+        for correction in file.record.model.corrections
+        if correction.kind not in _OF_FIT
     ]
     for joint, law in chosen.friction.items():
         if law != described.friction[joint]:
-            asked = [_terms(file.record.model.robot.friction[joint]) for file in files]
+            terms = [_terms(file.record.model.robot.friction[joint]) for file in files]
             text = (
                 f"the law is now {written(law)}, no longer {written(described.friction[joint])}: "
-                f"{asked.count(_terms(law))} of {len(files)} recordings ask for its terms by "
+                f"{terms.count(_terms(law))} of {len(files)} recordings ask for its terms by "
                 "themselves"
             )
-            found.append(Correction(kind="friction", subject=joint, text=text))
-    return found
+            corrections.append(Correction(kind="friction", subject=joint, text=text))
+    return corrections
 
 
 def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
-    """Torque constants that were corrected in all recordings alike; of each the surest.
+    """Torque constants that were corrected consistently in all recordings; of each the surest.
 
     Raises:
-        RecordingError: in some and not in others, or by factors that exclude each other.
+        RecordingError: corrected in some only, or by factors that exclude each other.
     """
     gains: dict[str, list[tuple[FactorFile, Correction]]] = {}
     for file in files:
-        for own in file.record.model.corrections:
-            if own.kind == "gain":
-                gains.setdefault(own.subject, []).append((file, own))
+        for correction in file.record.model.corrections:
+            if correction.kind == "gain":
+                gains.setdefault(correction.subject, []).append((file, correction))
     surest = list[Correction]()
-    for drive, found in sorted(gains.items()):
-        (first, gain), *others = found
+    for drive, corrections in sorted(gains.items()):
+        (first, gain), *others = corrections
         how = [
-            f"by {gain.value:.4g}, and in {file.where} by {own.value:.4g}"
-            for file, own in others
-            if _exclude(gain, own)
+            f"by {gain.value:.4g}, and in {file.where} by {correction.value:.4g}"
+            for file, correction in others
+            if _exclude(gain, correction)
         ]
-        corrected = [file for file, _ in found]
+        corrected = [file for file, _ in corrections]
         how += [f"and in {file.where} it was not" for file in files if file not in corrected]
         if how:
             raise RecordingError(
@@ -242,12 +240,13 @@ def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
                 cure="identify the recordings themselves together, or write the constant into the "
                 "description and gather them again",
             )
-        surest.append(min((x for _, x in found), key=lambda x: (x.high or 0.0) - (x.low or 0.0)))
+        fixes = [fix for _, fix in corrections]
+        surest.append(min(fixes, key=lambda fix: (fix.high or 0.0) - (fix.low or 0.0)))
     return surest
 
 
-def _exclude(one: Correction, other: Correction) -> bool:
+def _exclude(first: Correction, second: Correction) -> bool:
     """Whether their intervals have nothing in common."""
-    if None in (one.low, one.high, other.low, other.high):
-        return one.value != other.value
-    return (one.high or 0.0) < (other.low or 0.0) or (other.high or 0.0) < (one.low or 0.0)
+    if None in (first.low, first.high, second.low, second.high):
+        return first.value != second.value
+    return (first.high or 0.0) < (second.low or 0.0) or (second.high or 0.0) < (first.low or 0.0)

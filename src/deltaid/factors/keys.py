@@ -1,5 +1,5 @@
-"""What factor files are known by: checksums of all that they follow from, names for files, and
-whether files may be merged: the same mechanism, the same filter, each recording once."""
+"""Keys of factor files: checksums of their inputs, file names, and whether files may be merged: the
+same mechanism, the same filter, each recording once."""
 
 import hashlib
 import json
@@ -14,10 +14,9 @@ from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 
-# What a fit can still choose; all else is decided as a recording is gathered.
+# Settings of the fit; all others are fixed when a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
-# Keys of a description that gathered columns do not depend on: what a fit starts from, what is
-# known beside recordings, and what describes limits.
+# Keys of a description that gathered columns do not depend on: priors, measured values and limits.
 _FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources",
          "platform_speed", "platform_acceleration", "strut_swing_deg",
          "largest_condition"}  # fmt: skip
@@ -25,9 +24,9 @@ _FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources"
 _SAME = 0.02
 
 
-def digest(known: Any) -> str:
+def digest(content: Any) -> str:
     """A checksum of what JSON can hold."""
-    text = json.dumps(known, sort_keys=True, separators=(",", ":"))
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -39,9 +38,9 @@ def safe(name: str) -> str:
 def ways(robot: RobotDescription, mapping: ColumnMapping | None, settings: Settings) -> str:
     """A checksum of what decides how a recording is gathered: the mechanism, the mapping of
     columns, settings of filter, masks and corrections, and the version of the file."""
-    decided = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
+    fixed = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
     columns = (mapping or ColumnMapping()).model_dump(mode="json")
-    return digest([FORMAT, _mechanism(robot), columns, decided])
+    return digest([FORMAT, _mechanism(robot), columns, fixed])
 
 
 def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
@@ -69,11 +68,11 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
                 cure="give each recording once",
             )
         paths[file.record.sha256] = file.path
-    wanted, *others = (file.record.model.sources[0].cutoff_hz for file in files)
-    for file, own in zip(files[1:], others, strict=True):
-        if own != wanted and not (own and wanted and abs(own / wanted - 1.0) <= _SAME):
+    first, *others = (file.record.model.sources[0].cutoff_hz for file in files)
+    for file, cutoff in zip(files[1:], others, strict=True):
+        if cutoff != first and not (cutoff and first and abs(cutoff / first - 1.0) <= _SAME):
             raise RecordingError(
-                f"was filtered at {_hz(own)}, {files[0].path} at {_hz(wanted)}",
+                f"was filtered at {_hz(cutoff)}, {files[0].path} at {_hz(first)}",
                 where=file.path,
                 cure="gather both with the same --cutoff",
             )

@@ -1,4 +1,4 @@
-"""Recordings of one robot together, from their factors: what a fit is posed from, and the fit."""
+"""Recordings of one robot together, from their factors: the input of a fit, and the fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -78,16 +78,16 @@ class Merging:
         """
         whole, views = list[Rows](), list[Rows]()
         for i, R in enumerate(file.condensed.whole.factors):
-            view, own = self._view(file, i)
+            view, local = self._view(file, i)
             lag = file.record.lags[i]
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
-            known = np.zeros(view.shape[1])
-            known[-1] = weight * lag.beside
-            L = np.vstack([R[:, list(own.values())],
-                           [weight * (name == f"lag.{lag.drive}") for name in own]])  # fmt: skip
-            span, A = Span.of(L), np.vstack([R @ view, known])
+            prior = np.zeros(view.shape[1])
+            prior[-1] = weight * lag.beside
+            L = np.vstack([R[:, list(local.values())],
+                           [weight * (name == f"lag.{lag.drive}") for name in local]])  # fmt: skip
+            span, A = Span.of(L), np.vstack([R @ view, prior])
             whole.append(span.without(A))
-            view[list(own.values())] -= span.inverse @ (span.Q.T @ A)
+            view[list(local.values())] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
         def rows(group: Group) -> list[Rows]:
@@ -129,8 +129,8 @@ class Merging:
             if name in place:
                 row[:-1] = self._map[place[name], self.active]
         taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
-        own = np.zeros(len(self.dynamics.layout.names))
-        view[:, -1] = view[:, :-1] @ np.append(own, self.of_loads(taken))[self.active]
+        zeros = np.zeros(len(self.dynamics.layout.names))
+        view[:, -1] = view[:, :-1] @ np.append(zeros, self.of_loads(taken))[self.active]
         view[-1, -1] = 1.0
         return view, {name: k for k, name in enumerate(names) if name not in place}
 
@@ -138,19 +138,16 @@ class Merging:
         """Values of the additions: of known loads less what has been taken out already; zero of all
         others."""
         values = [
-            known[own.load.name] - own.taken
-            if isinstance(own, LoadColumns) and own.parameters and own.load.name in known
-            else np.zeros(len(own.parameters))
-            for own in self.additions
+            known[added.load.name] - added.taken
+            if isinstance(added, LoadColumns) and added.parameters and added.load.name in known
+            else np.zeros(len(added.parameters))
+            for added in self.additions
         ]
         return np.concatenate([np.zeros(0), *values])
 
 
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
-    """What recordings say together, in an order of its own: by their checksums.
-
-    So results are equal to the bit whatever order they come in.
-    """
+    """Recordings together, ordered by their checksums, so results do not depend on their order."""
     fine = len(files) == 1 or sum(len(file.condensed.groups) for file in files) <= _STRETCHES
     parts, places = list[Part](), dict[str, np.ndarray]()
     for file in ordered(files):
@@ -185,9 +182,9 @@ def fitted(
     with_geometry = [file for file in files if file.condensed.geometry is not None]
     if with_geometry:
         rows = [merging.geometry(file, drives) for file in with_geometry]
-        found = shifted(rows, problem.base, problem.information, merging.additions)
-        estimate = problem.estimate.with_shifts(found.shifts)
-        problem = replace(problem, estimate=estimate, geometry=found)
+        geometry = shifted(rows, problem.base, problem.information, merging.additions)
+        estimate = problem.estimate.with_shifts(geometry.shifts)
+        problem = replace(problem, estimate=estimate, geometry=geometry)
     return widened(problem)
 
 
@@ -195,7 +192,7 @@ def merging_of(files: Sequence[FactorFile], robot: RobotDescription, settings: S
     """How files become rows of a robot's fit, with loads of all of them, one of each name, and
     changes of the laws' constants."""
     dynamics, files = compiled(robot), ordered(files)
-    taken = {x.load.name: x.taken for file in reversed(files) for x in file.record.loads}
+    taken = {held.load.name: held.taken for file in reversed(files) for held in file.record.loads}
     loads = tuple(
         LoadColumns(dynamics, load, settings.prior_spread, np.array(taken[load.name]))
         for load in joined(holding(files))

@@ -1,4 +1,4 @@
-"""What a factor file says of its recording beside the factors."""
+"""The record of a factor file on its recording."""
 
 from importlib.metadata import version
 from typing import Annotated
@@ -21,7 +21,7 @@ from deltaid.robot.part import Part
 
 # Version of the file. It counts up with anything that older programs would misread.
 FORMAT = 1
-# A lag that the fit has no column for is taken to be what has been corrected [s].
+# Deviation of a lag without a column in the fit: exactly as corrected [s].
 _EXACT = 1e-7
 # So many windows of a recording show its temperature.
 _WINDOWS = 12
@@ -68,7 +68,7 @@ class Temperature(Part):
 
 
 class FactorRecord(Part):
-    """What a recording's factors rest on.
+    """Inputs of a recording's factors, and its own identification.
 
     Attributes:
         robot, model: as described when the recording was gathered, and what this says by itself.
@@ -111,27 +111,27 @@ class FactorRecord(Part):
 
 
 def record_of(
-    robot: RobotDescription, result: Judged, found: Condensed, quantities: tuple[str, ...]
+    robot: RobotDescription, result: Judged, condensed: Condensed, quantities: tuple[str, ...]
 ) -> FactorRecord:
-    """What was detected, corrected and found as a recording was gathered.
+    """The record of a recording that has been gathered.
 
     Args:
         robot: as described.
         result: of the recording by itself.
-        found: its factors.
+        condensed: its factors.
         quantities: names of tolerances among these.
     """
     recording, model = result.recordings[0], result.model
     log, (low, high) = recording.log, recording.log.reach.tolist()
     fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}
-    said = {verdict.sentence for verdict in result.verdicts} | {*doubts_of_fit(result.problem)}
+    judged = {verdict.sentence for verdict in result.verdicts} | {*doubts_of_fit(result.problem)}
     loads = zip(log.columns.loads, recording.repairs.loads, strict=True)
     return FactorRecord(
         deltaid=version("deltaid"),
         robot=robot,
         model=model,
-        names=found.names,
-        felt=tuple(tuple(own.tolist()) for own in found.felt),
+        names=condensed.names,
+        felt=tuple(tuple(places.tolist()) for places in condensed.felt),
         quantities=quantities,
         noise=tuple(model.fit.rms),
         fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),
@@ -145,7 +145,7 @@ def record_of(
             SeenVerdict(**{key: getattr(verdict, key) for key in SeenVerdict.model_fields})
             for verdict in result.verdicts
         ),
-        warnings=tuple(text for text in model.warnings if text not in said),
+        warnings=tuple(text for text in model.warnings if text not in judged),
     )
 
 
@@ -153,19 +153,19 @@ def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | 
     if recording.log.columns.temperature is None:
         return None
     windows = recording.spread(kinematics, _WINDOWS)
-    known = np.concatenate([temperature(recording, window.own) for window in windows])
-    known = known[np.isfinite(known)]
-    if not known.size:
+    T = np.concatenate([temperature(recording, window.own) for window in windows])
+    T = T[np.isfinite(T)]
+    if not T.size:
         return None
-    return Temperature(mean=float(known.mean()), low=float(known.min()), high=float(known.max()))
+    return Temperature(mean=float(T.mean()), low=float(T.min()), high=float(T.max()))
 
 
 def _lags(result: Judged) -> tuple[KnownLag, ...]:
     drives = result.model.robot.drives
     delays = result.recordings[0].repairs.delay or (0.0,) * len(drives)
     known: dict[int, tuple[float, float | None]] = dict.fromkeys(range(len(drives)), (0.0, _EXACT))
-    columns = [own for own in result.problem.additions if isinstance(own, LagColumns)]
-    for group in (group for own in columns for group in own.groups if group.free):
+    columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
+    for group in (group for lags in columns for group in lags.groups if group.free):
         deviation = group.deviation if np.isfinite(group.deviation) else None
         known |= dict.fromkeys(group.drives, (group.beside, deviation))
     return tuple(

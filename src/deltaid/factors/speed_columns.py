@@ -2,12 +2,11 @@
 
 The friction of a joint is sign(v) φ(|v|), φ a sum of terms. A cubic spline through knots v_k on the
 axis of speed follows every usual φ, φ(|v|) ≈ Σ_k φ(v_k) s_k(|v|), with cardinal splines s_k that
-are one at their knot and zero at all others. A recording that has been gathered with the columns
-sign(v) s_k(|v|) of its joints tells what it would tell with any law, and with any constants of that
-law: its columns are combinations of those. Viscous and Coulomb friction are exact.
+are one at their knot and zero at all others. The columns of any law and its constants are
+combinations of sign(v) s_k(|v|). Viscous and Coulomb friction are exact.
 
-Of a drive there are the columns 1 and |v| as well, for what differs between directions, and
-sign(q̇) |x|, x what its gear carries.
+A drive has the columns 1 and |v| as well, for one-way friction, and sign(q̇) |x|, x the load of its
+gear.
 """
 
 from collections.abc import Callable
@@ -41,10 +40,10 @@ def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "
     """s_k(v) at speeds v ≥ 0 for a reference speed; together 1 everywhere, and Σ v_k s_k(v) = v."""
     x, spline = v / top, _cardinal()
     beyond = x > 1.0
-    found = spline(np.minimum(x, 1.0)).T
+    values = spline(np.minimum(x, 1.0)).T
     if beyond.any():
-        found[:, beyond] += np.outer(spline(1.0, 1), x[beyond] - 1.0)
-    return found
+        values[:, beyond] += np.outer(spline(1.0, 1), x[beyond] - 1.0)
+    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +76,10 @@ class SpeedColumns(Addition):
         """sign(v) s_k(|v|) ∂v/∂q̇; behind them 1 and |v|."""
         del w, recording
         C, v = own[self.joint.coulomb], self.joint.speed(own)
-        found = [C * s for s in splines(v, self.top)]
+        columns = [C * s for s in splines(v, self.top)]
         if self.joint.drive is not None:
-            found += [one_way(v, C, v), one_way_speed(v, C, v)]
-        return np.vstack(found)
+            columns += [one_way(v, C, v), one_way_speed(v, C, v)]
+        return np.vstack(columns)
 
     def on(self, dynamics: Dynamics) -> "SpeedColumns":
         return replace(self, dynamics=dynamics)
@@ -106,13 +105,13 @@ class CarriedColumns(Addition):
     def parameters(self) -> tuple[Parameter, ...]:
         """A share of the load each."""
         drives = self.dynamics.robot.drives
-        return tuple(own for drive in drives for own in _constants(drive, ["carried"], "1"))
+        return tuple(entry for drive in drives for entry in _constants(drive, ["carried"], "1"))
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Each in its drive's row."""
-        each = np.arange(self.dynamics.dof)
-        return each, each
+        drives = np.arange(self.dynamics.dof)
+        return drives, drives
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """sign(q̇) |x|."""

@@ -1,15 +1,13 @@
 """Which robots belong to a type.
 
-Robot r is left out of the mean; by what the others say its rows are normal about H_r m with the
-covariance V = 1 + H_r (S + Λ⁻¹) H_rᵀ, and e = b_r − H_r m is what is left. It is asked whether
-eᵀV⁻¹e is too large, and whether too much of it goes along one direction: all torques times a
-number, or the entries of one body. Friction, which wears, is left aside: it may be anything.
-F-distributions with the degrees of freedom of the part by noise tell the chance of each, and the
-least of n chances counts n times, so that a robot is named where chance does as much once in so
-many robots.
+Robot r is excluded from the mean; given the others its rows are normal about H_r m with the
+covariance V = 1 + H_r (S + Λ⁻¹) H_rᵀ, and the residual is e = b_r − H_r m. Tests are whether eᵀV⁻¹e
+is too large, and whether too much of it lies along one direction: all torques times a number, or
+the entries of one body. Friction, which wears, may be anything. F-distributions with the degrees of
+freedom of the noise give the chance of each, and the least of n chances counts n times.
 
-The robots that mean and spreads come from at first are the half that is most alike, so that those
-that do not belong have no say.
+Mean and spreads start from the half of the robots that is most alike, so that outliers have no
+influence.
 """
 
 from collections.abc import Sequence
@@ -26,7 +24,7 @@ from deltaid.population.spreads import ENOUGH, Spreads, fitted_spreads, prior_sp
 
 # Rounds of naming at most.
 _ROUNDS = 8
-# Of so many robots each is left out of the spreads too.
+# Up to so many robots each is excluded from the spreads too.
 _FEW = 16
 # From so many robots on one can be named.
 LEAST = ENOUGH + 1
@@ -35,7 +33,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """What of a robot goes along some directions.
+    """Part of a robot's residual along some directions.
 
     Attributes:
         gain: by how much its distance falls if it is off along them.
@@ -54,9 +52,9 @@ class LeftOut:
     """A robot against the others.
 
     Attributes:
-        e, V: what is left of its rows, and their covariance.
+        e, V: residual of its rows, and its covariance.
         H: its rows.
-        constant: what parameters that are not free do to them.
+        constant: part of fixed parameters.
         rows: number of its rows that count.
         freedom: degrees of freedom of V.
     """
@@ -79,33 +77,31 @@ class LeftOut:
         return float(fdtrc(n, self.freedom, distance / n))
 
     def along(self, HF: Float[np.ndarray, "rows k"]) -> Along:
-        """What is left goes along some rows so far."""
+        """Part of the residual along some rows."""
         solved = np.linalg.solve(self.V, HF)
         M = HF.T @ solved
         size = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(M / np.outer(size, size))
-        kept = values > _ROUNDING
-        half = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+        used = values > _ROUNDING
+        half = vectors[:, used] / np.sqrt(values[used]) / size[:, None]
         g = half.T @ (solved.T @ self.e)
-        return Along(float(g @ g), int(kept.sum()), half @ g, np.linalg.norm(half, axis=1))
+        return Along(float(g @ g), int(used.sum()), half @ g, np.linalg.norm(half, axis=1))
 
 
-def left_out(rows: Rows, k: int, found: Mean, freedom: tuple[float, float], anything: U) -> LeftOut:
+def left_out(rows: Rows, k: int, mean: Mean, freedom: tuple[float, float], anything: U) -> LeftOut:
     """Robot k against the others; what may be anything has that variance.
 
     Args:
         freedom: of its noise, and of the spreads.
     """
-    information, right = found.information, found.right
+    information, right = mean.information, mean.right
     if rows.counts[k]:
-        (A,), (c,), _ = rows.at(slice(k, k + 1)).whitened(found.variance)
+        (A,), (c,), _ = rows.at(slice(k, k + 1)).whitened(mean.variance)
         information, right = information - A.T @ A, right - A.T @ c
     size = np.linalg.norm(rows.H[k], axis=1)
-    used = size > _ROUNDING * size.max(
-        initial=0.0
-    )  # rows beyond the rank of a triangle say nothing
+    used = size > _ROUNDING * size.max(initial=0.0)  # rows beyond the rank of a triangle are zero
     H, b, constant = rows.H[k][used], rows.b[k][used], rows.constant[k][used]
-    variance = found.variance + rows.extra[k] + anything
+    variance = mean.variance + rows.extra[k] + anything
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
     e = b - H @ np.linalg.solve(information, right)
     aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > _ROUNDING, axis=0)))
@@ -118,7 +114,7 @@ def left_out(rows: Rows, k: int, found: Mean, freedom: tuple[float, float], anyt
 
 
 def chance(robot: LeftOut, coordinates: Coordinates, m: U) -> float:
-    """How often a robot that belongs is as far from the others as one is."""
+    """How often a robot that belongs is as far from the others as this one."""
     owners = coordinates.owners().values()
     bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
     found = [robot.along(HF) for HF in (torques(robot, coordinates, m)[:, None], *bodies)]
@@ -128,13 +124,13 @@ def chance(robot: LeftOut, coordinates: Coordinates, m: U) -> float:
 
 
 def torques(robot: LeftOut, coordinates: Coordinates, m: U) -> Float[np.ndarray, " rows"]:
-    """What all torques of the type do to a robot's rows."""
+    """A robot's rows for all torques of the type."""
     return robot.H[:, : coordinates.size] @ m[: coordinates.size] + robot.constant
 
 
 @dataclass(frozen=True, eq=False)
 class Sorted:
-    """Robots of which some belong to a type, and what is known of the type from these.
+    """Robots of which some belong to a type, and the type by these.
 
     Attributes:
         freedom: of each robot's noise.
@@ -160,13 +156,13 @@ class Sorted:
     ) -> "Sorted":
         """Spreads and mean of rows that are marked."""
         spreads = fitted_spreads(rows, coordinates, start)
-        found = mean(rows, spreads.variance(), coordinates.precision, coordinates.prior)
-        return cls(coordinates, freedom, rows, spreads, found, np.ones(len(freedom)))
+        type_mean = mean(rows, spreads.variance(), coordinates.precision, coordinates.prior)
+        return cls(coordinates, freedom, rows, spreads, type_mean, np.ones(len(freedom)))
 
     def with_rows(self, rows: Rows) -> "Sorted":
         """The same chances, with spreads and mean of other rows."""
-        found = Sorted.of(self.coordinates, self.freedom, rows, self.spreads)
-        return replace(found, chances=self.chances)
+        fitted = Sorted.of(self.coordinates, self.freedom, rows, self.spreads)
+        return replace(fitted, chances=self.chances)
 
     def against_others(self, k: int, anything: U) -> LeftOut:
         """Robot k, as of `left_out`."""
@@ -189,35 +185,35 @@ def sorted_out(
         return Sorted.of(coordinates, freedom, rows)
     counts, robots = np.arange(len(rows.H)) >= count, range(count)
     counts[:count] = _core(rows.at(slice(count)), coordinates)
-    found = Sorted.of(coordinates, freedom, rows.counting(counts))
-    known = list[bytes]()
+    fitted = Sorted.of(coordinates, freedom, rows.counting(counts))
+    visited = list[bytes]()
     for _ in range(_ROUNDS):
-        each = [found.against_others(k, coordinates.worn) for k in robots]
-        chances = np.array([chance(robot, coordinates, found.mean.m) for robot in each])
-        found, counts = replace(found, chances=chances), counts.copy()
-        counts[:count] = _belonging(chances, each, naming, first=not known)
-        if counts.tobytes() in known or np.array_equal(counts, found.rows.counts):
+        excluded = [fitted.against_others(k, coordinates.worn) for k in robots]
+        chances = np.array([chance(robot, coordinates, fitted.mean.m) for robot in excluded])
+        fitted, counts = replace(fitted, chances=chances), counts.copy()
+        counts[:count] = _belonging(chances, excluded, naming, first=not visited)
+        if counts.tobytes() in visited or np.array_equal(counts, fitted.rows.counts):
             break
-        known.append(counts.tobytes())
-        found = found.with_rows(rows.counting(counts))
-    return _one_by_one(found, naming) if count <= _FEW else found
+        visited.append(counts.tobytes())
+        fitted = fitted.with_rows(rows.counting(counts))
+    return _one_by_one(fitted, naming) if count <= _FEW else fitted
 
 
-def _one_by_one(found: Sorted, naming: float) -> Sorted:
-    """The same of few robots, each left out of the spreads as well, which it would widen until it
-    seems to belong; the farthest is put aside before the next is looked for."""
-    coordinates, rows, count = found.coordinates, found.rows, len(found.freedom)
+def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
+    """The same for few robots, each excluded from the spreads as well, which it would widen until
+    it seems to belong; the farthest is excluded before the next search."""
+    coordinates, rows, count = fitted.coordinates, fitted.rows, len(fitted.freedom)
     while True:
         chances = np.ones(count)
         for k in range(count):
             others = rows.counting(rows.counts & (np.arange(len(rows.H)) != k))
-            without = Sorted.of(coordinates, found.freedom, others)
+            without = Sorted.of(coordinates, fitted.freedom, others)
             robot = without.against_others(k, coordinates.worn)
             chances[k] = chance(robot, coordinates, without.mean.m)
         inside = np.flatnonzero(rows.counts[:count])
         worst = inside[np.argmin(chances[inside])]
         if chances[worst] >= naming or len(inside) < LEAST:
-            return replace(found, chances=chances).with_rows(rows)
+            return replace(fitted, chances=chances).with_rows(rows)
         rows = rows.counting(rows.counts & (np.arange(len(rows.H)) != worst))
 
 
@@ -244,8 +240,8 @@ def _core(rows: Rows, coordinates: Coordinates) -> np.ndarray:
         weighted = (weights[:, None, None] * A).reshape(-1, A.shape[2])
         information = coordinates.precision + weighted.T @ A.reshape(weighted.shape)
         right = coordinates.precision @ coordinates.prior + weighted.T @ c.ravel()
-        left = c - A @ np.linalg.solve(information, right)
-        distance = np.sum(left**2, axis=1)
+        residual = c - A @ np.linalg.solve(information, right)
+        distance = np.sum(residual**2, axis=1)
         # Of Student's t with so few degrees of freedom that half of all may be far.
         weights = (1.0 + size) / (1.0 + distance * size / np.median(distance))
     nearest = np.argsort(distance, kind="stable")[: max(ENOUGH, (len(A) + 1) // 2)]

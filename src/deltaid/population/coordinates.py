@@ -1,4 +1,4 @@
-"""The free variables of a type, in sizes of their own, and what is known of them beforehand."""
+"""The free variables of a type, scaled by their sizes, and their prior."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ KINDS = {
 VAGUE = 1.5
 # A size is at most so many times that of the description, or that part of it.
 _OTHER = 10.0
-# So many times wider than described is what is known of friction.
+# Friction's prior is so many times wider than described.
 _VAGUE_FRICTION = 20.0
 FRICTION = ("viscous", "coulomb", "friction")
 # Variance of what may be anything: a hundred times its own size.
@@ -70,7 +70,7 @@ class Coordinates:
         visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
         reduction = build_reduction(robot, visible, (), settings.prior_spread)
         reduction = replace(reduction, widened=_widened(members))
-        quantities = tuple(dict.fromkeys(name for own in members for name in own.quantities))
+        quantities = tuple(dict.fromkeys(name for member in members for name in member.quantities))
         kinds = tuple(_kind(variable) for variable in reduction.variables)
         return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
 
@@ -80,9 +80,9 @@ class Coordinates:
         for k, variable in enumerate(self.reduction.variables):
             if variable.kind == "inertia":
                 part = layout.body(variable.owner)
-                own, before = p[part], self.reduction.p_reg[part]
+                now, before = p[part], self.reduction.p_reg[part]
                 entries = PSEUDO_INERTIA_ENTRIES[variable.symbol]
-                times = np.prod([_times(own, before, entry) for entry in entries])
+                times = np.prod([_times(now, before, entry) for entry in entries])
             else:
                 times = abs(p[layout.names.index(variable.name)]) / sizes[k]
             sizes[k] *= np.clip(times, 1.0 / _OTHER, _OTHER)
@@ -94,11 +94,11 @@ class Coordinates:
         n, changed = self.size, np.any(self.reduction.A != 0, axis=1)
         scale = prior_scale(self.reduction)[changed][:, None]
         D = self.reduction.A[changed] * self.sizes / scale
-        # Friction shows by itself, and no prior bends it.
+        # Recordings determine friction; its prior is wide.
         D[:, self.is_friction[:n]] /= _VAGUE_FRICTION
-        found = np.eye(n + len(self.quantities))
-        found[:n, :n] = D.T @ D / self.spread**2
-        return found
+        precision = np.eye(n + len(self.quantities))
+        precision[:n, :n] = D.T @ D / self.spread**2
+        return precision
 
     @property
     def size(self) -> int:
@@ -138,27 +138,27 @@ class Coordinates:
 
     def owners(self) -> dict[str, list[int]]:
         """Variables of each body and joint."""
-        found: dict[str, list[int]] = {}
+        variables: dict[str, list[int]] = {}
         for k, variable in enumerate(self.reduction.variables):
             word = "" if variable.kind == "inertia" else f"{variable.kind} of "
-            found.setdefault(f"{word}{variable.owner}", []).append(k)
-        return found
+            variables.setdefault(f"{word}{variable.owner}", []).append(k)
+        return variables
 
     def rows(self, member: Member, facts: Sequence[Fact]) -> Float[np.ndarray, "rows augmented"]:
-        """A member's rows, and some of its facts: over u, over p_0, and what is left."""
+        """A member's rows and some of its facts: over u, over p_0, and the right side."""
         names, count = self.reduction.layout.names, len(self.quantities)
-        at = {name: i for i, name in enumerate(member.names)}
-        known = [i for i, name in enumerate(names) if name in at]
-        taken = [at[names[i]] for i in known]
+        place = {name: i for i, name in enumerate(member.names)}
+        both = [i for i, name in enumerate(names) if name in place]
+        columns = [place[names[i]] for i in both]
         # Terms of friction that the type has not.
-        strange = [at[name] for name in member.names if name not in names]
+        strange = [place[name] for name in member.names if name not in names]
         H, shared = np.zeros((len(member.rows), len(names))), np.zeros((len(member.rows), count))
-        H[:, known] = member.rows[:, taken]
+        H[:, both] = member.rows[:, columns]
         shared[:, [self.quantities.index(name) for name in member.quantities]] = member.shared
         data = np.column_stack([member.rows[:, strange], H, shared, member.values])
         weighed = np.zeros((len(facts), len(names) + count + 1))
         for row, fact in zip(weighed, facts, strict=True):
-            row[known], row[-1] = fact.coefficients[taken] / fact.std, fact.value / fact.std
+            row[both], row[-1] = (fact.coefficients[columns] / fact.std, fact.value / fact.std)
         wide = np.vstack([eliminated(data, len(strange)), weighed])
         H, shared, b = np.split(wide, [len(names), len(names) + count], axis=1)
         over, constant = H @ (self.reduction.A * self.sizes), H @ self.reduction.p_0
@@ -166,19 +166,19 @@ class Coordinates:
 
 
 def _widened(members: Sequence[Member]) -> dict[str, float]:
-    """Priors as wide as most of the members' recordings ask for."""
-    asked: dict[str, list[float]] = {}
+    """Prior widening that most members require."""
+    factors: dict[str, list[float]] = {}
     for member in members:
         for name, factor in (member.widened or {}).items():
-            asked.setdefault(name, []).append(factor)
-    return {n: float(np.median(own)) for n, own in asked.items() if len(own) > len(members) / 2}
+            factors.setdefault(name, []).append(factor)
+    return {n: float(np.median(own)) for n, own in factors.items() if len(own) > len(members) / 2}
 
 
 def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
     """√(M̄_ii / prior), of the second moments all together: thin ones are hardly known."""
     M, before = pseudo_inertia(p), pseudo_inertia(prior)
-    at = [3] if entry == 3 else [0, 1, 2]
-    return float(np.sqrt(np.trace(M[np.ix_(at, at)]) / np.trace(before[np.ix_(at, at)])))
+    rows = [3] if entry == 3 else [0, 1, 2]
+    return float(np.sqrt(np.trace(M[np.ix_(rows, rows)]) / np.trace(before[np.ix_(rows, rows)])))
 
 
 def _kind(variable: Parameter) -> str:

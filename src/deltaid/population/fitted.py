@@ -40,10 +40,10 @@ def fitted(
         IdentificationError: there is no robot, or one twice.
     """
     settings, type_ = settings or PopulationSettings(), described(robot)
-    members = sorted(members, key=lambda own: own.name)
+    members = sorted(members, key=lambda member: member.name)
     if not members:
         raise IdentificationError("no robot was given", where="members", cure="give one or more")
-    name, times = Counter(own.name for own in members).most_common(1)[0]
+    name, times = Counter(member.name for member in members).most_common(1)[0]
     if times > 1:
         raise IdentificationError(
             f"robot '{name}' is given {times} times, and would count as so many robots",
@@ -51,84 +51,84 @@ def fitted(
             cure="give all recordings of a robot to one call of `member`",
         )
     coordinates = Coordinates.of(type_, members, settings.fit)
-    rough = _sorted(coordinates, members, settings.naming).mean
-    coordinates = coordinates.resized(_consistent(coordinates, rough.m, rough.covariance))
-    found = _sorted(coordinates, members, settings.naming)
-    found, reasons = _reasons(found, settings.naming)
-    return _population(found, members, reasons, settings.naming)
+    first = _sorted(coordinates, members, settings.naming).mean
+    coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
+    sorting = _sorted(coordinates, members, settings.naming)
+    sorting, reasons = _reasons(sorting, settings.naming)
+    return _population(sorting, members, reasons, settings.naming)
 
 
 def _sorted(coordinates: Coordinates, members: Sequence[Member], naming: float) -> Sorted:
-    """Those that belong. Measurements that several robots' descriptions have are one, of one robot
-    more."""
-    times = Counter(fact.key for own in members for fact in own.facts)
-    common = {fact.key: fact for own in members for fact in own.facts if times[fact.key] > 1}
+    """Those that belong. Measurements in several robots' descriptions count once, as another
+    robot's."""
+    times = Counter(fact.key for member in members for fact in member.facts)
+    common = {fact.key: fact for member in members for fact in member.facts if times[fact.key] > 1}
     rows = [
-        coordinates.rows(own, [fact for fact in own.facts if fact.key not in common])
-        for own in members
+        coordinates.rows(member, [fact for fact in member.facts if fact.key not in common])
+        for member in members
     ]
     if common:
         first = members[0]
         nothing = replace(first, rows=first.rows[:0], values=first.values[:0],
                           shared=first.shared[:0])  # fmt: skip
         rows.append(coordinates.rows(nothing, list(common.values())))
-    freedom = np.array([own.freedom for own in members])
+    freedom = np.array([member.freedom for member in members])
     return sorted_out(Rows.of(rows), coordinates, freedom, naming)
 
 
-def _reasons(found: Sorted, naming: float) -> tuple[Sorted, list[str]]:
-    """Why robots do not belong; and friction of those that do, where it is unlike the others'."""
-    coordinates, rows, m = found.coordinates, found.rows, found.mean.m
+def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
+    """Reasons of robots that do not belong, and of deviating friction of those that do."""
+    coordinates, rows, m = sorting.coordinates, sorting.rows, sorting.mean.m
     extra, reasons = rows.extra.copy(), list[str]()
-    now, count = replace(found, rows=replace(rows, extra=extra)), len(found.freedom)
+    now, count = replace(sorting, rows=replace(rows, extra=extra)), len(sorting.freedom)
     for k in range(count):
         if not rows.counts[k]:
-            robot = found.against_others(k, coordinates.worn)
+            robot = sorting.against_others(k, coordinates.worn)
             reasons.append(reason(robot, coordinates, m, naming))
             continue
         texts = list[str]()
         for _ in coordinates.robot.friction_joints if count >= LEAST else ():
             robot = now.against_others(k, np.zeros_like(m))
-            at, text = friction_reason(robot, coordinates, m, naming)
-            if not at or extra[k, at].any():
+            places, text = friction_reason(robot, coordinates, m, naming)
+            if not places or extra[k, places].any():
                 break
-            extra[k, at] = ANYTHING
+            extra[k, places] = ANYTHING
             texts.append(text)
         reasons.append("; ".join(texts))
-    return (found if np.array_equal(extra, rows.extra) else found.with_rows(now.rows)), reasons
+    return (sorting if np.array_equal(extra, rows.extra) else sorting.with_rows(now.rows)), reasons
 
 
 def _population(
-    found: Sorted, members: Sequence[Member], reasons: Sequence[str], naming: float
+    sorting: Sorted, members: Sequence[Member], reasons: Sequence[str], naming: float
 ) -> Population:
-    """Results, averaged over what is open of the spreads."""
-    coordinates, rows, count = found.coordinates, found.rows, len(members)
+    """Results, averaged over the uncertainty of the spreads."""
+    coordinates, rows, count = sorting.coordinates, sorting.rows, len(members)
     T, precision, prior = coordinates.to_p, coordinates.precision, coordinates.prior
-    logs, size = found.spreads.draws(), len(prior)
-    every = [mean(rows, found.spreads.variance(log), precision, prior) for log in logs]
+    logs, size = sorting.spreads.draws(), len(prior)
+    every = [mean(rows, sorting.spreads.variance(log), precision, prior) for log in logs]
     values, variances = np.zeros((count, size)), np.zeros((count, size, size))
     for drawn in every:
-        for at, u, C in within(rows.at(slice(count)), drawn):
-            values[at] += u / len(logs)
-            variances[at] += (C + u[:, :, None] * u[:, None, :]) / len(logs)
+        for robots, u, C in within(rows.at(slice(count)), drawn):
+            values[robots] += u / len(logs)
+            variances[robots] += (C + u[:, :, None] * u[:, None, :]) / len(logs)
     variances -= values[:, :, None] * values[:, None, :]
     means = np.array([drawn.m for drawn in every])
     centre = means.mean(axis=0)
     square = np.mean([drawn.covariance for drawn in every], axis=0) + np.cov(means.T, bias=True)
     p, std, is_moved = _parameters(coordinates, centre, square)
-    moved, estimates = ["mean"] if is_moved else [], list[MemberEstimate]()
-    for k, (own, by_itself) in enumerate(zip(members, alone(rows, precision, prior), strict=False)):
+    adjusted, estimates = ["mean"] if is_moved else [], list[MemberEstimate]()
+    for k, (robot, single) in enumerate(zip(members, alone(rows, precision, prior), strict=False)):
         belongs = bool(rows.counts[k])
-        u, C = (values[k], variances[k]) if belongs else by_itself
+        u, C = (values[k], variances[k]) if belongs else single
         value, deviation, is_moved = _parameters(coordinates, u, C)
-        moved += [own.name] if is_moved else []
+        adjusted += [robot.name] if is_moved else []
         by_noise = np.linalg.norm(T @ C @ rows.H[k].T, axis=1)
-        half = half_width(deviation, by_noise, np.full(len(deviation), own.freedom))
+        half = half_width(deviation, by_noise, np.full(len(deviation), robot.freedom))
         estimates.append(
-            MemberEstimate(own.name, Estimates(value, deviation, half), _std(T, by_itself[1]),
-                           belongs, reasons[k], float(found.chances[k]))
+            MemberEstimate(robot.name, Estimates(value, deviation, half), _std(T, single[1]),
+                           belongs, reasons[k], float(sorting.chances[k]))
         )  # fmt: skip
-    spreads = found.spreads.of_unknown_sizes(square)
+    spreads = sorting.spreads.of_unknown_sizes(square)
     return Population(
         coordinates,
         Estimates(p, std, NORMAL * std),
@@ -137,7 +137,7 @@ def _population(
         *spreads.of_parameters(T),
         members=tuple(estimates),
         spreads=spreads,
-        moved=tuple(moved),
+        moved=tuple(adjusted),
         naming=naming,
     )
 

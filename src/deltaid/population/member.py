@@ -1,4 +1,4 @@
-"""What one robot says of its type: some rows with noise of one, all that its recordings tell.
+"""One robot's contribution to its type: rows of unit noise that condense its recordings.
 
 Least squares gives base parameters y of a robot, y = K p + e. The covariance of e comes from the
 scatter between groups of samples, as intervals do, and from tolerances of the geometry that each
@@ -48,14 +48,14 @@ class Fact:
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """What one robot says.
+    """Rows and facts of one robot.
 
     Attributes:
         name: of the robot.
         names: of its parameters p.
         rows, values: rows · p = values, with independent noise of one.
-        shared: what geometric quantities that are the same in all machines do to the rows, for one
-            standard deviation of each.
+        shared: effect on the rows of geometric quantities common to all machines, for one standard
+            deviation of each.
         quantities: names of these.
         freedom: degrees of freedom of the noise's level.
         facts: measured values in its description.
@@ -84,7 +84,7 @@ class Member:
 def member(
     name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
 ) -> Member:
-    """What the factor files of one robot say of its type.
+    """The member that factor files of one robot determine.
 
     Args:
         name: of the robot.
@@ -99,22 +99,22 @@ def member(
     """
     settings = settings or Settings()
     files, chosen = prepared(files, described(robot), settings)
-    found = _of_problem(name, fitted(files, unmeasured(chosen), settings))
+    estimate = _of_problem(name, fitted(files, unmeasured(chosen), settings))
     facts = tuple(
-        Fact(f"{own.where} {own.name} {own.value:.9g} {own.std:.9g}", own.coefficients, own.value,
-             own.std)
-        for own in weighings(chosen)
+        Fact(f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}", row.coefficients, row.value,
+             row.std)
+        for row in weighings(chosen)
     )  # fmt: skip
-    return replace(found, facts=facts, recordings=len(files))
+    return replace(estimate, facts=facts, recordings=len(files))
 
 
 def _of_problem(name: str, problem: FittedProblem) -> Member:
-    """What a fit without measured values says.
+    """The member that a fit without measured values determines.
 
     Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
     correlations, and groups are too few to tell others of them.
     """
-    estimate, own, geometry = problem.estimate, len(problem.p), problem.geometry
+    estimate, count, geometry = problem.estimate, len(problem.p), problem.geometry
     noise = estimate.noise
     half = inverse(noise.root) * noise.deviations(np.eye(len(noise.root)))[0]
     names = geometry.names if geometry else ()
@@ -124,15 +124,15 @@ def _of_problem(name: str, problem: FittedProblem) -> Member:
     size = np.sqrt(np.diag(covariance))
     L = np.linalg.cholesky(covariance / np.outer(size, size) + _ROUNDING * np.eye(len(size)))
     K = problem.base.combination()
-    wide = np.column_stack([K[:, own:], K[:, :own], shifts[:, common], estimate.values])
+    wide = np.column_stack([K[:, count:], K[:, :count], shifts[:, common], estimate.values])
     rows = solve_triangular(L, wide / size[:, None], lower=True)
-    rows = eliminated(rows, K.shape[1] - own)
+    rows = eliminated(rows, K.shape[1] - count)
     return Member(
         name=name,
-        names=problem.layout.names[:own],
-        rows=rows[:, :own],
+        names=problem.layout.names[:count],
+        rows=rows[:, :count],
         values=rows[:, -1],
-        shared=rows[:, own:-1],
+        shared=rows[:, count:-1],
         quantities=tuple(np.array(names, dtype=str)[common].tolist()),
         freedom=float(np.median(estimate.by_noise[1])),
         widened=dict(problem.reduction.widened),
@@ -142,7 +142,7 @@ def _of_problem(name: str, problem: FittedProblem) -> Member:
 def eliminated(
     rows: Float[np.ndarray, "rows columns"], count: int
 ) -> Float[np.ndarray, "left rest"]:
-    """Rows without their first columns: those orthogonal to them, which say nothing of these."""
+    """Rows with their first columns projected out."""
     if not count or not len(rows):
         return rows[:, count:]
     U, singular, _ = np.linalg.svd(rows[:, :count])

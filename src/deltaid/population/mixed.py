@@ -29,13 +29,12 @@ Square = Float[np.ndarray, "u u"]
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of all robots, those of fewer filled up with zeros, which say nothing.
+    """Rows of all robots, padded with zeros.
 
     Attributes:
         H, b: of each robot.
-        constant: what the parameters that are not free do to its rows.
-        extra: variance of its δ beside that of the type: where something of a robot is known to be
-            unlike the others'.
+        constant: part of fixed parameters in its rows.
+        extra: additional variance of its δ, where a robot is known to deviate.
         counts: whether a robot is of the type.
     """
 
@@ -46,35 +45,35 @@ class Rows:
     counts: np.ndarray
 
     @classmethod
-    def of(cls, each: Sequence[Float[np.ndarray, "_ augmented"]]) -> "Rows":
+    def of(cls, blocks: Sequence[Float[np.ndarray, "_ augmented"]]) -> "Rows":
         """Those of robots that all count: rows over u, over p_0, and their values."""
-        wide = np.zeros((len(each), max(len(own) for own in each), each[0].shape[1]))
-        for k, own in enumerate(each):
-            wide[k, : len(own)] = own
+        wide = np.zeros((len(blocks), max(len(block) for block in blocks), blocks[0].shape[1]))
+        for k, block in enumerate(blocks):
+            wide[k, : len(block)] = block
         H, constant, b = wide[:, :, :-2], wide[:, :, -2], wide[:, :, -1]
-        return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(each), dtype=bool))
+        return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(blocks), dtype=bool))
 
     def at(self, robots: slice) -> "Rows":
         """Those of some robots."""
         every = (self.H, self.b, self.constant, self.extra, self.counts)
-        return Rows(*(own[robots] for own in every))
+        return Rows(*(array[robots] for array in every))
 
     def parts(self) -> "Iterator[tuple[slice, Rows]]":
         """Some robots at a time."""
         for first in range(0, len(self.H), _AT_ONCE):
-            at = slice(first, first + _AT_ONCE)
-            yield at, self.at(at)
+            robots = slice(first, first + _AT_ONCE)
+            yield robots, self.at(robots)
 
     def whitened(self, variance: U) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, c and log |V|, for variances of the type."""
-        own = variance + self.extra
-        V = (self.H * own[:, None, :]) @ np.swapaxes(self.H, 1, 2)
+        total = variance + self.extra
+        V = (self.H * total[:, None, :]) @ np.swapaxes(self.H, 1, 2)
         diagonal = np.arange(V.shape[1])
         V[:, diagonal, diagonal] += 1.0
         L = np.linalg.cholesky(V)
-        both = np.linalg.solve(L, np.concatenate([self.H, self.b[:, :, None]], axis=2))
+        solved = np.linalg.solve(L, np.concatenate([self.H, self.b[:, :, None]], axis=2))
         logs = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
-        return both[:, :, :-1], both[:, :, -1], logs
+        return solved[:, :, :-1], solved[:, :, -1], logs
 
     def counting(self, counts: np.ndarray) -> "Rows":
         """With others of the type."""
@@ -123,9 +122,9 @@ def mean(rows: Rows, variance: U, precision: Square, prior: U) -> Mean:
     return Mean(variance, information, right, float(evidence))
 
 
-def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
+def slope(rows: Rows, mean: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
     """∂ log L / ∂ log s of every kind."""
-    s, m, covariance = found.variance, found.m, found.covariance
+    s, m, covariance = mean.variance, mean.m, mean.covariance
     gained = np.zeros(len(s))
     for _, part in rows.parts():
         A, c, _ = part.whitened(s)
@@ -137,29 +136,29 @@ def slope(rows: Rows, found: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.nda
     return np.array([gained[kinds == k].sum() for k in range(kinds.max() + 1)])
 
 
-def within(rows: Rows, found: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+def within(rows: Rows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
     """u of robots given all of them, and its covariance, some robots at a time.
 
     Given the mean u is normal about m + S Aᵀ(c − A m).
     """
-    m, covariance, one = found.m, found.covariance, np.eye(len(found.right))
-    for at, part in rows.parts():
-        own = found.variance + part.extra
-        A, c, _ = part.whitened(found.variance)
-        SA = own[:, :, None] * np.swapaxes(A, 1, 2)
-        B = one - SA @ A
-        C = own[:, :, None] * one - SA @ np.swapaxes(SA, 1, 2)
+    m, covariance, identity = mean.m, mean.covariance, np.eye(len(mean.right))
+    for robots, part in rows.parts():
+        variance = mean.variance + part.extra
+        A, c, _ = part.whitened(mean.variance)
+        SA = variance[:, :, None] * np.swapaxes(A, 1, 2)
+        B = identity - SA @ A
+        C = variance[:, :, None] * identity - SA @ np.swapaxes(SA, 1, 2)
         C += B @ covariance @ np.swapaxes(B, 1, 2)
-        yield at, m + own * np.einsum("rnu,rn->ru", A, c - A @ m), C
+        yield robots, m + variance * np.einsum("rnu,rn->ru", A, c - A @ m), C
 
 
 def alone(rows: Rows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]:
     """u of each robot and its covariance by its own rows and the description."""
     n, root = len(prior), np.linalg.cholesky(precision).T
-    known = np.column_stack([root, root @ prior])[None]
+    described = np.column_stack([root, root @ prior])[None]
     for _, part in rows.parts():
-        own = np.concatenate([part.H, part.b[:, :, None]], axis=2)
-        wide = np.hstack([np.repeat(known, len(own), axis=0), own])
+        data = np.concatenate([part.H, part.b[:, :, None]], axis=2)
+        wide = np.hstack([np.repeat(described, len(data), axis=0), data])
         R = np.asarray(np.linalg.qr(wide, mode="r"))
         inverse = np.linalg.inv(R[:, :n, :n])
         u = np.einsum("ruv,rv->ru", inverse, R[:, :n, n])

@@ -1,9 +1,9 @@
 """A description of the next robot of a type: bodies' priors and how far robots are from them.
 
-What is known of some variables is a precision Q, whose entries hang together: a sum may be known
-far better than its terms. Priors of single entries r_jᵀx, of standard deviations 1/√w_j, are a
-precision Σ_j w_j r_j r_jᵀ. If each of them were as narrow as Q's own entry, a sum that robots tell
-would count again with every robot that tells it. So the narrowest are taken whose precision is no
+Variables are known with a precision Q and correlated: a sum may be known far better than its terms.
+Priors of single entries r_jᵀx, of standard deviations 1/√w_j, are a precision Σ_j w_j r_j r_jᵀ. If
+each of them were as narrow as Q's own entry, a sum that robots determine would count again with
+every robot. So the narrowest are taken whose precision is no
 more than Q in any direction: the w of the largest Σ log w_j with Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a
 barrier and Newton's steps.
 """
@@ -30,44 +30,43 @@ _BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
 _ROUNDING = 1e-12
 
 
-def next_robot(found: Population, fleet: str) -> RobotDescription:
-    """The type as a description whose priors are its mean, and whose bodies' spreads are what is
-    open of the mean and what robots differ by together.
+def next_robot(population: Population, fleet: str) -> RobotDescription:
+    """The type as a description whose priors are its mean, and whose bodies' spreads combine the
+    uncertainty of the mean and the spread between robots.
 
-    Spreads of entries are independent in a description, and are as wide as that asks for
-    (`widest`). Measured values are in the mean, and left out. Friction has the type's mean and the
-    fit's own spread.
+    Spreads of entries are independent in a description, and as wide as that requires (`widest`).
+    Measured values are in the mean alone. Friction has the type's mean and the fit's spread.
 
     Args:
         fleet: where the robots come from, for `sources`.
     """
-    data = with_prior(unmeasured(found.robot), found.mean.value).model_dump()
-    for name, spread in _spreads(found).items():
+    data = with_prior(unmeasured(population.robot), population.mean.value).model_dump()
+    for name, spread in _spreads(population).items():
         if data["bodies"][name]["free"]:
             data["bodies"][name]["spread"] = spread
-    text = f"mean of {found.count} robot{'s' if found.count > 1 else ''} of {fleet}"
-    known = f"{text}; spreads are of the next robot; deltaid {version('deltaid')}"
+    text = f"mean of {population.count} robot{'s' if population.count > 1 else ''} of {fleet}"
+    source = f"{text}; spreads are of the next robot; deltaid {version('deltaid')}"
     changed = ("bodies", "friction", "rotor_inertia", "measured")
-    sources = found.robot.sources.items()
-    data["sources"] = {key: own for key, own in sources if key.split(".")[0] not in changed}
-    data["sources"] |= {f"bodies.{name}": known for name in found.layout.bodies}
+    sources = population.robot.sources.items()
+    data["sources"] = {key: origin for key, origin in sources if key.split(".")[0] not in changed}
+    data["sources"] |= {f"bodies.{name}": source for name in population.layout.bodies}
     data["sources"] |= {key: text for key in ("friction", "rotor_inertia") if data[key]}
     return RobotDescription.model_validate(data)
 
 
-def save_next(found: Population, fleet: str, path: Path) -> None:
+def save_next(population: Population, fleet: str, path: Path) -> None:
     """Write that description, whole or not at all.
 
     Raises:
         DeltaidError: it cannot be written.
     """
-    save_yaml(next_robot(found, fleet), path)
+    save_yaml(next_robot(population, fleet), path)
 
 
-def summary(found: Population) -> Sequence[str]:
+def summary(fleet: Population) -> Sequence[str]:
     """The type in a few lines: robots, spreads, those that do not belong."""
-    lines, spreads = [f"{len(found.members)} robots, {found.count} of the type"], found.spreads
-    lines += found.told
+    lines, spreads = [f"{len(fleet.members)} robots, {fleet.count} of the type"], fleet.spreads
+    lines += fleet.told
     if spreads.known:
         reach = 1.96 * np.sqrt(np.diag(spreads.covariance))
         ends = zip(spreads.log - reach, spreads.log + reach, spreads.there, strict=True)
@@ -76,31 +75,31 @@ def summary(found: Population) -> Sequence[str]:
                 f"{kind}: robots differ by {np.exp(log):.1%} "
                 f"({np.exp(low) if there else 0.0:.1%} to {np.exp(high):.1%})"
             )
-    return [*lines, *(f"{own.name}: {own.reason}" for own in found.members if own.reason)]
+    return [*lines, *(f"{robot.name}: {robot.reason}" for robot in fleet.members if robot.reason)]
 
 
-def _spreads(found: Population) -> dict[str, dict[str, float]]:
+def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
     """Of each body's entries, as shares of their sizes in the new description."""
-    reduction, p = found.coordinates.reduction, found.mean.value
+    reduction, p = fleet.coordinates.reduction, fleet.mean.value
     at = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
-    Q = np.linalg.inv((found.covariance + np.diag(found.variance))[np.ix_(at, at)])
-    T = found.coordinates.to_p[:, at]
+    Q = np.linalg.inv((fleet.covariance + np.diag(fleet.variance))[np.ix_(at, at)])
+    T = fleet.coordinates.to_p[:, at]
     changed = np.any(T != 0, axis=1)
     sizes, std = np.linalg.norm(T[changed], axis=1), np.zeros(len(T))
     std[changed] = sizes / np.sqrt(widest(Q, T[changed] / sizes[:, None]))
     result: dict[str, dict[str, float]] = {}
     for k in np.flatnonzero(changed).tolist():
-        body, _, symbol = found.layout.names[k].partition(".")
-        part = found.layout.body(body)
+        body, _, symbol = fleet.layout.names[k].partition(".")
+        part = fleet.layout.body(body)
         # A body's prior as the fit will have it.
-        prior = found.robot.bodies[body].changed(prior=ExplicitInertia.of(p[part]))
+        prior = fleet.robot.bodies[body].changed(prior=ExplicitInertia.of(p[part]))
         share = std[k] / inertia_scale(prior.reduced_prior())[k - part.start]
         result.setdefault(body, {})[symbol] = _short(share)
     return result
 
 
 def _short(value: float) -> float:
-    """Rounded up, so that nothing is claimed that is not known."""
+    """Rounded up, never narrower than known."""
     unit = 10.0 ** (np.floor(np.log10(value)) - _DIGITS + 1)
     return float(f"{np.ceil(value / unit) * unit:.{_DIGITS + 1}g}")
 
@@ -111,8 +110,8 @@ def widest(
     """w of every entry."""
     size = np.sqrt(np.diag(Q))
     Q, rows = Q / np.outer(size, size), rows / size
-    least = float(np.linalg.eigvalsh(Q)[0])
-    Q = Q + max(_ROUNDING - least, 0.0) * np.eye(len(Q))
+    smallest = float(np.linalg.eigvalsh(Q)[0])
+    Q = Q + max(_ROUNDING - smallest, 0.0) * np.eye(len(Q))
     L = np.linalg.cholesky(Q)
     of_rows = np.linalg.solve(L, rows.T)  # in which Q is 1
     log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))

@@ -1,4 +1,4 @@
-"""In words what is different in a robot that does not belong, or in its friction."""
+"""Text on the deviation of a robot that does not belong, or of its friction."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -44,8 +44,8 @@ def reason(robot: LeftOut, coordinates: Coordinates, m: U, naming: float) -> str
     text = _described(chosen, coordinates)
     if others:
         text += f", or {_described(max(others, key=lambda cause: cause.gain), coordinates)}"
-    left = max(robot.distance - chosen.found.gain, 0.0)
-    if robot.chance(left, robot.rows - chosen.found.rank) < naming:
+    distance = max(robot.distance - chosen.found.gain, 0.0)
+    if robot.chance(distance, robot.rows - chosen.found.rank) < naming:
         return f"it is unlike the others in more than one place, most of all {text}: another type?"
     if not chosen.at:
         return f"{text}: torque constants, gear ratio or unit of torques?"
@@ -78,17 +78,16 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
 def friction_reason(
     robot: LeftOut, coordinates: Coordinates, m: U, naming: float
 ) -> tuple[list[int], str]:
-    """Variables of the joint whose friction is least like the type's, and what of it; none if all
-    are alike."""
+    """Variables and text of the joint whose friction deviates most; none if none does."""
     joints: dict[str, list[int]] = {}
     for k in np.flatnonzero(coordinates.is_friction):
         joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))
-    found: list[tuple[float, list[int], str]] = []
+    candidates: list[tuple[float, list[int], str]] = []
     for joint, at in joints.items():
-        own = robot.along(robot.H[:, at])
-        k = int(np.argmax(np.abs(own.values)))
-        times, name = 1 + own.values[k] / m[at[k]], coordinates.reduction.variables[at[k]].symbol
+        off = robot.along(robot.H[:, at])
+        k = int(np.argmax(np.abs(off.values)))
+        times, name = (1 + off.values[k] / m[at[k]], coordinates.reduction.variables[at[k]].symbol)
         text = f"{name} friction of {joint} is {times:.2f} times the type's"
-        found.append((len(joints) * robot.chance(own.gain, own.rank), at, text))
-    chance, at, text = min(found, default=(1.0, [], ""), key=lambda each: each[0])
+        candidates.append((len(joints) * robot.chance(off.gain, off.rank), at, text))
+    chance, at, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
     return (at, text) if chance < naming else ([], "")

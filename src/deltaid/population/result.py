@@ -30,8 +30,7 @@ MEMBERS = {
 
 @dataclass(frozen=True)
 class PopulationSettings:
-    """The share of the robots that do belong that are named all the same, and settings of the fit
-    that members were made with."""
+    """Share of belonging robots that are named nevertheless, and settings of the members' fit."""
 
     naming: float = 1e-3
     fit: Settings = field(default_factory=Settings)
@@ -46,10 +45,10 @@ class Estimates:
     std: Float[np.ndarray, " parameters"]
     half: Float[np.ndarray, " parameters"]
 
-    def entry(self, k: int, least: float) -> tuple[float, float, float, float]:
-        """Value, deviation and interval of one parameter that is `least` or more."""
+    def entry(self, k: int, lowest: float) -> tuple[float, float, float, float]:
+        """Value, deviation and interval of one parameter that is `lowest` or more."""
         value, half = self.value[k], self.half[k]
-        return value, self.std[k], max(value - half, least), value + half
+        return value, self.std[k], max(value - half, lowest), value + half
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +122,13 @@ class Population:
     @property
     def told(self) -> tuple[str, ...]:
         """What to know of it, in words."""
-        found, moved = [], ", ".join(self.moved[:_SHOWN])
+        notes, moved = [], ", ".join(self.moved[:_SHOWN])
         if not self.spreads.known:
-            found.append(
+            notes.append(
                 f"{self.count} robot{'s' if self.count > 1 else ''} cannot tell how much robots "
                 f"differ: from {ENOUGH} on spreads are known; likely ones were assumed"
             )
-        found.append(
+        notes.append(
             f"fewer than {LEAST} robots cannot tell which of them does not belong"
             if len(self.members) < LEAST
             else f"a robot that belongs is named with a chance of 1 in {round(1 / self.naming)}"
@@ -137,23 +136,23 @@ class Population:
         if len(self.moved) > _SHOWN:
             moved += f" and {len(self.moved) - _SHOWN} more"
         if moved:
-            found.append(
+            notes.append(
                 f"no bodies have the most likely values of {moved}; the nearest that "
                 "some have are given: the description's prior does not fit these robots"
             )
-        return tuple(found)
+        return tuple(notes)
 
 
 def types_table(name: str, found: Population) -> pl.DataFrame:
     """A row a parameter that the fit may change: the type's mean, and the spread between robots,
     null where it cannot be known."""
-    rows, told = [], "; ".join(found.told)
+    rows, notes = [], "; ".join(found.told)
     for k in np.flatnonzero(found.free).tolist():
         own = found.layout.parameters[k]
         spread = (found.spread[k], found.spread_low[k], found.spread_high[k])
-        known = (float(x) if np.isfinite(x) else None for x in spread)
+        ends = (float(value) if np.isfinite(value) else None for value in spread)
         mean = found.mean.entry(k, own.low)
-        rows.append((name, own.name, *mean, *known, own.unit, own.prior, found.count, told))
+        rows.append((name, own.name, *mean, *ends, own.unit, own.prior, found.count, notes))
     return pl.DataFrame(rows, schema=TYPES, orient="row")
 
 

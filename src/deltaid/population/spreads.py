@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from deltaid.population.coordinates import KINDS, VAGUE, Coordinates
 from deltaid.population.mixed import Mean, Rows, Square, U, mean, slope
 
-# Spreads below and above these shares are not looked for.
+# Bounds of the search for spreads, as shares.
 _LEAST, _MOST = 1e-4, 2.0
 # Step of log s for the curvature.
 _STEP = 0.05
@@ -52,8 +52,8 @@ class Spreads:
 
     def variance(self, log: np.ndarray | None = None) -> U:
         """S."""
-        own = np.exp(2 * (self.log if log is None else log))
-        return np.where(self.at >= 0, own[self.at], 0.0)
+        variances = np.exp(2 * (self.log if log is None else log))
+        return np.where(self.at >= 0, variances[self.at], 0.0)
 
     def draws(self) -> list[Float[np.ndarray, " kinds"]]:
         """Logarithms of spreads as likely as not, in pairs about the most likely."""
@@ -62,14 +62,14 @@ class Spreads:
         return [self.log + sign * step for step in away for sign in (1.0, -1.0)]
 
     def of_unknown_sizes(self, covariance: Square) -> "Spreads":
-        """With intervals that know that spreads are shares of sizes, whose covariance is given.
+        """With the uncertainty of the sizes that spreads are shares of, whose covariance is given.
 
-        What is off of one size is off of a kind's spread by a part, as many as it has entries.
+        An error of one size enters a kind's spread divided by its number of entries.
         """
         off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
-        own = [off[self.at == k] for k in range(len(self.kinds))]
-        more = np.diag([part.mean() / len(part) for part in own])
-        return replace(self, covariance=self.covariance + more)
+        parts = [off[self.at == k] for k in range(len(self.kinds))]
+        added = np.diag([part.mean() / len(part) for part in parts])
+        return replace(self, covariance=self.covariance + added)
 
     def of_parameters(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Spread of each of T u between robots, with its interval; NaN where it cannot be known.
@@ -90,7 +90,7 @@ class Spreads:
 
 
 def prior_spreads(coordinates: Coordinates) -> Spreads:
-    """What spreads are likely to be before any robot is seen."""
+    """Prior of the spreads."""
     kinds, at = coordinates.present, coordinates.kind_of()
     log, n = np.log([KINDS[kind] for kind in kinds]), len(kinds)
     return Spreads(kinds, at, log, VAGUE**2 * np.eye(n), False, np.zeros(n, dtype=bool))
@@ -107,9 +107,9 @@ def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None =
 
     def falling(log: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the logarithm of the posterior, and its slope."""
-        found, away = type_mean(log), (log - before.log) / VAGUE
-        gained = slope(rows, found, before.at) - away / VAGUE
-        return 0.5 * float(away @ away) - found.evidence, -gained
+        type_, away = type_mean(log), (log - before.log) / VAGUE
+        gained = slope(rows, type_, before.at) - away / VAGUE
+        return 0.5 * float(away @ away) - type_.evidence, -gained
 
     first = (start or before).log
     bounds = [(np.log(_LEAST), np.log(_MOST))] * len(first)
@@ -119,7 +119,7 @@ def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None =
     steps, top = np.eye(len(log)), type_mean(log).evidence
     H = np.array([falling(log + _STEP * e)[1] - falling(log - _STEP * e)[1] for e in steps])
     none = [np.where(e > 0, np.log(_LEAST), log) for e in steps]
-    there = np.array([top - type_mean(other).evidence > _THERE for other in none])
+    there = np.array([top - type_mean(without).evidence > _THERE for without in none])
     values, vectors = np.linalg.eigh((H + H.T) / (4 * _STEP))
     values = np.maximum(values, VAGUE**-2)
     covariance = (vectors / values) @ vectors.T

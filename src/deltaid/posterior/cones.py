@@ -37,8 +37,8 @@ class Cones:
         Upper bounds of coefficients are blocks too.
         """
         blocks = [
-            (at, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
-            for at, fixed, per_variable in map(affine, reduction.blocks)
+            (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
+            for variables, fixed, per_variable in map(affine, reduction.blocks)
         ]
         for k, variable in enumerate(reduction.variables):
             if np.isfinite(variable.high):
@@ -46,16 +46,16 @@ class Cones:
                 blocks.append((np.array([k]), bound / variable.scale, slope / variable.scale))
         constant, slopes, places = list[float](), list[np.ndarray](), dict[int, list[np.ndarray]]()
         x_of_y = np.column_stack([mean, root])
-        for at, fixed, per_variable in blocks:
+        for variables, fixed, per_variable in blocks:
             k = len(fixed)
             place = np.zeros((k, k), dtype=int)
             for i, j in zip(*np.tril_indices(k), strict=True):
                 place[i, j] = place[j, i] = len(constant)
-                row = per_variable[:, i, j] @ x_of_y[at]
+                row = per_variable[:, i, j] @ x_of_y[variables]
                 constant.append(fixed[i, j] + row[0])
                 slopes.append(row[1:])
             places.setdefault(k, []).append(place)
-        groups = tuple(np.moveaxis(np.array(found), 0, 2) for _, found in sorted(places.items()))
+        groups = tuple(np.moveaxis(np.array(group), 0, 2) for _, group in sorted(places.items()))
         return cls(np.array(constant), np.array(slopes), groups)
 
     def turned(self, Q: Float[np.ndarray, "n n"]) -> "Cones":
@@ -83,10 +83,10 @@ class Cones:
         From there, a direction of curvature h meets an edge after some 1/√h.
         """
         entries = self.constant + self.slopes @ y
-        found = np.zeros((len(y), len(y)))
+        H = np.zeros((len(y), len(y)))
         for places in self.groups:
             for block in np.moveaxis(places, 2, 0):
                 W = np.linalg.inv(np.linalg.cholesky(entries[block]))
                 flat = np.einsum("ij,jkn,lk->nil", W, self.slopes[block], W).reshape(len(y), -1)
-                found += flat @ flat.T
-        return found
+                H += flat @ flat.T
+        return H

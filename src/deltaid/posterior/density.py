@@ -3,9 +3,8 @@
     log π(x) = −½ ‖L⁻¹ (K p(x) − b)‖² − ρ(x) / (2 spread²),   p(x) = A x + p_0,   M_b(x) ≻ 0
 
 L, K, b are what data says (`PosteriorRecord`) and ρ is the regulariser of the fit. Free are the
-variables of the fit, and masses and second moments that the fit leaves at their prior because no
-torque shows them: of these the prior and consistency speak alone. Bodies with `free: []` and what
-is zero by structure stay.
+variables of the fit, and masses and second moments that no torque determines and the fit leaves at
+their prior. Bodies with `free: []` and structural zeros stay.
 
 With a quadratic ρ the posterior is a normal distribution on the cones. Else ρ's curvature at the
 prior stands in the normal distribution, and the rest of ρ is a factor beside it.
@@ -54,7 +53,7 @@ class Density:
         return self.variables(y) @ self.reduction.A.T + self.reduction.p_0
 
     def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
-        """Logarithm of what stands beside the normal distribution, inside the cones."""
+        """Logarithm of the factor of the normal distribution, inside the cones."""
         return np.zeros(len(y)) if self.rest is None else self.rest(self.variables(y))
 
 
@@ -120,10 +119,10 @@ def _spectral_rest(
     """−(ρ − its curvature at the prior) / (2 spread²) of a spectral regulariser."""
     _, _, hessian = term.evaluate(prior)
 
-    def rest(x: Points) -> Float[np.ndarray, " points"]:
-        off = x - prior
+    def rest(points: Points) -> Float[np.ndarray, " points"]:
+        off = points - prior
         curved = 0.5 * np.einsum("ci,ij,cj->c", off, hessian, off)
-        return (curved - term.values(x)) / (2 * spread**2)
+        return (curved - term.values(points)) / (2 * spread**2)
 
     return rest
 

@@ -36,8 +36,8 @@ def effective_size(draws: Draws) -> Each:
     correlation[0] = 1.0
     # Geyer: sums of neighbours are positive and fall, as far as noise lets one see.
     pairs = correlation[: length // 2 * 2].reshape(-1, 2, z.shape[2]).sum(axis=1)
-    seen = np.logical_and.accumulate(pairs > 0, axis=0)
-    pairs = np.minimum.accumulate(np.where(seen, pairs, 0.0), axis=0)
+    positive = np.logical_and.accumulate(pairs > 0, axis=0)
+    pairs = np.minimum.accumulate(np.where(positive, pairs, 0.0), axis=0)
     time = np.maximum(2 * pairs.sum(axis=0) - 1.0, 1.0 / np.log10(max(length * chains, 10)))
     return length * chains / time
 

@@ -18,7 +18,7 @@ from deltaid.posterior.sampler import Chains
 
 # Chains, draws of each at least, rounds before and between draws.
 _CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 3
-# R̂ and share of effective draws that are aimed at, by walking twice as far so many times.
+# Target R̂ and share of effective draws; the walk doubles so many times to reach them.
 _AIMED, _LONGER = (1.04, 0.4), 4
 # Beyond these, draws are refused.
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
@@ -95,13 +95,13 @@ def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Eac
 
 
 def _walked(chains: Chains, draws: int, between: int) -> tuple[Draws, Each, Each]:
-    """So many draws of all chains, with rounds before each; effective number of draws and R̂ of
-    every parameter, all of them and 1 of what is held."""
-    kept = []
+    """Draws of all chains, with rounds before each; effective number of draws and R̂ of every
+    parameter, all draws and 1 for fixed ones."""
+    walked = []
     for _ in range(draws):
         chains.walk(between)
-        kept.append(chains.y)
-    y = np.array(kept)
+        walked.append(chains.y)
+    y = np.array(walked)
     p = chains.density.parameters(y.reshape(-1, y.shape[2])).reshape(*y.shape[:2], -1)
     varies = np.any(chains.density.reduction.A != 0, axis=1)
     size, factor = np.full(p.shape[2], float(y[..., 0].size)), np.ones(p.shape[2])

@@ -33,17 +33,17 @@ def with_own_limbs(robot: RobotDescription) -> RobotDescription:
             where="limb tolerance",
             cure="leave it out (0): bodies of each limb are drawn by themselves already",
         )
-    own = limbs.changed(identical=False)
+    separate = limbs.changed(identical=False)
     bodies, shared = dict(robot.bodies), dict.fromkeys(robot.limb_bodies(0))
     for name in shared:
-        plain = bodies.pop(name).changed(measured=())
-        bodies |= {f"{name}{i + 1}": plain for i in range(limbs.count)}
-    return robot.changed(limbs=own, bodies=bodies, measured=(), sensors={})
+        body = bodies.pop(name).changed(measured=())
+        bodies |= {f"{name}{i + 1}": body for i in range(limbs.count)}
+    return robot.changed(limbs=separate, bodies=bodies, measured=(), sensors={})
 
 
 def scattered(
     robot: RobotDescription,
-    own: RobotDescription,
+    separate: RobotDescription,
     p: Vectors,
     tolerance: float,
     rng: np.random.Generator,
@@ -53,18 +53,18 @@ def scattered(
 
     The tolerance is the relative standard deviation of a mass or second moment from limb to limb.
     """
-    before, after = parameter_layout(robot), parameter_layout(own)
+    before, after = parameter_layout(robot), parameter_layout(separate)
     assert robot.limbs is not None
     count, place = robot.limbs.count, {name: i for i, name in enumerate(before.names)}
     origin = [place.get(name, -1) for name in after.names]
-    found = p[:, origin]
+    parameters = p[:, origin]
     for name in robot.limb_bodies(0):
         bodies = _scattered(p[:, before.body(name)], count, tolerance, rng)
         for i in range(count):
             part = after.body(f"{name}{i + 1}")
-            found[:, part] = bodies[:, i]
+            parameters[:, part] = bodies[:, i]
             origin[part] = range(before.body(name).start, before.body(name).stop)
-    return found, origin
+    return parameters, origin
 
 
 def _scattered(

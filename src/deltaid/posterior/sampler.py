@@ -50,7 +50,7 @@ class Chains:
         y = self.y.T
         values, vectors = np.linalg.eigh(self.density.cones.curvature(y.mean(axis=1)))
         self._turn, curvature = vectors[:, ::-1], values[::-1]
-        self._near, self._middle = (int(np.sum(curvature > least)) for least in (_ALONE, _FREE))
+        self._near, self._middle = (int(np.sum(curvature > edge)) for edge in (_ALONE, _FREE))
         self._cones = self.density.cones.turned(self._turn)
         self._y = self._turn.T @ y
         self._entries = self._cones.slopes @ self._y
@@ -80,13 +80,13 @@ class Chains:
         old = self._y[axes]
         new = self.rng.standard_normal(old.shape)
         slopes = self._cones.slopes[:, axes]
-        moved, target = slopes @ old, slopes @ new
-        stays = self._cones.constant[:, None] + self._entries - moved
-        least = self._log + np.log(self.rng.random(self.count))
-        angle = self._angle(axes, (old, new), (stays, moved, target), least)
+        current, target = slopes @ old, slopes @ new
+        stays = self._cones.constant[:, None] + self._entries - current
+        threshold = self._log + np.log(self.rng.random(self.count))
+        angle = self._angle(axes, (old, new), (stays, current, target), threshold)
         cos, sin = np.cos(angle), np.sin(angle)
         self._y[axes] = old * cos + new * sin
-        self._entries += moved * (cos - 1) + target * sin
+        self._entries += current * (cos - 1) + target * sin
         if self.density.rest is not None:
             self._log = self._factor(self._y)
 
@@ -95,26 +95,26 @@ class Chains:
         axes: Int[np.ndarray, " some"],
         ends: tuple[Moved, Moved],
         entries: tuple[Entries, Entries, Entries],
-        least: Each,
+        threshold: Each,
     ) -> Each:
-        """Angles on the ellipses at which chains may go on."""
+        """Accepted angles on the ellipses."""
         angle = self.rng.uniform(0, 2 * np.pi, self.count)
         low, high = angle - 2 * np.pi, angle.copy()
-        left = np.arange(self.count)
+        active = np.arange(self.count)
         for _ in range(_TRIALS):
-            cos, sin = np.cos(angle[left]), np.sin(angle[left])
-            stays, moved, target = (part[:, left] for part in entries)
-            inside = self._cones.hold(stays + moved * cos + target * sin)
+            cos, sin = np.cos(angle[active]), np.sin(angle[active])
+            stays, current, target = (part[:, active] for part in entries)
+            inside = self._cones.hold(stays + current * cos + target * sin)
             if self.density.rest is not None:
-                inside &= self._likely(axes, ends, angle, left, least, inside)
-            left = left[~inside]
-            if not left.size:
+                inside &= self._likely(axes, ends, angle, active, threshold, inside)
+            active = active[~inside]
+            if not active.size:
                 return angle
-            back = angle[left] < 0
-            low[left] = np.where(back, angle[left], low[left])
-            high[left] = np.where(back, high[left], angle[left])
-            angle[left] = self.rng.uniform(low[left], high[left])
-        angle[left] = 0.0  # rounding at the very edge: these stay where they are
+            back = angle[active] < 0
+            low[active] = np.where(back, angle[active], low[active])
+            high[active] = np.where(back, high[active], angle[active])
+            angle[active] = self.rng.uniform(low[active], high[active])
+        angle[active] = 0.0  # rounding at the very edge: these stay where they are
         return angle
 
     def _likely(
@@ -122,16 +122,16 @@ class Chains:
         axes: Int[np.ndarray, " some"],
         ends: tuple[Moved, Moved],
         angle: Each,
-        left: Int[np.ndarray, " trying"],
-        least: Each,
+        active: Int[np.ndarray, " trying"],
+        threshold: Each,
         inside: Bool[np.ndarray, " trying"],
     ) -> Bool[np.ndarray, " trying"]:
-        """Which of the points inside have enough of the factor beside the normal distribution."""
-        found, at = np.zeros(len(left), dtype=bool), left[inside]
+        """Which of the points inside have a sufficient factor of the normal distribution."""
+        likely, at = np.zeros(len(active), dtype=bool), active[inside]
         y = self._y[:, at].copy()
         y[axes] = ends[0][:, at] * np.cos(angle[at]) + ends[1][:, at] * np.sin(angle[at])
-        found[inside] = self._factor(y) > least[at]
-        return found
+        likely[inside] = self._factor(y) > threshold[at]
+        return likely
 
     def _factor(self, y: Points) -> Each:
         return self.density.log_factor((self._turn @ y).T)
