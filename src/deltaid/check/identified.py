@@ -151,7 +151,8 @@ def _kept(
 def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
     """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
     from poor units, wiring and priors."""
-    doubts = [(one.path, text) for one in result.recordings for text in one.log.warnings]
+    recordings = result.recordings
+    doubts = [(recording.path, text) for recording in recordings for text in recording.log.warnings]
     judged = {verdict.key for verdict in verdicts}
     poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
     kept = [f"{path}: {text}" for path, text in doubts if text.key not in judged]

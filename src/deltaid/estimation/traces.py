@@ -44,8 +44,8 @@ class Trace:
         drives: Int[np.ndarray, " channels"],
         margin: int = 0,
     ) -> Values:
-        """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of a drive for each
-        channel; x is wrong in `margin` samples at either end."""
+        """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of a drive for
+        each channel; x is wrong in `margin` samples at either end."""
         parts = [_through(self.low_pass, run, quantity, drives, margin) for run in self.stretches]
         return np.concatenate(parts, axis=1)
 

@@ -100,7 +100,7 @@ def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
 def _gain(misfit: Misfit, group: list[int]) -> float:
     """The factor of some channels; exactly ±1 where it is near."""
 
-    def left(power: float, sign: float) -> float:
+    def misfit_of(power: float, sign: float) -> float:
         return misfit.of(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
 
     _, power, sign = min((misfit_of(power, s), power, s) for power in _POWERS for s in (1.0, -1.0))
