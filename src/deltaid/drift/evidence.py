@@ -225,7 +225,7 @@ def _moments(
     Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
 ]:
     """Mean and covariance of coefficients, with and without a change."""
-    w, none = (e.of_changes.sum(axis=0) * changed[:, None], e.of_kinds * (1.0 - changed))
+    w, none = e.of_changes.sum(axis=0) * changed[:, None], e.of_kinds * (1.0 - changed)
     moved = e.plain[..., None] - e.per_size * e.size[..., None, :]
     mean = np.einsum("ks,ksp->sp", none, e.plain) + np.einsum("ksa,kspa->sp", w, moved)
     off, away = e.plain - mean, moved - mean[..., None]

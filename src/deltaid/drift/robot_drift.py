@@ -110,7 +110,7 @@ def drift_of(
     settings: DriftSettings,
     name: str = "",
 ) -> RobotDrift:
-    """Drift by what recordings say of friction.
+    """Drift from friction of recordings.
 
     Args:
         recordings: in the order of time.

@@ -75,7 +75,7 @@ class DriveRows:
 
 
 def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
-    """Columns that each drive has by itself, zero in the rows of others."""
+    """Columns of each drive alone, zero in the rows of others."""
     dof, samples, count = own.shape
     out = np.zeros((dof, samples, dof, count))
     out[np.arange(dof), :, np.arange(dof)] = own

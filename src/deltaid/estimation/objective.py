@@ -24,9 +24,9 @@ class DataTerm:
     @classmethod
     def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "DataTerm":
         """‖A x − b‖² + c of rows [A b]."""
-        R_, n = triangle(rows), rows.shape[1] - 1
+        factor, n = triangle(rows), rows.shape[1] - 1
         R = np.zeros((n + 1, n + 1))
-        R[: len(R_)] = R_
+        R[: len(factor)] = factor
         return cls(R[:n, :n], R[:n, n], c + float(R[n, n] ** 2))
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:

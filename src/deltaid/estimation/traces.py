@@ -155,8 +155,8 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
         reach = int(np.ceil(float(smear + (shift.common != 0.0))))
         weights[:, [i]] = least_about(weights[:, [i]], reach)
     kept = stretch.part(slice(before, len(wide) - after))
-    motion_ = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
-    return replace(kept, **motion_, tau=tau - carried, weights=weights)
+    values = {"time": time[:, 0], "z": z, "qd": qd, "qdd": qdd, "carried": carried}
+    return replace(kept, **values, tau=tau - carried, weights=weights)
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -125,12 +125,12 @@ def _record(text: str | None, where: str) -> FactorRecord:
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
     drives, shifts = len(record.felt), len(record.quantities)
-    exact, names = ["whole", "geometry"][: 1 + bool(shifts)], table["group"].to_list()[::drives]
+    single, names = ["whole", "geometry"][: 1 + bool(shifts)], table["group"].to_list()[::drives]
     rows = [(name, i) for name in names for i in range(drives)]
-    whole_file = names[: len(exact)] == exact and len(names) > len(exact)
+    whole_file = names[: len(single)] == single and len(names) > len(single)
     if not whole_file or table.select("group", "drive").rows() != rows:
         raise _refusal("has lost some of its rows", where)
-    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(exact)))
+    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(single)))
     sizes = tuple(len(places) + 1 for places in record.felt)
     wide = tuple(n + shifts for n in sizes)
     return Condensed(

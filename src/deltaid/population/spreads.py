@@ -107,9 +107,9 @@ def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None =
 
     def falling(log: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the logarithm of the posterior, and its slope."""
-        type_, away = type_mean(log), (log - before.log) / VAGUE
-        gained = slope(rows, type_, before.at) - away / VAGUE
-        return 0.5 * float(away @ away) - type_.evidence, -gained
+        fitted, away = type_mean(log), (log - before.log) / VAGUE
+        gained = slope(rows, fitted, before.at) - away / VAGUE
+        return 0.5 * float(away @ away) - fitted.evidence, -gained
 
     first = (start or before).log
     bounds = [(np.log(_LEAST), np.log(_MOST))] * len(first)

@@ -1,1 +1,1 @@
-"""What a robot's sensors show against what torques say of it."""
+"""Sensor signals compared with the robot as torques determine it."""
