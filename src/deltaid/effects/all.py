@@ -1,4 +1,4 @@
-"""The effects that a study looks for; deleting an effect's file and its line leaves the others."""
+"""The effects that a study searches; deleting one's file and its line leaves the others."""
 
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift

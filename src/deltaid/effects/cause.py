@@ -20,7 +20,7 @@ class Cause:
 
     Attributes:
         fit, account: where, and beside what else.
-        found: its candidates, the first found first.
+        found: its candidates, in the order they were detected.
         rms: of what it explains in each drive's torque [N m or N].
     """
 
@@ -32,7 +32,6 @@ class Cause:
 
     @property
     def first(self) -> Candidate:
-        """The candidate that was found first."""
         return self.found[0].candidate
 
     @property
@@ -46,14 +45,13 @@ class Cause:
 
 
 def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
-    """The causes that count."""
-    total = sum(one.gain for one in account.found)
+    total = sum(part.gain for part in account.found)
     largest = np.abs(fit.model).max(axis=1)
     causes = []
-    for kind in dict.fromkeys(one.candidate.kind for one in account.found):
-        own = tuple(one for one in account.found if one.candidate.kind == kind)
-        added = np.sum([one.directions @ (one.directions.T @ fit.tau) for one in own], axis=0)
+    for kind in dict.fromkeys(part.candidate.kind for part in account.found):
+        parts = tuple(part for part in account.found if part.candidate.kind == kind)
+        added = np.sum([part.directions @ (part.directions.T @ fit.tau) for part in parts], axis=0)
         rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
-        if sum(one.gain for one in own) > _SHARE * total and np.any(rms > _LEAST * largest):
-            causes.append(Cause(kind, fit, account, own, rms))
+        if sum(part.gain for part in parts) > _SHARE * total and np.any(rms > _LEAST * largest):
+            causes.append(Cause(kind, fit, account, parts, rms))
     return causes

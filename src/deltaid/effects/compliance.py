@@ -1,18 +1,17 @@
-"""Compliances of gears by Gauss and Newton, beside parameters and all that might look like them.
+"""Compliances of gears by Gauss–Newton, with parameters and all effects that could mimic them.
 
 What a motor turns ahead of its link, s τ_g, changes what a model predicts by
 
     Δτ = ∂(Y p)/∂s · s,
 
-to first order one more column of the regression for each s: torques of a motion turned back by a
-little less those of the motion, by the little. How far it is turned back follows from measured
-torques, the column from the model's: noise of the torques would stand on both sides and be taken
-for a compliance. That noise is in the links' motion as well, times M s ω², more than the torques'
-own above the frequency at which gear and inertia resonate; so rows are filtered down to the band of
-the motion, half of that which a fit has.
+to first order one more column of the regression for each s, by finite differences of torques over
+a motion turned back. How far follows from measured torques, the column from the model's: noise of
+the torques would be on both sides and look like a compliance. It is in the links' motion as well,
+times M s ω², more than the torques' own above the frequency at which gear and inertia resonate; so
+rows are filtered down to the band of the motion, half of that which a fit has.
 
-Beside them stand the lag of every drive, and its friction as a free curve over its speed and what
-it carries: a law that the description lacks would be taken for a compliance, and is none.
+Additional columns are the lag of every drive, and its friction as a free curve over its speed and
+what it carries: a law that the description lacks would look like a compliance.
 """
 
 from collections.abc import Sequence
@@ -45,8 +44,7 @@ from deltaid.robot.description import RobotDescription
 # is so many of them, and that makes the rows of most stretches of time better by so many: for one
 # that is there, these are half as many.
 _SWEEPS, _SETTLED, _SIGNIFICANT, _BETTER = 8, 0.3, 5.0, 2.5
-# One that is not so many of them after a first step, with rows by so many better, is not gone on
-# with.
+# The search stops after a first step below these.
 _HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 2e-3 * 2.0 ** np.arange(6)
@@ -54,7 +52,7 @@ _SHARES = 2e-3 * 2.0 ** np.arange(6)
 _SOFTEST = 4.0 * _SHARES[-1]
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
 _LITTLE = 1e-4
-# Correlation from which a compliance is said to look like a lag.
+# Correlation from which a compliance is reported to look like a lag.
 _ALIKE = 0.9
 
 Groups = Float[np.ndarray, "dof groups"]
@@ -62,7 +60,7 @@ Sizes = Float[np.ndarray, " groups"]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Windup:
     """Compliances of all gears.
 
     Attributes:
@@ -82,7 +80,6 @@ class Found:
 
     @property
     def deviation(self) -> Sizes:
-        """Standard deviations of the sizes."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -125,70 +122,70 @@ class Found:
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def compliances(
     traces: Sequence[Trace], wide: Sequence[Trace], rows: TraceRows, stated: Compliance
-) -> Found:
-    """Those of gears that show that they wind up, and those that are stated.
+) -> Windup:
+    """Those of gears that measurably wind up, and those that are stated.
 
     Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
-    is about one, whatever the gear. Of few rows that is all that is found; in the whole band of a
+    is about one, whatever the gear. Few rows may detect nothing else; in the whole band of a
     fit, where M s ω² is more, such gears make all rows worse.
 
     Args:
         traces: of recordings of the same machine, in the band of the motion.
         wide: the same in the whole band of a fit.
         rows: of the fit that they are meant for.
-        stated: s where it is known, NaN where it is to be found.
+        stated: s where it is known, NaN where it is to be estimated.
     """
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
-    left, p = fit.at(fit.known)
+    residuals, p = fit.at(fit.known)
     none = np.zeros(0)
-    nothing = Found(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
-    free = np.isnan(stated) & np.all([one.loaded for one in fit.windings(p)], axis=0)
+    nothing = Windup(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
+    free = np.isnan(stated) & np.all([winding.loaded for winding in fit.windings(p)], axis=0)
     if not free.any():
         return nothing
-    start, p = fit.start(free, left, p)
+    start, p = fit.start(free, residuals, p)
     S = np.eye(len(stated))[:, free]
     if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
         return nothing
-    found = _searched(fit, S, start, p)
+    gears = _searched(fit, S, start, p)
     whole = replace(fit, traces=tuple(wide))
-    if found is None or not fit.better(found) or not whole.nearer(found):
+    if gears is None or not fit.better(gears) or not whole.nearer(gears):
         return nothing
-    return found
+    return gears
 
 
-def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Found | None:
-    """What shows from a start on; None if nothing does."""
-    found = _pooled(fit, fit.swept(S, start, p))
-    while not (seen := found.significant).all():
-        if not seen.any():
+def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Windup | None:
+    """Significant compliances from a start on; None if there are none."""
+    gears = _pooled(fit, fit.swept(S, start, p))
+    while not (significant := gears.significant).all():
+        if not significant.any():
             return None
-        S = found.groups[:, seen]
-        found = fit.swept(S, S @ found.sizes[seen], found.p)
-    return found
+        S = gears.groups[:, significant]
+        gears = fit.swept(S, S @ gears.sizes[significant], gears.p)
+    return gears
 
 
 def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
     """Whether one step away from stiff gears, those of identical limbs alike, may come to count."""
     S = _together(S, fit.of_limbs(S))
-    found = fit.swept(S, fit.known, p, 1)
-    likely = bool(np.any(found.sizes > _HOPEFUL * found.deviation))
-    return likely and fit.better(found, _HOPEFULLY_BETTER)
+    gears = fit.swept(S, fit.known, p, 1)
+    likely = bool(np.any(gears.sizes > _HOPEFUL * gears.deviation))
+    return likely and fit.better(gears, _HOPEFULLY_BETTER)
 
 
-def _pooled(fit: "_Fit", found: Found) -> Found:
-    """One size for the drives of identical limbs, unless each shows by itself that it has its own:
-    a fault of one drive's torques may look like a compliance that the others lack."""
-    alike = fit.of_limbs(found.groups)
-    sizes, covariance = found.sizes[alike], found.covariance[np.ix_(alike, alike)]
-    if len(sizes) < 2 or (found.significant[alike].all() and not agree(sizes, covariance)):
-        return found
-    common, together = max(common_lag(sizes, covariance)[0], 0.0), _together(found.groups, alike)
-    return fit.swept(together, together @ np.append(common, found.sizes[~alike]), found.p)
+def _pooled(fit: "_Fit", gears: Windup) -> Windup:
+    """One size for the drives of identical limbs, unless each significantly has its own: a fault of
+    one drive's torques may look like a compliance that the others lack."""
+    of_limbs = fit.of_limbs(gears.groups)
+    sizes, covariance = gears.sizes[of_limbs], gears.covariance[np.ix_(of_limbs, of_limbs)]
+    if len(sizes) < 2 or (gears.significant[of_limbs].all() and not agree(sizes, covariance)):
+        return gears
+    common, together = max(common_lag(sizes, covariance)[0], 0.0), _together(gears.groups, of_limbs)
+    return fit.swept(together, together @ np.append(common, gears.sizes[~of_limbs]), gears.p)
 
 
-def _together(S: Groups, alike: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
-    """Groups of which some are made one, the first."""
-    return np.column_stack([S[:, alike].sum(axis=1), S[:, ~alike]]) if alike.any() else S
+def _together(S: Groups, pooled: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
+    """Groups, some of them merged into the first."""
+    return np.column_stack([S[:, pooled].sum(axis=1), S[:, ~pooled]]) if pooled.any() else S
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +203,8 @@ class _Fit:
     def windings(self, p: Parameters) -> list[Windings]:
         """What gears carry in each trace, with the motors of p."""
         robot, filters = self.rows.dynamics.robot, [trace.low_pass for trace in self.traces]
-        motors = [motors_of(robot, p, one.cutoff, one.rate) for one in filters]
-        return [Windings.measured(*both) for both in zip(self.traces, motors, strict=True)]
+        motors = [motors_of(robot, p, low_pass.cutoff, low_pass.rate) for low_pass in filters]
+        return [Windings.measured(*pair) for pair in zip(self.traces, motors, strict=True)]
 
     def of_limbs(self, S: Groups) -> Bool[np.ndarray, " groups"]:
         """Which groups are of drives of identical limbs."""
@@ -216,35 +213,35 @@ class _Fit:
         return np.asarray(S[:count].any(axis=0))
 
     def at(self, s: Compliance, p: Parameters | None = None) -> tuple[list[OfDrives], Parameters]:
-        """What is left of each trace's rows with compliances, and p beside lags and friction.
+        """Residuals of each trace's rows with compliances, and p fitted with lags and friction.
 
         Args:
             p: by which it is known what motors take; of stiff gears if not given.
         """
         if p is None:
             _, p = fitted(self.rows, self.traces)
-        return fitted(self.rows, [one.turned(s) for one in self.windings(p)])
+        return fitted(self.rows, [winding.turned(s) for winding in self.windings(p)])
 
     def start(
-        self, free: Bool[np.ndarray, " dof"], left: list[OfDrives], p: Parameters
+        self, free: Bool[np.ndarray, " dof"], residuals: list[OfDrives], p: Parameters
     ) -> tuple[Compliance, Parameters]:
         """Compliances to begin with: gears that wind up alike, as a share of their drives' range,
         for rows have several minima over it.
 
         Args:
-            left: of gears as they are known.
+            residuals: of gears as they are known.
         """
-        best, value = self.known, _size(left)
+        best, value = self.known, _size(residuals)
         for share in _SHARES:
             s = self.known + share * np.where(free, self._softer, 0.0)
-            left, own = self.at(s, p)
-            if _size(left) >= value:
+            residuals, p_s = self.at(s, p)
+            if _size(residuals) >= value:
                 break
-            best, value, p = s, _size(left), own
+            best, value, p = s, _size(residuals), p_s
         return best, p
 
-    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Found:
-        """s = known + S ε with the best ε, from a start on, in so many sweeps at most."""
+    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Windup:
+        """s = known + S ε with the best ε, from a start on, in at most `most` sweeps."""
         dof, count = S.shape
         sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
         little, first = _LITTLE / (S.T @ self._largest), self.rows.size
@@ -252,18 +249,18 @@ class _Fit:
         covariance = np.zeros((count + dof, count + dof))
         for _ in range(most):
             s = self.known + S @ sizes
-            parts = [self._of_links(one, s, S * little, p) for one in self.windings(p)]
+            parts = [self._of_links(winding, s, S * little, p) for winding in self.windings(p)]
             problem = self.rows.problem(parts)
-            moved = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
-            sizes, p = sizes + moved, parameters(self.rows, parts)
+            step = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
+            sizes, p = sizes + step, parameters(self.rows, parts)
             covariance = problem.covariance(slice(first, first + count + dof))
-            if np.all(np.abs(moved) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
+            if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
                 break
         scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         correlation = np.abs(covariance / np.outer(scale, scale))[:count, count:]
         like_lag = np.max(correlation * S.T, axis=1)
-        own = covariance[:count, :count]
-        return Found(self.known + S @ sizes, S, sizes, own, like_lag, p)
+        of_sizes = covariance[:count, :count]
+        return Windup(self.known + S @ sizes, S, sizes, of_sizes, like_lag, p)
 
     def _of_links(
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
@@ -277,7 +274,7 @@ class _Fit:
         """
         motor = winding.by_model(p)
         link = replace(motor, trace=motor.turned(s)).by_model(p)
-        clean = tuple(self._sloped(one, 0 * s, steps, p).A for one in (motor.inner(1), link))
+        clean = tuple(self._sloped(along, 0 * s, steps, p).A for along in (motor.inner(1), link))
         return replace(self._sloped(winding.inner(2), s, steps, p), instruments=clean)
 
     def _sloped(
@@ -285,29 +282,28 @@ class _Fit:
     ) -> RecordingRows:
         """Rows beside how much what a model predicts less what is measured grows with each size."""
         now, *softer = (winding.turned(s + step) for step in (0 * s, *steps.T))
-        before, *after = (one.model(p) - one.torques() for one in (now, *softer))
-        columns = np.stack([one - before for one in after], axis=2) / steps.max(axis=0)
+        before, *after = (turned.model(p) - turned.torques() for turned in (now, *softer))
+        columns = np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
         return rows_of(self.rows, now, p, columns, late(now, p))
 
-    def better(self, found: Found, least: float = _BETTER) -> bool:
-        """Whether rows of most stretches of time are nearer with what was found than without, by
-        at least so many standard deviations."""
+    def better(self, gears: Windup, least: float = _BETTER) -> bool:
+        """Whether these compliances fit most stretches of time better, by at least so many
+        standard deviations."""
         gains = list[np.ndarray]()
-        for ours, theirs in zip(*self._compared(found), strict=True):
+        for ours, theirs in zip(*self._compared(gears), strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
             gains.append(np.add.reduceat(gain, stretch_starts(len(gain))))
-        each = np.concatenate(gains)
-        return bool(each.mean() > least * each.std(ddof=1) / np.sqrt(len(each)))
+        by_stretch = np.concatenate(gains)
+        return bool(by_stretch.mean() > least * by_stretch.std(ddof=1) / np.sqrt(len(by_stretch)))
 
-    def nearer(self, found: Found) -> bool:
-        """Whether less is left of rows with what was found than without."""
-        with_it, without = self._compared(found)
+    def nearer(self, gears: Windup) -> bool:
+        """Whether these compliances make residuals smaller."""
+        with_it, without = self._compared(gears)
         return _size(with_it) < _size(without)
 
-    def _compared(self, found: Found) -> tuple[list[OfDrives], list[OfDrives]]:
-        """What is left of rows with what was found, and without."""
-        return self.at(found.values, found.p)[0], self.at(self.known, found.p)[0]
+    def _compared(self, gears: Windup) -> tuple[list[OfDrives], list[OfDrives]]:
+        return self.at(gears.values, gears.p)[0], self.at(self.known, gears.p)[0]
 
     @cached_property
     def _largest(self) -> Float[np.ndarray, " dof"]:
@@ -321,7 +317,7 @@ class _Fit:
         return np.max([np.ptp(q, axis=0) for q in parts], axis=0) / self._largest
 
 
-def _size(left: Sequence[OfDrives]) -> float:
-    """Logarithm of what is left, all drives counting alike."""
-    together = np.concatenate(left, axis=1)
+def _size(residuals: Sequence[OfDrives]) -> float:
+    """Logarithm of the size of residuals, all drives counting alike."""
+    together = np.concatenate(residuals, axis=1)
     return float(np.sum(np.log(np.maximum(together.std(axis=1), np.finfo(float).tiny))))

@@ -65,43 +65,43 @@ def account(
     searched: Callable[[Rows], Iterable[Candidate]],
     groups: Int[np.ndarray, " rows"],
     span: Span,
-    left: Rows,
+    residual: Rows,
 ) -> Account:
     """Take the most surprising candidate, and again of what it leaves, until none is.
 
     Args:
         candidates: with columns that are known beforehand.
-        searched: those that depend on what is left.
+        searched: those that depend on the residual.
         groups: the stretch of time of each row.
         span: what parameters explain.
-        left: what they leave.
+        residual: what they leave.
     """
-    found, first = list[Explained](), tuple[Explained, ...]()
+    detected, first = list[Explained](), tuple[Explained, ...]()
 
     def of(some: Sequence[Candidate]) -> list[Columns]:
         """Columns of unit length, without what is explained."""
-        return [span.without(one.columns / lengths(one.columns)) for one in some]
+        return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in some]
 
     bare = of(candidates)
     for _ in range(_ROUNDS):
-        more = tuple(searched(left))
+        more = tuple(searched(residual))
         columns = [*bare, *of(more)]
-        tries, freedom = float(np.log10(len(columns))), len(left) - span.rank
+        tries, freedom = float(np.log10(len(columns))), len(residual) - span.rank
         trials = [
-            _Trial(candidate, A, by, left, freedom, candidate.tries + tries)
+            _Trial(candidate, A, basis, residual, freedom, candidate.tries + tries)
             for candidate, A in zip([*candidates, *more], columns, strict=True)
-            if (by := independent(A)).shape[1]
+            if (basis := independent(A)).shape[1]
         ]
         ranked = _ranked(trials, groups)
         first = first or tuple(ranked)
         if not ranked or ranked[0].surprise < SEEN:
             break
-        found.append(ranked[0])
+        detected.append(ranked[0])
         U = ranked[0].directions
-        left = left - U @ (U.T @ left)
+        residual = residual - U @ (U.T @ residual)
         bare = [A - U @ (U.T @ A) for A in bare]
         span = span.with_directions(U)
-    return Account(tuple(found), span, left, first)
+    return Account(tuple(detected), span, residual, first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,31 +109,31 @@ class _Trial:
     """A candidate beside what has been explained.
 
     Attributes:
-        A: what is left of its columns.
-        by: combinations of them that are orthonormal.
-        left: what is to be explained.
+        A: its columns, less what has been explained.
+        basis: orthonormal combinations of them.
+        residual: what is to be explained.
         freedom: rows less the rank of what has been explained.
         tries: of how many candidates it is one, as a decimal logarithm.
     """
 
     candidate: Candidate
     A: Columns
-    by: Float[np.ndarray, "columns rank"]
-    left: Rows
+    basis: Float[np.ndarray, "columns rank"]
+    residual: Rows
     freedom: int
     tries: float
 
     @cached_property
     def gain(self) -> float:
-        return float(np.sum((self.by.T @ (self.A.T @ self.left)) ** 2))
+        return float(np.sum((self.basis.T @ (self.A.T @ self.residual)) ** 2))
 
     @cached_property
     def total(self) -> float:
-        return float(self.left @ self.left)
+        return float(self.residual @ self.residual)
 
     @property
     def rank(self) -> int:
-        return self.by.shape[1]
+        return self.basis.shape[1]
 
     @property
     def noise(self) -> float:
@@ -147,8 +147,8 @@ class _Trial:
 
     def explained(self, groups: Int[np.ndarray, " rows"]) -> Explained:
         """With the noise by its scatter between stretches of time where that is larger."""
-        U = self.A @ self.by
-        after = self.left - U @ (U.T @ self.left)
+        U = self.A @ self.basis
+        after = self.residual - U @ (U.T @ self.residual)
         along = level_along(U, after, groups, max(self.freedom - self.rank, 1))
         return Explained(self.candidate, self.gain, self.surprise(max(self.noise, along)), U)
 
@@ -167,7 +167,7 @@ def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[
     if close[0].candidate.is_preferred and close[0].surprise > SEEN:
         return close
     close.sort(key=lambda explained: -explained.surprise)
-    simplest = _simplest(close, best.total, len(best.left))
+    simplest = _simplest(close, best.total, len(best.residual))
     return [simplest, *(explained for explained in close if explained is not simplest)]
 
 

@@ -8,7 +8,7 @@ from deltaid.effects.rigid_fit import Candidate, RigidFit
 
 
 class Delay(Effect):
-    """A lag of all drives, or one a drive; verdicts of its own say how large it is."""
+    """A lag of all drives, or one a drive; separate verdicts report its size."""
 
     kind = "torque-lag"
     is_described = False

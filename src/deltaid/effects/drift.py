@@ -34,11 +34,11 @@ class Drift(Effect):
         ]  # fmt: skip
         for words, course in courses:
             if friction:
-                each = np.stack([fit.rows.stack(own * course) for own in friction], axis=1)
-                yield Candidate(self.kind, "", each.sum(axis=1)[:, None], words)
-                yield Candidate(self.kind, "", each, words)
+                columns = np.stack([fit.rows.stack(column * course) for column in friction], axis=1)
+                yield Candidate(self.kind, "", columns.sum(axis=1)[:, None], words)
+                yield Candidate(self.kind, "", columns, words)
                 for i, joint in enumerate(fit.joints):
-                    yield Candidate(self.kind, joint.name, each[:, [i]], words)
+                    yield Candidate(self.kind, joint.name, columns[:, [i]], words)
             offset = fit.rows.own(fit.motion.weights.T * course)
             for i, drive in enumerate(fit.drives):
                 yield Candidate(self.kind, drive, offset[:, [i]], words)

@@ -1,8 +1,8 @@
 """What an effect is: a physical cause of a difference between a recording and the rigid robot.
 
 Everything that is particular to a cause is in a file of its own; `deltaid.effects.all` lists them.
-A study asks each effect for the columns that would show it, and the contest (`contest`) decides
-which explain more than chance; an effect words what was found of it.
+A study asks each effect for its columns, and the contest (`contest`) decides which explain more
+than chance; an effect words what was detected of it.
 """
 
 from collections.abc import Callable, Iterable
@@ -23,7 +23,7 @@ class Effect:
 
     Attributes:
         kind: its name.
-        is_described: whether a residual's verdict is about it; others know better of the rest.
+        is_described: whether a residual's verdict is about it; other checks judge the rest.
         likeliest: its likeliest cause in words, where that is always the same.
         fix: what to do about it, where that is always the same.
     """
@@ -35,7 +35,6 @@ class Effect:
 
     @property
     def key(self) -> str:
-        """Of its verdict."""
         return self.kind
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
@@ -44,18 +43,18 @@ class Effect:
         return ()
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
-        """What finds columns in what is left of the torques, whatever that is by then."""
+        """A search for columns in the residual torques."""
         del fit
-        return lambda left: ()
+        return lambda residual: ()
 
     def subject(self, cause: Cause) -> str:
         """The drive or joint that it is about; empty for all."""
         named = cause.first.subject
-        if named and all(one.candidate.subject in ("", named) for one in cause.found):
+        if named and all(part.candidate.subject in ("", named) for part in cause.found):
             return named
         alone = [
-            one for one in cause.account.first
-            if one.candidate.kind == cause.kind and one.candidate.subject
+            trial for trial in cause.account.first
+            if trial.candidate.kind == cause.kind and trial.candidate.subject
         ]  # fmt: skip
         if alone and alone[0].gain > _MOSTLY * cause.found[0].gain:
             return alone[0].candidate.subject
@@ -81,7 +80,7 @@ class Effect:
         return self.fix
 
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
-        """Lines of a file that would put it right."""
+        """Lines of a file that would correct it."""
         del cause, recording
         return ()
 

@@ -26,10 +26,10 @@ class FallingGain(Effect):
     )
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        own = _cubes(fit)
+        cubes = _cubes(fit)
         for i, drive in enumerate(fit.drives):
-            yield Candidate(self.kind, drive, own[:, [i]])
-        yield Candidate(self.kind, "", own)
+            yield Candidate(self.kind, drive, cubes[:, [i]])
+        yield Candidate(self.kind, "", cubes)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         del share

@@ -25,26 +25,26 @@ class FrictionLaw(Effect):
         drives = [joint for joint in fit.joints if joint.drive is not None]
         if not drives:
             return
-        wanted = [(joint, made) for made in (one_way, one_way_speed) for joint in drives]
-        ways = fit.joint_columns(wanted)
+        shapes = [(joint, shape) for shape in (one_way, one_way_speed) for joint in drives]
+        by_direction = fit.joint_columns(shapes)
         loads = fit.joint_columns([(joint, of_load) for joint in drives])
         count = len(drives)
         for i, joint in enumerate(drives):
-            yield Candidate(self.kind, joint.name, ways[:, [i, count + i]], _WAY)
+            yield Candidate(self.kind, joint.name, by_direction[:, [i, count + i]], _WAY)
             yield Candidate(self.kind, joint.name, loads[:, [i]], _LOAD)
-        yield Candidate(self.kind, "", ways[:, :count], _WAY)
-        yield Candidate(self.kind, "", ways, _WAY)
+        yield Candidate(self.kind, "", by_direction[:, :count], _WAY)
+        yield Candidate(self.kind, "", by_direction, _WAY)
         yield Candidate(self.kind, "", loads, _LOAD)
 
     def _by_speed(self, fit: RigidFit) -> Iterable[Candidate]:
         coulomb = np.array([fit.size(f"coulomb.{joint.name}") for joint in fit.joints])
-        wanted = [(joint, _of_share(joint, shape)) for shape, _ in SHAPES for joint in fit.joints]
-        every = np.split(fit.joint_columns(wanted), len(SHAPES), axis=1)
-        for each, (_, words) in zip(every, SHAPES, strict=True):
-            yield Candidate(self.kind, "", (each @ coulomb)[:, None], words)
-            yield Candidate(self.kind, "", each, words)
+        shapes = [(joint, _of_share(joint, shape)) for shape, _ in SHAPES for joint in fit.joints]
+        by_shape = np.split(fit.joint_columns(shapes), len(SHAPES), axis=1)
+        for columns, (_, words) in zip(by_shape, SHAPES, strict=True):
+            yield Candidate(self.kind, "", (columns @ coulomb)[:, None], words)
+            yield Candidate(self.kind, "", columns, words)
             for i, joint in enumerate(fit.joints):
-                yield Candidate(self.kind, joint.name, each[:, [i]], words)
+                yield Candidate(self.kind, joint.name, columns[:, [i]], words)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         follows = f"{percent(share)} of {torque_of(subject)} follows the speed"

@@ -14,7 +14,7 @@ from deltaid.model.words import listed, percent
 # A drive's factor is odd where it is so many standard deviations, this much, and this share of the
 # oddest one's away from the middle of all.
 _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
-# Directions of factors that show less than this are left out: one common to all does not show.
+# Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
 
 
@@ -24,10 +24,10 @@ class Gain(Effect):
     kind = "drive-gain"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        own = fit.rows.own(fit.scaled_model)
+        columns = fit.rows.own(fit.scaled_model)
         for i, drive in enumerate(fit.drives):
-            yield Candidate(self.kind, drive, own[:, [i]])
-        yield Candidate(self.kind, "", own)
+            yield Candidate(self.kind, drive, columns[:, [i]])
+        yield Candidate(self.kind, "", columns)
 
     def subject(self, cause: Cause) -> str:
         odd = list(odd_gains(cause))
@@ -36,15 +36,15 @@ class Gain(Effect):
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         del subject, share
         gains = odd_gains(cause)
-        told = listed(
+        sizes = listed(
             [
                 f"{drive}'s {'torque is ' if k == 0 else ''}{percent(abs(gain))} too "
                 f"{'large' if gain > 0 else 'small'}"
                 for k, (drive, gain) in enumerate(gains.items())
             ]
         )
-        others = "the other drives'" if len(gains) == 1 else "the mean of the limbs' drives"
-        return 100 * max(gains.values(), key=abs), "%", f"{told} against {others}"
+        reference = "the other drives'" if len(gains) == 1 else "the mean of the limbs' drives"
+        return 100 * max(gains.values(), key=abs), "%", f"{sizes} against {reference}"
 
     def why(self, cause: Cause) -> str:
         del cause
@@ -65,12 +65,12 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     a factor common to all does not show.
     """
     fit, drives = cause.fit, cause.fit.drives
-    named = {one.candidate.subject for one in cause.found}
+    named = {part.candidate.subject for part in cause.found}
     factor, deviation = _factors(cause)
     middle = np.median(factor)
     apart = np.abs(factor / middle - 1.0)
     least = np.maximum(_CLEAR * deviation, max(_ODD, _BESIDE * float(apart.max())))
-    odd = [drives.index(one) for one in named] if named != {""} and len(named) == 1 else []
+    odd = [drives.index(drive) for drive in named] if named != {""} and len(named) == 1 else []
     odd = odd or np.flatnonzero(apart > least).tolist() or [int(np.argmax(apart))]
     if len(odd) == 1:
         others = np.delete(factor, odd[0])
@@ -78,20 +78,20 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     limbs = fit.trace.dynamics.robot.limbs
     mean = float(np.mean(factor[: limbs.count if limbs else None]))
     gains = factor / mean - 1.0
-    shown = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
-    return {drives[i]: float(gains[i]) for i in shown}
+    clear = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
+    return {drives[i]: float(gains[i]) for i in clear}
 
 
 def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
     """What each drive's torque is of the model's, up to a common factor, and its deviation."""
     fit, span = cause.fit, cause.others
-    own = fit.rows.own(fit.scaled_model)
-    bare = span.without(own)
+    columns = fit.rows.own(fit.scaled_model)
+    bare = span.without(columns)
     influence = np.linalg.pinv(bare, rcond=_SHOWN).T
     theta = influence.T @ fit.tau
-    p = span.coefficients(fit.tau - own @ theta)
+    p = span.coefficients(fit.tau - columns @ theta)
     common = float(np.sum((fit.Y @ p) * fit.scaled_model) / np.sum(fit.scaled_model**2))
-    left = span.without(fit.tau) - bare @ theta
-    freedom = max(len(left) - span.rank - len(theta), 1)
-    errors = scatter(influence, left, fit.rows.groups, freedom)
+    residual = span.without(fit.tau) - bare @ theta
+    freedom = max(len(residual) - span.rank - len(theta), 1)
+    errors = scatter(influence, residual, fit.rows.groups, freedom)
     return (common + theta) / common, np.sqrt(np.diag(errors)) / common

@@ -71,40 +71,40 @@ class Joint:
 def joints_of(dynamics: Dynamics) -> tuple[Joint, ...]:
     """Joints with friction, their speeds unknown."""
     rows, columns = dynamics.regressor_pattern
-    names, robot, found = np.array(dynamics.layout.names)[columns], dynamics.robot, list[Joint]()
+    names, robot, joints = np.array(dynamics.layout.names)[columns], dynamics.robot, list[Joint]()
     for joint in robot.friction_joints:
         viscous, coulomb = (
             np.flatnonzero(names == f"{term}.{joint}") for term in ("viscous", "coulomb")
         )
         drive = robot.drives.index(joint) if joint in robot.drives else None
-        found.append(Joint(joint, drive, viscous, coulomb, rows[coulomb]))
-    return tuple(found)
+        joints.append(Joint(joint, drive, viscous, coulomb, rows[coulomb]))
+    return tuple(joints)
 
 
 def joint_columns(
-    trace: Trace, p: Parameters, wanted: Sequence[tuple[Joint, Shape]]
+    trace: Trace, p: Parameters, shapes: Sequence[tuple[Joint, Shape]]
 ) -> ColumnsOfDrives:
     """One filtered column for each shape of a joint.
 
     Args:
         p: by which it is known what gears carry.
     """
-    drives = np.concatenate([joint.drives for joint, _ in wanted])
+    drives = np.concatenate([joint.drives for joint, _ in shapes])
 
     def values(w: Samples) -> np.ndarray:
         carried = trace.dynamics.carried(w.z, w.qd, w.qdd, p)
         entries = trace.entries(w)
-        speeds = {joint.name: joint.speed(entries) for joint, _ in wanted}
+        speeds = {joint.name: joint.speed(entries) for joint, _ in shapes}
         return np.concatenate(
             [
                 make(speeds[joint.name], entries[joint.coulomb], joint.load(carried, w))
-                for joint, make in wanted
+                for joint, make in shapes
             ]
         )
 
     filtered = trace.filtered(values, drives)
-    columns = np.zeros((trace.dynamics.dof, filtered.shape[1], len(wanted)))
-    of_column = np.repeat(np.arange(len(wanted)), [len(joint.drives) for joint, _ in wanted])
+    columns = np.zeros((trace.dynamics.dof, filtered.shape[1], len(shapes)))
+    of_column = np.repeat(np.arange(len(shapes)), [len(joint.drives) for joint, _ in shapes])
     columns[drives, :, of_column] = filtered
     return columns
 
@@ -117,12 +117,10 @@ def entry_speeds(
 
 
 def one_way(_v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:
-    """A constant."""
     return np.ones_like(C)
 
 
 def one_way_speed(v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:
-    """|v|, whatever the direction."""
     return np.broadcast_to(v, C.shape)
 
 

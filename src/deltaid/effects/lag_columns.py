@@ -1,12 +1,12 @@
 """Lags of torque channels as columns of the regression.
 
-A torque that is recorded δ later than the motion beside it, τ_meas(t) = τ(t − δ), is to first order
+A torque that is recorded δ later than its motion, τ_meas(t) = τ(t − δ), is to first order
 
     τ_meas,i = Y_i p − δ τ̇_i,
 
 so a lag is one more free coefficient whose column is −τ̇. This is the slope of the *model's* torque:
 noise on a measured one would pull δ towards zero. A first-order filter of time constant T has the
-same first-order term, so what is found is the sum of dead time and time constants. `lags` estimates
+same first-order term, so the estimate is the sum of dead time and time constants. `lags` estimates
 them, `Trace.shifted` applies them exactly.
 """
 
@@ -39,7 +39,7 @@ class LagGroup:
     Attributes:
         drives: their numbers.
         delay: what has been corrected already [s].
-        beside: what is known of the lag beside this from rows that no fit has [s].
+        beside: the further lag by rows that no fit has [s].
         deviation: its standard deviation; infinite if nothing is known [s].
         free: whether the fit may change it; where other rows contradict what is known, it may not.
     """
@@ -94,7 +94,6 @@ class LagColumns(Addition):
         return drives, columns
 
     def is_of(self, recording: Recording) -> bool:
-        """Whether these are lags of a recording."""
         return recording.log.sha256 == self.recording.log.sha256
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
@@ -102,7 +101,7 @@ class LagColumns(Addition):
         drives, _ = self.pattern
         if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
-        values = np.vstack([own, *(one.entries(w, own, recording) for one in self.beside)])
+        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
         rows, columns = extended(self.dynamics, self.beside).regressor_pattern
         tau = w.carried.T.copy()  # of loads, which lag with all else
         for i in range(len(tau)):
@@ -110,24 +109,24 @@ class LagColumns(Addition):
         return -recording.log.rate * slope(tau, self._reversals(own))[drives]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        """What has been applied, and what the fit found beside it."""
+        """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
-        found, spread = list[Correction](), max(delays) - min(delays)
+        corrections, spread = list[Correction](), max(delays) - min(delays)
         for group in self.groups:
             if group.free:
                 fitted = next(values)
-                beside, ends = fitted.value, (fitted.low, fitted.high)
+                remaining, ends = fitted.value, (fitted.low, fitted.high)
             else:
-                beside, half = group.beside, _NORMAL * group.deviation
-                ends = beside - half, beside + half
-            low, high = (None if x is None else group.delay + x for x in ends)
-            value = group.delay + beside
+                remaining, half = group.beside, _NORMAL * group.deviation
+                ends = remaining - half, remaining + half
+            low, high = (None if end is None else group.delay + end for end in ends)
+            value = group.delay + remaining
             common = Correction(
                 kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
                 text=_sentence(value, spread, held=not group.free),
             )  # fmt: skip
-            found += (common.changed(subject=name) for name in group.subjects(self.dynamics))
-        return tuple(found)
+            corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
+        return tuple(corrections)
 
     def _reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
         """Whether a joint with friction turns round between a sample and the next, in whose row."""
@@ -178,7 +177,7 @@ def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> O
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
     """The rise of torques from sample to sample, without the steps of friction.
 
-    Central differences; beside a reversal the difference of the side that has no step.
+    Central differences; next to a reversal the difference of the side without a step.
 
     Args:
         tau: at least two samples.
@@ -186,8 +185,8 @@ def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -
     """
     steps = np.diff(tau, axis=1)
     total, number = (
-        np.pad(x, ((0, 0), (0, 1))) + np.pad(x, ((0, 0), (1, 0)))
-        for x in (np.where(turned, 0.0, steps), np.where(turned, 0.0, np.ones_like(steps)))
+        np.pad(values, ((0, 0), (0, 1))) + np.pad(values, ((0, 0), (1, 0)))
+        for values in (np.where(turned, 0.0, steps), np.where(turned, 0.0, np.ones_like(steps)))
     )
     return total / np.maximum(number, 1.0)
 

@@ -1,9 +1,9 @@
 """Lags of all torque channels of several recordings, estimated together with the parameters.
 
-About lags δ that are known so far, p and what is left of the lags, ε, come from one linear least
-squares with the prior of the parameters, as the fit has it but without cones; torques are read
-δ + ε later and it is repeated until ε is small. Rows at reversals do not count in this; what they
-show, they show by themselves (`reversals`).
+About lags δ that are known so far, p and the remaining lags, ε, come from one linear least squares
+ with the prior of the parameters, as the fit has it but without cones; torques are read
+δ + ε later and it is repeated until ε is small. Rows at reversals are excluded and
+evaluated separately (`reversals`).
 
 The prior makes it sharp: a drive's own columns, of a wrist above all, are nearly dependent and
 would take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms).
@@ -31,9 +31,9 @@ from deltaid.estimation.scatter import quantile
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Delay, Trace
 
-# Lags that can be found [s].
+# Lags that can be estimated [s].
 REACH = 0.02
-# Sweeps at most, and the step [s] below which what is left is linear enough.
+# Sweeps at most, and the step [s] below which the rest is linear enough.
 _SWEEPS, _SETTLED = 12, 1e-4
 # Standard deviation of what a lag may be, and of one that reversals show and other rows contradict
 # [s], and how many standard deviations a contradiction is.
@@ -45,7 +45,7 @@ _DOUBTFUL = 3e-3
 _REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
 # Lags [s] that do no harm, and need not be corrected.
 _HARMLESS = 2e-5
-# Drives beyond which only common lags and lags of single drives are told apart.
+# Drives beyond which only common lags and lags of single drives are distinguished.
 _MANY = 6
 
 Delays = Float[np.ndarray, "recordings dof"]
@@ -74,7 +74,7 @@ class Lags:
         values: [s]; positive where torques come late.
         covariance: of each recording's [s²].
         steps, told: those that reversals show, and standard deviations, infinite for others [s].
-        agrees: whether the other rows say the same; where they do not, something else is wrong.
+        agrees: whether the other rows agree; where they do not, something else is wrong.
         p: the parameters that go with them, of the robot and of additions.
     """
 
@@ -103,10 +103,10 @@ class Lags:
             if not weights.any():
                 groups.append(LagGroup(members, delay))
                 continue
-            known = float(weights @ self.steps[k, drives] / weights.sum())
+            by_steps = float(weights @ self.steps[k, drives] / weights.sum())
             free, deviation = bool(np.all(self.agrees[k, drives])), float(weights.sum() ** -0.5)
-            delay = delay if free else known
-            groups.append(LagGroup(members, delay, known - delay, deviation, free))
+            delay = delay if free else by_steps
+            groups.append(LagGroup(members, delay, by_steps - delay, deviation, free))
         return tuple(groups)
 
 
@@ -124,7 +124,7 @@ def estimate_lags(
 
     Args:
         traces: of the recordings, without reversals and with torques as they came.
-        additions: columns beside those of the robot.
+        additions: extra columns.
         spread: relative standard deviation of the prior.
         start: lags to begin with [s]; none if not given.
     """
@@ -132,31 +132,31 @@ def estimate_lags(
     nothing = np.zeros((len(traces), rows.dynamics.dof))
     start = nothing if start is None else start
     values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))
-    found = [
+    reversals = [
         lags_of_reversals(trace, additions, p, lags)
         for trace, lags in zip(traces, values, strict=True)
     ]
-    steps, told = np.array([(one.values, one.deviation) for one in found]).swapaxes(0, 1)
+    steps, step_std = np.array([(lag.values, lag.deviation) for lag in reversals]).swapaxes(0, 1)
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    agrees = np.abs(steps - values) < _AGREE * np.hypot(told, deviation)
-    # A filter and friction that yields look alike; one that nothing else bears out does not count.
-    yields = np.array([one.filtered for one in found]) & ~agrees
-    told = np.where(yields, np.inf, told)
-    known = np.isfinite(told)
+    agrees = np.abs(steps - values) < _AGREE * np.hypot(step_std, deviation)
+    # A filter and friction that yields look alike; one that no other rows confirm does not count.
+    yields = np.array([lag.filtered for lag in reversals]) & ~agrees
+    step_std = np.where(yields, np.inf, step_std)
+    known = np.isfinite(step_std)
     agrees |= ~known
     if known.any():
-        held = np.where(known, np.where(agrees, told, _HELD), _PRIOR)
-        rest, errors, p = _swept(rows, traces, steps, np.where(known, steps, 0.0), held, p)
+        held = np.where(known, np.where(agrees, step_std, _HELD), _PRIOR)
+        remaining, errors, p = _swept(rows, traces, steps, np.where(known, steps, 0.0), held, p)
         # Both ways are independent: they share no row.
-        by_steps, by_rows = told**-2.0, agrees * deviation**-2.0
+        by_steps, by_rows = step_std**-2.0, agrees * deviation**-2.0
         weight = by_steps + by_rows
-        values = np.where(known, (by_steps * steps + by_rows * values) / weight, rest)
+        values = np.where(known, (by_steps * steps + by_rows * values) / weight, remaining)
         unknown = ~known[:, :, None] & ~known[:, None, :]
         covariance = errors * unknown + _diagonal(known / weight)
-    # Where steps are seen that are none of a drive's friction law, other rows are not believed.
-    doubtful = (np.array([one.doubtful for one in found]) | yields) & ~known
+    # Where steps contradict a drive's friction law, other rows are not trusted.
+    doubtful = (np.array([lag.doubtful for lag in reversals]) | yields) & ~known
     covariance = covariance + _DOUBTFUL**2 * _diagonal(doubtful)
-    return Lags(values, covariance, steps, told, agrees, p)
+    return Lags(values, covariance, steps, step_std, agrees, p)
 
 
 def _diagonal(entries: np.ndarray) -> Covariances:
@@ -175,8 +175,8 @@ def _swept(
     dof, sweep = rows.dynamics.dof, 0
     while True:
         shifted = [
-            trace.shifted(by) if np.any(by) else trace
-            for trace, by in zip(traces, delays, strict=True)
+            trace.shifted(delay) if np.any(delay) else trace
+            for trace, delay in zip(traces, delays, strict=True)
         ]
         parts = [rows.of_trace(trace) for trace in shifted]
         if p is None:
@@ -185,17 +185,17 @@ def _swept(
             shifted = [replace(trace, load=p[: len(trace.load)]) for trace in shifted]
             parts = [rows.of_trace(trace) for trace in shifted]
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
-            own = slopes(trace, p, rows.additions)[:, :, None]
-            lags = np.zeros((*own.shape[:2], delays.size))
-            lags[:, :, k * dof : (k + 1) * dof] = of_own_drives(own)
+            columns = slopes(trace, p, rows.additions)[:, :, None]
+            lags = np.zeros((*columns.shape[:2], delays.size))
+            lags[:, :, k * dof : (k + 1) * dof] = of_own_drives(columns)
             parts[k] = replace(part, A=np.concatenate([part.A, lags], axis=2))
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
         if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
             all_of_them = problem.covariance(slice(rows.size, None))
-            each = all_of_them.reshape(*delays.shape, *delays.shape)
-            return delays, np.array([each[k, :, k] for k in range(len(traces))]), p
+            blocks = all_of_them.reshape(*delays.shape, *delays.shape)
+            return delays, np.array([blocks[k, :, k] for k in range(len(traces))]), p
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,15 +219,15 @@ def chosen_groups(values: Delay, covariance: Covariance) -> Choice:
     dof = len(values)
     _, together = _fitted(values, covariance, np.ones((dof, 1)))
     for (count, _), hypotheses in groupby(_hypotheses(dof), key=_complexity):
-        kept = list[tuple[float, tuple[int, ...], Delay]]()
+        candidates = list[tuple[float, tuple[int, ...], Delay]]()
         for labels in hypotheses:
             S = np.equal.outer(labels, np.arange(1, count + 1)).astype(float)
             delay, distance = _fitted(values, covariance, S)
             harmless = np.abs(values - delay).max() < _HARMLESS
             if harmless or not _contradicted(labels, distance, together):
-                kept.append((distance, labels, delay))
-        if kept:
-            _, labels, delay = min(kept, key=lambda one: one[0])
+                candidates.append((distance, labels, delay))
+        if candidates:
+            _, labels, delay = min(candidates, key=lambda candidate: candidate[0])
             members = (np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count))
             return Choice(tuple(map(tuple, members)), tuple(delay.tolist()))
     raise AssertionError  # a lag for every drive is never contradicted
@@ -291,7 +291,7 @@ def _hypotheses(dof: int) -> list[tuple[int, ...]]:
         return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
     labels: list[tuple[int, ...]] = [()]
     for _ in range(dof):
-        labels = [(*one, k) for one in labels for k in range(max(one, default=0) + 2)]
+        labels = [(*head, k) for head in labels for k in range(max(head, default=0) + 2)]
     return sorted(labels, key=_complexity)
 
 

@@ -13,7 +13,7 @@ from deltaid.estimation.span import Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.recording import Recording
 
-# What may be missing of a recording that has been looked at as a whole, beside its ends [s].
+# What may be missing of a completely inspected recording, apart from its ends [s].
 _GONE = 1.0
 # How far a span that lasts to the end of a recording goes beyond it [s].
 _BEYOND = 0.01
@@ -22,8 +22,8 @@ _BEYOND = 0.01
 class LoadChange(Effect):
     """Parameters of a body that change between two sets of values.
 
-    The times come from its mass alone at first; then times and all that shows of the load, mass,
-    moments and inertia, are found by turns.
+    The times come from its mass alone at first; then times and all identifiable parameters of the
+    load are estimated by turns.
     """
 
     kind = "load-change"
@@ -31,18 +31,18 @@ class LoadChange(Effect):
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
         holders = _holders(fit)
 
-        def found(left: Rows) -> Iterable[Candidate]:
+        def candidates_in(residual: Rows) -> Iterable[Candidate]:
             for body in holders:
                 mass = fit.rows.stack(fit.column(f"{body}.m"))
-                held = two_levels(fit, mass, left) if np.any(mass) else None
+                held = two_levels(fit, mass, residual) if np.any(mass) else None
                 if held is None:
                     continue
                 yield self._load(fit, body, mass[:, None], held)
-                whole = _columns_of(fit, body)
-                if (better := refined(fit, whole, left, held)) is not None:
-                    yield self._load(fit, body, whole, better)
+                columns = _columns_of(fit, body)
+                if (better := refined(fit, columns, residual, held)) is not None:
+                    yield self._load(fit, body, columns, better)
 
-        return found
+        return candidates_in
 
     def _load(
         self,
@@ -52,20 +52,20 @@ class LoadChange(Effect):
         held: Int[np.ndarray, " samples"],
     ) -> Candidate:
         """Columns while the load is held, the mass's first."""
-        at = np.flatnonzero(np.diff(held))
-        tries = float(np.log10(len(held))) * len(at)
+        changes = np.flatnonzero(np.diff(held))
+        tries = float(np.log10(len(held))) * len(changes)
         rows = np.tile(held, len(fit.drives))[:, None]
         time = fit.motion.time
-        times = tuple((0.5 * (time[at] + time[at + 1])).tolist())
+        times = tuple((0.5 * (time[changes] + time[changes + 1])).tolist())
         return Candidate(self.kind, "", columns * rows, body, tries, times)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         del subject, share
         first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail
-        told = ", ".join(f"{t:.2f}" for t in times[:4]) + (
+        when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
-        return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {told}"
+        return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
 
     def why(self, cause: Cause) -> str:
         del cause
@@ -79,16 +79,16 @@ class LoadChange(Effect):
         )
 
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
-        """Lines of a mapping that declare a load; none where not all of the recording was looked
-        at, or where a load is declared already."""
+        """Lines of a mapping that declare a load; none where not all of the recording was
+        inspected, or where a load is declared already."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
         if log.columns.loads or end - start > time[-1] - time[0] + 2 * (time[0] - start) + _GONE:
             return ()
-        shown = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
+        is_held = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
-        one = int(np.argmax(shown))
-        held_first = (np.searchsorted(changes, time[one]) % 2 == 0) == (_mass(cause) > 0)
+        k = int(np.argmax(is_held))
+        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_mass(cause) > 0)
         ends = [*([start] if held_first else []), *changes.tolist()]
         ends += [end + _BEYOND] if len(ends) % 2 else []
         spans = [[round(a, 3), round(b, 3)] for a, b in zip(ends[::2], ends[1::2], strict=True)]
@@ -107,9 +107,9 @@ def _holders(fit: RigidFit) -> list[str]:
 
 def _columns_of(fit: RigidFit, body: str) -> Float[np.ndarray, "rows columns"]:
     """Those of a body's ten parameters that show, the mass first."""
-    names = [one.name for one in fit.trace.dynamics.layout.parameters if one.owner == body]
+    names = [entry.name for entry in fit.trace.dynamics.layout.parameters if entry.owner == body]
     columns = [fit.column(name) for name in names if fit.shows(name)]
-    return np.stack([fit.rows.stack(x) for x in columns if np.any(x)], axis=1)
+    return np.stack([fit.rows.stack(column) for column in columns if np.any(column)], axis=1)
 
 
 def _mass(cause: Cause) -> float:

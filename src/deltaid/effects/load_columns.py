@@ -2,8 +2,8 @@
 
 A load adds its ten parameters p_L to those of its carrier, so its columns are the carrier's times
 the state, 1 while it is held. What is unknown of it is free within its own cone, about a wide
-prior, and is one thing in all recordings that name it. The columns have p_L less what has been
-taken out of the recordings already (`identification.loads`).
+prior, and the same in all recordings that name it. The columns have p_L less what has been
+subtracted from the recordings already (`identification.loads`).
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ _ENTRIES = {
     "centre": ("mcx", "mcy", "mcz"),
     "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
 }
-# A mass that is known no better than this says less of torques than torque constants do.
+# A mass that is known no better than this determines torques worse than torque constants do.
 _SURE = 0.02
 # A mass whose interval is wider than so many times itself is hardly known.
 _VAGUE = 1.0
@@ -55,7 +55,7 @@ class LoadColumns(Addition):
         dynamics: of the robot.
         load: what is declared of it.
         prior_spread: of the fit, which all scales of parameters are relative to.
-        taken: p_L as far as it has been taken out of the recordings.
+        taken: p_L as far as it has been subtracted from the recordings.
     """
 
     dynamics: Dynamics
@@ -65,7 +65,6 @@ class LoadColumns(Addition):
 
     @cached_property
     def body(self) -> str:
-        """What carries it."""
         return carrier(self.load, self.dynamics.robot)
 
     @cached_property
@@ -79,7 +78,7 @@ class LoadColumns(Addition):
 
     @cached_property
     def is_fixed(self) -> bool:
-        """Whether all that torques show of it is known exactly."""
+        """Whether all its identifiable parameters are known exactly."""
         return not self._entries and self.load.mass_tolerance is None
 
     def on(self, dynamics: Dynamics) -> "LoadColumns":
@@ -136,14 +135,14 @@ class LoadColumns(Addition):
     def free(self) -> Free:
         if self.is_fixed:
             return Free((), np.zeros((0, 0)), np.zeros(0), ())
-        found, _ = free_body("load", self.load.name, self.prior, self._entries, self._visible)
-        A, variables, p_0 = found.A, found.variables, found.p_0
+        body, _ = free_body("load", self.load.name, self.prior, self._entries, self._visible)
+        A, variables, p_0 = body.A, body.variables, body.p_0
         if self.load.mass_tolerance is not None:
             per_mass = self._kilogram if self.load.inertia is None else self.prior / self.prior[0]
             mass = replace(self.parameters[0], low=0.0, prior=float(self.prior[0]))
             A, variables = np.column_stack([A, per_mass]), (*variables, mass)
             p_0 = p_0 - per_mass * mass.prior
-        return Free(variables, A, p_0 - self.taken, found.blocks)
+        return Free(variables, A, p_0 - self.taken, body.blocks)
 
     @property
     def _kilogram(self) -> Ten:
@@ -153,15 +152,15 @@ class LoadColumns(Addition):
 
     @cached_property
     def _visible(self) -> Bool[np.ndarray, " 10"]:
-        """Which of the carrier's ten parameters torques show."""
+        """Which of the carrier's ten parameters are identifiable by torques."""
         return np.isin(self._places, self.dynamics.regressor_pattern[1])
 
     @cached_property
     def _entries(self) -> tuple[str, ...]:
-        """Entries of M̄ that are neither known nor out of sight with all of their row."""
-        shown = (entry_map() != 0)[self._visible].any(axis=0)
-        pairs = zip(PSEUDO_INERTIA_ENTRIES.values(), shown, strict=True)
-        rows = {i for (i, j), seen in pairs if i == j and seen}
+        """Entries of M̄ that are unknown and in an identifiable row."""
+        visible = (entry_map() != 0)[self._visible].any(axis=0)
+        pairs = zip(PSEUDO_INERTIA_ENTRIES.values(), visible, strict=True)
+        rows = {i for (i, j), is_visible in pairs if i == j and is_visible}
         return tuple(
             entry
             for key, entries in _ENTRIES.items()
@@ -198,7 +197,7 @@ class LoadColumns(Addition):
         )  # fmt: skip
 
     def whole(self, judged: Sequence[Judged]) -> tuple[Judged, ...]:
-        """Its parameters with their intervals, with what had been taken out put back."""
+        """Its parameters with their intervals, what had been subtracted added again."""
         if self.is_fixed:
             pairs = zip(INERTIA_NAMES, INERTIA_UNITS, self.prior.tolist(), strict=True)
             return tuple(
@@ -207,13 +206,13 @@ class LoadColumns(Addition):
                 for symbol, unit, value in pairs
             )  # fmt: skip
         return tuple(
-            one.changed(
-                value=one.value + taken,
-                low=None if one.low is None else one.low + taken,
-                high=None if one.high is None else one.high + taken,
-                prior=one.prior + taken,
+            parameter.changed(
+                value=parameter.value + taken,
+                low=None if parameter.low is None else parameter.low + taken,
+                high=None if parameter.high is None else parameter.high + taken,
+                prior=parameter.prior + taken,
             )
-            for one, taken in zip(judged, self.taken.tolist(), strict=True)
+            for parameter, taken in zip(judged, self.taken.tolist(), strict=True)
         )
 
 

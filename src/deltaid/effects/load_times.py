@@ -6,29 +6,29 @@ from jaxtyping import Float, Int
 from deltaid.effects.rigid_fit import RigidFit
 from deltaid.estimation.span import Rows
 
-# Windows in which a load is looked at [s], and at most so many.
+# Length of the windows in which a load is searched [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
 # A load is held for so long at least [s]; what is shorter is a knock.
 _HELD = 0.4
-# Shares of the windows that the search begins with as the lower level, and how often it goes round.
+# Shares of the windows that the search begins with as the lower level, and its rounds.
 _SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
 
 
 def refined(
-    fit: RigidFit, columns: Float[np.ndarray, "rows columns"], left: Rows, held: np.ndarray
+    fit: RigidFit, columns: Float[np.ndarray, "rows columns"], residual: Rows, held: np.ndarray
 ) -> Int[np.ndarray, " samples"] | None:
     """The course of a load and its coefficients by turns; None where it is not held long enough."""
     dof, count = len(fit.drives), len(held)
     for _ in range(_ROUNDS):
         carried = columns * np.tile(held, dof)[:, None]
         bare = fit.span.without(carried)
-        theta = np.linalg.lstsq(bare, left, rcond=1e-6)[0]
-        rest = left - bare @ theta
+        theta = np.linalg.lstsq(bare, residual, rcond=1e-6)[0]
+        remaining = residual - bare @ theta
         load = columns @ theta
         # What the torques would be of, were parameters those that go with this load.
-        torque = rest + np.tile(held, dof) * load
+        torque = remaining + np.tile(held, dof) * load
         gain = (load * (2 * torque - load)).reshape(dof, -1).sum(axis=0)
-        noise = float(rest @ rest) / len(rest)
+        noise = float(remaining @ remaining) / len(remaining)
         course = _course(np.stack([np.zeros(count), -gain]), 4.0 * noise * np.log(count))
         if np.array_equal(course, held):
             break
@@ -37,7 +37,7 @@ def refined(
     return held if min(held.sum(), count - held.sum()) * step >= _HELD else None
 
 
-def two_levels(fit: RigidFit, column: Rows, left: Rows) -> Int[np.ndarray, " samples"] | None:
+def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Int[np.ndarray, " samples"] | None:
     """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
 
     Means of two levels by turns with the most likely course between them (Viterbi), where each
@@ -48,9 +48,9 @@ def two_levels(fit: RigidFit, column: Rows, left: Rows) -> Int[np.ndarray, " sam
     length = max(round(_WINDOW / step), 1, -(-len(time) // _WINDOWS))
     window = np.arange(len(time)) // length
     count = int(window[-1]) + 1
-    u = np.bincount(window, (column * left).reshape(dof, -1).sum(axis=0), count)
+    u = np.bincount(window, (column * residual).reshape(dof, -1).sum(axis=0), count)
     d = np.bincount(window, (column**2).reshape(dof, -1).sum(axis=0), count)
-    noise = float(left @ left) / len(left)
+    noise = float(residual @ residual) / len(residual)
     order = np.argsort(u / np.maximum(d, 1e-300))
     share = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
     cost, best, lowest = 4.0 * noise * np.log(count), None, np.inf
@@ -71,7 +71,6 @@ def two_levels(fit: RigidFit, column: Rows, left: Rows) -> Int[np.ndarray, " sam
 
 
 def _mean(u: np.ndarray, d: np.ndarray, part: np.ndarray) -> float:
-    """A level, of some windows."""
     return float(np.sum(u[part]) / max(float(np.sum(d[part])), 1e-300))
 
 

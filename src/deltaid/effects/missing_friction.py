@@ -9,7 +9,7 @@ from deltaid.effects.rigid_fit import Candidate, RigidFit
 
 
 class MissingFriction(Effect):
-    """Viscous and Coulomb friction; a verdict on the description says so."""
+    """Viscous and Coulomb friction; a verdict on the description reports it."""
 
     kind = "friction-missing"
     is_described = False
@@ -22,5 +22,5 @@ class MissingFriction(Effect):
         drives = np.arange(len(fit.drives))
         signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, drives)
         speeds = fit.trace.filtered(lambda w: w.qd.T, drives)
-        columns = np.hstack([fit.rows.own(x)[:, without] for x in (signs, speeds)])
+        columns = np.hstack([fit.rows.own(rates)[:, without] for rates in (signs, speeds)])
         yield Candidate(self.kind, "", columns, is_preferred=True)

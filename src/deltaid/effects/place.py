@@ -35,7 +35,7 @@ class Place(Effect):
         times = [fit.rows.own(fit.model * shape) for shape in shapes[:dof]]
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
-            columns = np.stack([one[:, i] for one in (*alone, *times)], axis=1)
+            columns = np.stack([block[:, i] for block in (*alone, *times)], axis=1)
             yield Candidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
         yield Candidate(self.kind, "", np.hstack(alone + times), words, _BENDS, bends=True)
 

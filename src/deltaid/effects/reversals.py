@@ -11,13 +11,13 @@ a wrong friction law would leave here. Given these,
     log L(δ) = Σ_k Σ_{u > δ} α J_k (r_n − o_k − β J_k u) / σ² + const
 
 is a staircase whose stairs lie at other phases between two samples for each reversal, so δ is known
-far better than to a sample, and to a part of what other rows say. And nothing that varies smoothly
-gets in: a wrong friction law, load or gain, which all look like a lag elsewhere, do not here. A fit
-excludes these rows, so what they say is added to it as the prior of the lag.
+far better than to a sample, and better than by other rows. What varies smoothly, as a wrong
+friction law, load or gain does, looks like a lag elsewhere but not here. A fit excludes these rows,
+so their result is added to it as the prior of the lag.
 
 Behind a first-order filter of time constant T, s is ½ − exp(−(u − δ)/T) after the step, and the lag
 is δ + T; that is tried where the samples next to reversals are farther from a step than others, or
-show none. Where they still are, as where friction yields before it slips, nothing is said.
+show none. Where they still are, as where friction yields before it slips, nothing is reported.
 """
 
 from collections.abc import Sequence
@@ -36,19 +36,19 @@ from deltaid.recording.windows import WINDOW, Samples
 # Samples to either side of a reversal that are used beyond what may be lagged by; those nearer
 # than the second number may not count because the joint turns round.
 _AROUND, _MASKED = 8, 3
-# A lag is searched so far around the known one, and then around the one that is found [s].
+# Half the range of the search about the known lag, and then about the located one [s].
 _FAR, _NEAR = 0.012, 1.5e-3
 # How far samples next to a step, and to one behind a filter, may be from the model, in steps.
 _SHARP, _ROUGH = 0.08, 0.15
 # Share of a sample by which torque and position of a row may be apart, whatever is recorded.
 _APART = 0.1
-# Steps at least, and the least part of their size that must be seen.
+# Steps at least, and the least part of their size that must be observed.
 _LEAST, _SEEN = 4, 0.3
 # Samples next to a step, and how many standard deviations their scatter may exceed others'.
 _NEXT, _EXCESS = 3, 4.0
 # Time constants of filters in samples, and how many of these and of lags are tried.
 _CONSTANTS, _GRID = (0.1, 4.0), (8, 61)
-# How much of a step may be missing next to it, beside so many standard deviations; sum of squares
+# How much of a step may be missing next to it, or so many standard deviations; sum of squares
 # of a step of 1 over these samples that is none of a slope.
 _MOSTLY, _SURE, _OWN = 0.5, 3.0, 0.35
 _TINY = np.finfo(float).tiny
@@ -65,7 +65,7 @@ class Told:
         values: [s].
         deviation: their standard deviations; infinite where reversals show none [s].
         filtered: whether the steps went through a filter.
-        doubtful: whether steps are seen, but none that friction and a filter explain.
+        doubtful: whether there are steps that friction and a filter do not explain.
     """
 
     values: Delay
@@ -104,12 +104,12 @@ def lags_of_reversals(
 
     Args:
         trace: a recording, reversals excluded.
-        additions: columns beside those of the robot.
+        additions: extra columns.
         p: parameters of both, which go with the known lags.
         known: lags by the other rows [s].
     """
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
-    found = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
+    lags = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
     for i, start in enumerate(known.tolist()):
@@ -124,12 +124,12 @@ def lags_of_reversals(
         off = misfit(local, steps, place[0])
         at_once = off < _SHARP and is_abrupt(local, steps, place[0])
         if not at_once and (place := behind_filter(steps, rough[0], period)) is None:
-            found.doubtful[i] = True
+            lags.doubtful[i] = True
             continue
         apart = period * max(_APART / np.sqrt(len(steps.jump)), off * at_once)
-        found.values[i], found.deviation[i] = place[0], float(np.hypot(place[1], apart))
-        found.filtered[i] = not at_once
-    return found
+        lags.values[i], lags.deviation[i] = place[0], float(np.hypot(place[1], apart))
+        lags.filtered[i] = not at_once
+    return lags
 
 
 def _modelled(
@@ -138,17 +138,19 @@ def _modelled(
     """Torques of the model along a stretch, and what of them is friction of the drive itself."""
     dynamics, (drives, columns) = trace.dynamics, trace.pattern(additions)
     owners = {
-        k: one.owner for k, one in enumerate(dynamics.layout.parameters) if one.kind == "friction"
+        k: term.owner
+        for k, term in enumerate(dynamics.layout.parameters)
+        if term.kind == "friction"
     }
     names = dynamics.robot.drives
-    own = np.array([owners.get(k) == names[i] for i, k in zip(drives, columns, strict=True)])
+    is_own = np.array([owners.get(k) == names[i] for i, k in zip(drives, columns, strict=True)])
     tau, friction = np.zeros_like(stretch.tau), np.zeros_like(stretch.tau)
     for first in range(0, len(stretch.time), WINDOW):
         part = slice(first, first + WINDOW)
         values = trace.entries(stretch.part(part), additions) * p[columns, None]
         for i in range(dynamics.dof):
             tau[part, i] = values[drives == i].sum(axis=0)
-            friction[part, i] = values[(drives == i) & own].sum(axis=0)
+            friction[part, i] = values[(drives == i) & is_own].sum(axis=0)
     return tau, friction
 
 
@@ -159,10 +161,10 @@ def _about_reversals(
     known: float,
     reach: float,
 ) -> Steps:
-    """What is seen of a drive near those of its reversals that lie well apart from others."""
+    """Samples of a drive near those of its reversals that lie well apart from others."""
     rate, parts = trace.low_pass.rate, list[tuple[np.ndarray, ...]]()
     late, width = round(known * rate), int(np.ceil(reach * rate)) + _AROUND
-    at = np.arange(-width + 1, width + 1)
+    offsets = np.arange(-width + 1, width + 1)
     for stretch, (tau, friction) in zip(trace.stretches, modelled, strict=True):
         speed, counts = stretch.qd[:, drive], stretch.weights[:, drive] > 0
         before = np.flatnonzero(speed[:-1] * speed[1:] < 0)
@@ -172,42 +174,41 @@ def _about_reversals(
         sure &= np.diff(before, append=np.inf) > 2 * width
         before = before[sure]
         sure = np.ones(len(before), dtype=bool)
-        for by in (0, late):  # where the motion, and where the torque is read
-            off = (at + by <= -_MASKED) | (at + by > _MASKED)
-            sure &= np.all(counts[before[:, None] + at + by][:, off], axis=1)
+        for shift in (0, late):  # where the motion, and where the torque is read
+            off = (offsets + shift <= -_MASKED) | (offsets + shift > _MASKED)
+            sure &= np.all(counts[before[:, None] + offsets + shift][:, off], axis=1)
         before = before[sure]
-        rows = before[:, None] + at
+        rows = before[:, None] + offsets
         share = speed[before] / (speed[before] - speed[before + 1])
         jump = friction[before + 1, drive] - friction[before, drive]
-        smooth = tau[rows, drive] - 0.5 * jump[:, None] * np.where(at > 0, 1.0, -1.0)
+        smooth = tau[rows, drive] - 0.5 * jump[:, None] * np.where(offsets > 0, 1.0, -1.0)
         smooth += slope(smooth) * (late - known * rate)  # at the instant of each torque
-        left = stretch.tau[rows + late, drive] - smooth
-        parts.append(((at + late - share[:, None]) / rate, left, jump))
+        residual = stretch.tau[rows + late, drive] - smooth
+        parts.append(((offsets + late - share[:, None]) / rate, residual, jump))
     return Steps(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def located(steps: Steps, known: float, reach: float) -> tuple[float, float] | None:
     """Mean and standard deviation of where steps are, equally likely within reach before.
 
-    Twice, since α, β and o_k follow from the place. None where too little of a step is seen.
+    Twice, since α, β and o_k follow from the place. None where too little of a step is observed.
     """
     if len(steps.jump) < _LEAST:
         return None
-    left, jump = steps.left - steps.left.mean(axis=1, keepdims=True), steps.jump
-    place = _posterior(steps.after, left, jump, float(np.var(left)), known, reach)
+    residual, jump = steps.left - steps.left.mean(axis=1, keepdims=True), steps.jump
+    place = _posterior(steps.after, residual, jump, float(np.var(residual)), known, reach)
     for _ in range(2):
         shape = sharp(steps.after, place[0])
         local = locally(steps, shape)
         if local.seen < _SEEN:
             return None
-        left = local.left + local.seen * jump[:, None] * shape
+        residual = local.left + local.seen * jump[:, None] * shape
         variance = float(np.mean(local.left**2))
-        place = _posterior(steps.after, left, local.seen * jump, variance, known, reach)
+        place = _posterior(steps.after, residual, local.seen * jump, variance, known, reach)
     return place
 
 
 def sharp(after: Around, place: float) -> Around:
-    """A step of size 1."""
     return np.where(after > place, 0.5, -0.5)
 
 
@@ -223,7 +224,7 @@ def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, flo
     """
     constants = period * np.geomspace(*_CONSTANTS, _GRID[0])
     places = known + np.linspace(-_NEAR, _NEAR + constants[-1], _GRID[1])
-    trials = [[locally(steps, rounded(steps.after, x, T)) for T in constants] for x in places]
+    trials = [[locally(steps, rounded(steps.after, lag, T)) for T in constants] for lag in places]
     misses = np.array([[np.sum(trial.left**2) for trial in row] for row in trials])
     k, m = np.unravel_index(np.argmin(misses), misses.shape)
     best = trials[k][m]
@@ -244,21 +245,20 @@ def misfit(local: Local, steps: Steps, place: float) -> float:
     Zero where that may be chance.
     """
     period = float(np.median(np.diff(steps.after, axis=1)))
-    beside = np.abs(steps.after - place) < _NEXT * period
-    near, far = np.mean(local.left[beside] ** 2), np.mean(local.left[~beside] ** 2)
-    if near <= (1 + _EXCESS * np.sqrt(2 / max(np.count_nonzero(beside), 1))) * far:
+    adjacent = np.abs(steps.after - place) < _NEXT * period
+    near, far = np.mean(local.left[adjacent] ** 2), np.mean(local.left[~adjacent] ** 2)
+    if near <= (1 + _EXCESS * np.sqrt(2 / max(np.count_nonzero(adjacent), 1))) * far:
         return 0.0
     return float(np.sqrt((near - far) / np.mean(steps.jump**2)) / local.seen)
 
 
 def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
-    """Whether a step is still seen in the few samples next to it, beside a slope of their own.
+    """Whether a step remains in the few samples next to it, fitted with a slope of their own.
 
-    Friction that yields before it slips turns over many samples. A step found far and wide is then
-    a slope nearby.
+    Friction that yields before it slips turns over many samples: from nearby, a slope.
     """
-    at = int(np.argmin(np.abs(steps.after.mean(axis=0) - place)))
-    part = slice(max(0, at - _NEXT), at + _NEXT + 1)
+    k = int(np.argmin(np.abs(steps.after.mean(axis=0) - place)))
+    part = slice(max(0, k - _NEXT), k + _NEXT + 1)
     few = Steps(steps.after[:, part], steps.left[:, part], steps.jump)
     near = locally(few, sharp(few.after, place))
     # Of a step and a slope: so much of a step is none of the slope's.
@@ -269,7 +269,7 @@ def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
 def locally(steps: Steps, shape: Around) -> Local:
     """Least squares of o_k, α and β for some shape of the step."""
     A = np.stack([shape, steps.after], axis=2) * steps.jump[:, None, None]
-    A, b = (x - x.mean(axis=1, keepdims=True) for x in (A, steps.left))
+    A, b = (values - values.mean(axis=1, keepdims=True) for values in (A, steps.left))
     size = lengths(A.reshape(-1, 2))
     x = np.linalg.lstsq(A.reshape(-1, 2) / size, b.ravel(), rcond=None)[0] / size
     return Local(b - A @ x, float(x[0]))
@@ -277,7 +277,7 @@ def locally(steps: Steps, shape: Around) -> Local:
 
 def _posterior(
     after: Around,
-    left: Around,
+    r: Around,
     jump: Float[np.ndarray, " reversals"],
     variance: float,
     known: float,
@@ -285,7 +285,7 @@ def _posterior(
 ) -> tuple[float, float]:
     """Mean and standard deviation of the place of the step, equally likely within reach before."""
     order = np.argsort(after.ravel())
-    times, gain = after.ravel()[order], (jump[:, None] * left / max(variance, _TINY)).ravel()[order]
+    times, gain = after.ravel()[order], (jump[:, None] * r / max(variance, _TINY)).ravel()[order]
     inner = np.abs(times - known) < reach
     edges = np.concatenate([[known - reach], times[inner], [known + reach]])
     # Beyond the last sample within reach the sum is the same for all.

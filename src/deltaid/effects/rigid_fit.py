@@ -16,7 +16,7 @@ from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
 
-# Sweeps of a fit with a factor for each drive; directions that show less are left out.
+# Sweeps of a fit with a factor for each drive; directions below this share are excluded.
 _SWEEPS, _SHOWN = 3, 0.05
 
 
@@ -29,9 +29,9 @@ class Candidate:
         columns: as rows of all drives.
         words: what the torque follows, for messages.
         tries: how many of its like it was chosen from, as a decimal logarithm.
-        detail: what was found beside, such as times.
-        is_preferred: whether it is taken where another explains little more: other checks know
-            better of it.
+        detail: further results, such as times.
+        is_preferred: whether it is taken where another explains little more: other checks judge
+            it better.
         bends: whether it bends with the place of the platform.
     """
 
@@ -82,34 +82,30 @@ class RigidFit:
 
     @cached_property
     def model(self) -> OfDrives:
-        """Torques of p."""
         return self.trace.model(self.p)
 
     @cached_property
     def scaled_model(self) -> OfDrives:
         """Torques of parameters that are fitted together with a factor for every drive.
 
-        τ_i = (1 + g_i) Y_i p, by Gauss–Newton. What torques hardly show of the factors, such as one
-        common to all, stays 1.
+        τ_i = (1 + g_i) Y_i p, by Gauss–Newton. Hardly identifiable factors, such as one common to
+        all, stay 1.
         """
         model = self.model
         for _ in range(_SWEEPS):
-            own = self.rows.own(model)
-            left = self.span.without(self.tau)
-            gain = np.linalg.lstsq(self.span.without(own), left, rcond=_SHOWN)[0]
-            model = self.Y @ self.span.coefficients(self.tau - own @ gain)
+            columns = self.rows.own(model)
+            residual = self.span.without(self.tau)
+            gain = np.linalg.lstsq(self.span.without(columns), residual, rcond=_SHOWN)[0]
+            model = self.Y @ self.span.coefficients(self.tau - columns @ gain)
         return model
 
     def column(self, name: str) -> OfDrives:
-        """One parameter's column of Y."""
         return self.Y[:, :, np.searchsorted(active_columns(self.trace.dynamics), self._at(name))]
 
     def shows(self, name: str) -> bool:
-        """Whether a parameter has a column."""
         return self._at(name) in active_columns(self.trace.dynamics)
 
     def size(self, name: str) -> float:
-        """One of the fitted parameters."""
         return float(self.p[self._at(name)])
 
     def _at(self, name: str) -> int:
@@ -119,9 +115,10 @@ class RigidFit:
     def joints(self) -> tuple[Joint, ...]:
         """Joints with friction that move."""
         entries = self.trace.entries(self.motion)
-        found = ((one, float(one.speed(entries).max())) for one in joints_of(self.trace.dynamics))
-        return tuple(replace(one, fastest=fastest) for one, fastest in found if fastest > 0)
+        joints = joints_of(self.trace.dynamics)
+        speeds = ((joint, float(joint.speed(entries).max())) for joint in joints)
+        return tuple(replace(joint, fastest=fastest) for joint, fastest in speeds if fastest > 0)
 
-    def joint_columns(self, wanted: Sequence[tuple[Joint, Shape]]) -> Columns:
+    def joint_columns(self, shapes: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint."""
-        return self.rows.stack(joint_columns(self.trace, self.p, wanted))
+        return self.rows.stack(joint_columns(self.trace, self.p, shapes))

@@ -19,7 +19,7 @@ Waves = Float[np.ndarray, "2 counts samples"]
 
 
 class Ripple(Effect):
-    """For each drive the ripple that is seen best in what is left.
+    """For each drive the largest ripple in the residual.
 
     One of k waves over the stroke passes the filter as far as its frequency, k q̇ / stroke, does.
     """
@@ -33,19 +33,19 @@ class Ripple(Effect):
         return "geometry-or-cogging"
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
-        every = ((i, _waves(fit, i)) for i in range(len(fit.drives)))
-        waves = {i: pair for i, pair in every if pair is not None}
+        pairs = ((i, _waves(fit, i)) for i in range(len(fit.drives)))
+        waves = {i: pair for i, pair in pairs if pair is not None}
 
-        def found(left: Rows) -> Iterable[Candidate]:
-            residuals = fit.rows.of_drives(left)
+        def candidates_in(residual: Rows) -> Iterable[Candidate]:
+            residuals = fit.rows.of_drives(residual)
             return [self._best(fit, i, pair, residuals[i]) for i, pair in waves.items()]
 
-        return found
+        return candidates_in
 
     def _best(
         self, fit: RigidFit, i: int, pair: Waves, residual: Float[np.ndarray, " samples"]
     ) -> Candidate:
-        """The ripple of a drive that its residual shows best."""
+        """The largest ripple in a drive's residual."""
         power = np.maximum(np.sum(pair**2, axis=(0, 2)), 1e-300)
         k = int(np.argmax(np.sum((pair @ residual) ** 2, axis=0) / power))
         columns = np.zeros((len(fit.drives), len(residual), 2))

@@ -1,5 +1,5 @@
 """Recordings in memory whose gears wind up: what they carry, the links' motion behind them, and
-rows of it beside lags and friction as a free curve, of which nothing is known."""
+rows of it with lags and friction as a free curve."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from deltaid.robot.description import RobotDescription
 
 # The low-pass over what gears carry, as a multiple of that over rows.
 _WIDER = 2.5
-# What a gear carries counts as known from this share of what its motor takes by itself.
+# What a gear carries counts as known from this share of what its motor alone takes.
 _LOADED = 0.2
 # Columns of a drive's friction: shapes over its speed, an offset, what differs by direction, one
 # that grows with the load and two with time.
@@ -83,7 +83,7 @@ class Windings:
         stretches, carried = list[Samples](), list[np.ndarray]()
         for w in trace.stretches:
             along = torque(w)
-            parts = np.array([convolved(each, along) for each in taps])
+            parts = np.array([convolved(tap, along) for tap in taps])
             if parts.shape[1] > 0:
                 stretches.append(w.part(slice(lost, lost + parts.shape[1])))
                 carried.append(parts)
@@ -102,11 +102,11 @@ class Windings:
 
     @property
     def loaded(self) -> Bool[np.ndarray, " dof"]:
-        """Whose gears carry a good share of what their motors take by themselves; of others, how
-        much is carried is hardly known."""
-        carried = np.concatenate([x[0] for x in self.carried])
-        own = [self.motors.of_motor(w.qd, w.qdd) for w in self.trace.stretches]
-        return carried.std(axis=0) > _LOADED * np.concatenate(own).std(axis=0)
+        """Whose gears carry a good share of what their motors alone take; of others, how much is
+        carried is hardly known."""
+        carried = np.concatenate([stretch[0] for stretch in self.carried])
+        of_motors = [self.motors.of_motor(w.qd, w.qdd) for w in self.trace.stretches]
+        return carried.std(axis=0) > _LOADED * np.concatenate(of_motors).std(axis=0)
 
     def turned(self, compliance: Compliance) -> Trace:
         """The links' motion."""
@@ -114,10 +114,10 @@ class Windings:
         if not np.any(compliance):
             return self.trace
         for w, carried in zip(self.trace.stretches, self.carried, strict=True):
-            by = compliance * carried
-            z, _ = kinematics.forward_unchecked(kinematics.inverse(w.z) - by[0])
-            tau = w.tau - self.motors.less(w.qd, w.qdd, by[1], by[2])
-            stretches.append(replace(w, z=z, qd=w.qd - by[1], qdd=w.qdd - by[2], tau=tau))
+            turn = compliance * carried
+            z, _ = kinematics.forward_unchecked(kinematics.inverse(w.z) - turn[0])
+            tau = w.tau - self.motors.less(w.qd, w.qdd, turn[1], turn[2])
+            stretches.append(replace(w, z=z, qd=w.qd - turn[1], qdd=w.qdd - turn[2], tau=tau))
         return replace(self.trace, stretches=tuple(stretches))
 
 
@@ -129,7 +129,7 @@ def late(trace: Trace, p: Parameters) -> ColumnsOfDrives:
 def rows_of(
     rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
 ) -> RecordingRows:
-    """Rows of a trace, with columns beside the parameters', those of friction behind.
+    """Rows of a trace with extra columns, those of friction behind.
 
     Args:
         p: whose torques gears carry, which losses grow with.
@@ -139,7 +139,7 @@ def rows_of(
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
-    """What is left of each trace's rows beside lags and friction, and p."""
+    """Residuals of each trace's rows fitted with lags and friction, and p."""
     parts = [rows_of(rows, trace, trace.load) for trace in traces]
     p, first = parameters(rows, parts), rows.size
     for k, (part, trace) in enumerate(zip(parts, traces, strict=True)):
@@ -150,11 +150,11 @@ def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Pa
 
 
 def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
-    """p of the robot, whose friction is viscous and Coulomb's as well as that goes: beside a free
-    curve, hardly anything tells them."""
+    """p of the robot with friction approximated as viscous and Coulomb's, which are hardly
+    identifiable with a free curve."""
     free = slice(-_FREE * len(parts[0].tau))
     plain = [
-        RecordingRows(part.A[..., free], part.tau, tuple(by[..., free] for by in part.instruments))
+        RecordingRows(part.A[..., free], part.tau, tuple(Z[..., free] for Z in part.instruments))
         for part in parts
     ]
     p = rows.parameters(rows.problem(plain).x)
@@ -170,8 +170,8 @@ def _friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     def shapes(w: Samples) -> np.ndarray:
         v, carried = w.qd / fastest, trace.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
         sign, later = np.sign(v), ((w.time - first) / (last - first))[:, None]
-        both = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]
-        return np.hstack([*(sign * one for one in both), np.ones_like(v), np.abs(v)]).T
+        sizes = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]
+        return np.hstack([*(sign * size for size in sizes), np.ones_like(v), np.abs(v)]).T
 
     dof = trace.dynamics.dof
     out = trace.filtered(shapes, np.tile(np.arange(dof), _FREE))

@@ -12,7 +12,7 @@ _STEP = 1e-4
 
 
 class Zero(Effect):
-    """The zero of a drive or of all; verdicts on wiring say how far they are off."""
+    """The zero of a drive or of all; verdicts on wiring report how far they are off."""
 
     kind = "homing-or-tilt"
     is_described = False
@@ -20,13 +20,13 @@ class Zero(Effect):
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Slopes of the torques by each zero."""
         w, dynamics = fit.motion, fit.trace.dynamics
-        at = dynamics.torque(w.z, w.qd, w.qdd, fit.p)
+        before = dynamics.torque(w.z, w.qd, w.qdd, fit.p)
         columns = []
         for i, drive in enumerate(fit.drives):
             moved = fit.q.copy()
             moved[:, i] += _STEP
             z, good = dynamics.kinematics.forward_unchecked(moved)
-            slope = (dynamics.torque(z, w.qd, w.qdd, fit.p) - at) / _STEP
+            slope = (dynamics.torque(z, w.qd, w.qdd, fit.p) - before) / _STEP
             slope[~good] = 0.0
             columns.append(fit.rows.stack((slope * w.weights).T))
             yield self._candidate(drive, columns[-1][:, None])

@@ -18,19 +18,19 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
     """A log that a model is compared with, filtered and corrected as the model's own recordings.
 
     Gains and lags are those of the drives, so any recording of them has the same: a lag that is
-    estimated anew for each comparison would hide a wrong model. What was left out of a recording
-    that the model comes from is left out again.
+    estimated anew for each comparison would hide a wrong model. What was excluded from a
+    recording that the model comes from is excluded again.
 
     Raises:
         RecordingError: the cut-off does not go with the log's rate, or the log is too short.
     """
     model = load(model)
-    known = model.identified
-    if known is None:
+    identified = model.identified
+    if identified is None:
         return with_filter(log)
-    own, corrections = _sources(model, log), known.corrections
-    cutoff = next((s.cutoff_hz for s in own if s.cutoff_hz is not None), None)
-    forced = known.settings.cutoff is not None
+    sources, corrections = _sources(model, log), identified.corrections
+    cutoff = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
+    forced = identified.settings.cutoff is not None
     if any(correction.kind == "velocity" for correction in corrections):
         log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
     recording = with_filter(log, cutoff if forced or not log.has_derivatives else None)
@@ -40,7 +40,7 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         values = (compliance.get(drive) or 0.0 for drive in model.robot.drives)
         gears = replace(motors, compliance=tuple(values))
     delay = tuple(delays_of(model, log).tolist())
-    same = [source for source in own if source.sha256 == log.sha256]
+    same = [source for source in sources if source.sha256 == log.sha256]
     repairs = Repairs(
         gain=tuple(model.gains.tolist()) if np.any(model.gains != 1.0) else (),
         delay=delay if any(delay) else (),
@@ -54,8 +54,8 @@ def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drive
     """By how much the torques of each drive come late [s]; in the mean over the recordings that the
     model comes from, or in a log that is one of these."""
     none = (0.0,) * len(model.robot.drives)
-    own = _sources(model, log)
-    return np.mean([source.delay or none for source in own] or [none], axis=0)
+    sources = _sources(model, log)
+    return np.mean([source.delay or none for source in sources] or [none], axis=0)
 
 
 def _sources(model: Model, log: Log | None) -> tuple[Source, ...]:

@@ -1,4 +1,4 @@
-"""How much rows beside the drives' torques count: sensors by the noise they show, facts by theirs.
+"""Weights of rows other than torques: sensors by their observed noise, facts by their stated one.
 
 The fit weighs each drive by its largest torque, and σ̂ is the noise as a share of that. A sensor's
 channel counts as 1 of what makes its own noise σ̂ too: its residual's root mean square over σ̂, found
@@ -23,13 +23,14 @@ _ROUNDS, _SETTLED = 30, 1e-3
 
 
 def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
-    """The same with channels of sensors weighed by their noise, and with what weighings say."""
+    """The same with channels of sensors weighted by their noise, and with weighings."""
     information = gathered.information
     if not (information.channels or weighings):
         return gathered
     sigma = max(noise_level(information), NOISE_FLOOR)
     rows = [
-        sigma / one.std * np.append(one.over(information.columns), one.value) for one in weighings
+        sigma / fact.std * np.append(fact.over(information.columns), fact.value)
+        for fact in weighings
     ]
     facts = np.reshape(rows, (len(rows), len(information.columns) + 1))
     levels = _levels(replace(information, facts=facts), sigma)
@@ -42,8 +43,8 @@ def _levels(information: Information, sigma: float) -> Float[np.ndarray, " chann
     largest = information.torque_max[channels]
     levels = largest.copy()
     for _ in range(_ROUNDS if information.channels else 0):
-        left = _residual(replace(information, levels=levels))[channels]
-        before, levels = levels, np.maximum(left, NOISE_FLOOR * largest) / sigma
+        residual = _residual(replace(information, levels=levels))[channels]
+        before, levels = levels, np.maximum(residual, NOISE_FLOOR * largest) / sigma
         if np.allclose(levels, before, rtol=_SETTLED, atol=0):
             break
     return levels
@@ -55,7 +56,7 @@ def _residual(information: Information) -> Float[np.ndarray, " rows"]:
     Each channel's share of the degrees of freedom that the fit takes is given back.
     """
     problem = information.problem
-    left = np.linalg.norm(information.factors @ np.append(-problem.x, 1.0), axis=1)
-    own = information.factors[:, :, :-1] @ problem.inverse
-    taken = np.sum(own**2, axis=(1, 2)) * information.weights
-    return left / np.sqrt(np.maximum(information.samples - taken, 1.0))
+    residual = np.linalg.norm(information.factors @ np.append(-problem.x, 1.0), axis=1)
+    leverage = information.factors[:, :, :-1] @ problem.inverse
+    freedom = np.sum(leverage**2, axis=(1, 2)) * information.weights
+    return residual / np.sqrt(np.maximum(information.samples - freedom, 1.0))

@@ -1,4 +1,4 @@
-"""Gears that wind up: their motors are turned back to the links, by what shows or is stated."""
+"""Gears that wind up: links' positions from motors', by estimated or stated compliances."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from deltaid.effects.compliance import compliances
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
-from deltaid.identification.lag_stage import lags_put_right, traced, without_lags
+from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import Study, studied
 from deltaid.recording.recording import Recording
@@ -21,19 +21,20 @@ _BAND = 0.5
 
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
-    """Positions of links in the place of those of motors, where their gears wind up."""
+    """Positions of links in place of those of motors, where their gears wind up."""
     turned = _turned_back(setup, progress)
-    gears = [one.repairs.gears for one in (*setup.recordings, *turned.recordings)]
+    gears = [recording.repairs.gears for recording in (*setup.recordings, *turned.recordings)]
     return turned if any(gears) else setup  # with its lags
 
 
 def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Setup:
-    """With gears that are stated, and if asked to search for them those that show."""
+    """With stated gears and, if searched, those that are detected."""
     for recording in setup.recordings:
         setup = setup.repaired(recording, gears=None)
-    # Lags stand here as columns of their own.
-    bare = setup.told((), "compliance").changed(additions=without_lags(setup.additions))
-    traces = [both for one in bare.recordings if (both := _traced(bare, one)) is not None]
+    # Lags are separate columns here.
+    bare = setup.reported((), "compliance").changed(additions=without_lags(setup.additions))
+    pairs = (_traced(bare, recording) for recording in bare.recordings)
+    traces = [pair for pair in pairs if pair is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     searched = (stated == 0) & (search and setup.settings.compliance == "estimate")
     if not traces or not (stated.any() or searched.any()):
@@ -41,21 +42,20 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
     progress("looking for gears that wind up")
     narrow, wide = zip(*traces, strict=True)
     rows = TraceRows.of(bare.dynamics, bare.additions, bare.settings.prior_spread)
-    found = compliances(narrow, wide, rows, np.where(searched, np.nan, stated))
-    if not found.values.any():
+    gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated))
+    if not gears.values.any():
         return setup
     for recording in bare.recordings:
         if recording.low_pass is not None:
             rate = recording.log.rate
-            motors = motors_of(bare.robot, found.p, recording.low_pass.cutoff, rate)
-            motors = replace(motors, compliance=tuple(found.values.tolist()))
+            motors = motors_of(bare.robot, gears.p, recording.low_pass.cutoff, rate)
+            motors = replace(motors, compliance=tuple(gears.values.tolist()))
             bare = bare.repaired(recording, gears=motors)
-    # Loads and lags that gears imitated are none.
-    studies = tuple(studied(bare.dynamics, one) for one in bare.recordings)
+    studies = tuple(studied(bare.dynamics, recording) for recording in bare.recordings)
     if searched.any() and not _better_than_loads(setup, studies):
         return _turned_back(setup, progress, search=False)
-    bare = bare.changed(studies=studies).told(found.corrections(bare.robot))
-    return lags_put_right(bare, progress)
+    bare = bare.changed(studies=studies).reported(gears.corrections(bare.robot))
+    return lags_corrected(bare, progress)
 
 
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
@@ -68,11 +68,11 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         before = setup.studies[k] if setup.is_disturbed(k) else None
         if before is None or after is None:
             continue
-        found, left = before.account.found, before.account.left
-        of_loads = sum(one.gain for one in found if one.candidate.kind == "load-change")
-        whole = float(left @ left) + sum(one.gain for one in found)
+        parts, residual = before.account.found, before.account.left
+        of_loads = sum(part.gain for part in parts if part.candidate.kind == "load-change")
+        total = float(residual @ residual) + sum(part.gain for part in parts)
         by_gears = np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2)
-        if by_gears > 1.0 - of_loads / whole:
+        if by_gears > 1.0 - of_loads / total:
             return False
     return True
 
@@ -83,5 +83,5 @@ def _traced(setup: Setup, recording: Recording) -> tuple[Trace, Trace] | None:
     if recording.low_pass is None:
         return None
     cutoff = recording.low_pass.cutoff
-    narrow, wide = (traced(setup, recording, by * cutoff, _WINDOWS) for by in (_BAND, 1.0))
+    narrow, wide = (traced(setup, recording, share * cutoff, _WINDOWS) for share in (_BAND, 1.0))
     return None if narrow is None or wide is None else (narrow, wide)

@@ -1,4 +1,4 @@
-"""How far a parameter may lie when only the recording and physical consistency speak, no prior.
+"""Ranges of parameters by the recording and physical consistency alone, without prior.
 
 The range of c·p is its least and largest value over all consistent x, p = A x + p_0, with
 
@@ -10,7 +10,7 @@ Student's quantile. Where the recording determines c·p, this is the 95 % interv
 where it shows only a sum of c·p with something else, the other's prior has no part in it.
 
 With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, the data is a ball ‖v‖ ≤ r and what it does not
-show is a, free but for the cones: a linear function over a ball and cones (Clarabel).
+determine is a, free but for the cones: a linear function over a ball and cones (Clarabel).
 
 Shares of the squared width: what stays when noise and geometry all but vanish is what the recording
 does not show, and the rest parts as their variances.
@@ -33,7 +33,7 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import Sources
 from deltaid.model.parameter_record import Share
 
-# A singular value below this share of the largest is what the recording does not show.
+# A singular value below this share of the largest is not identifiable.
 _DEPENDENT = 1e-9
 _TOLERANCE = 1e-8
 # Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
@@ -69,9 +69,9 @@ class ConsistentRanges:
         U, S, Vt = np.linalg.svd(R * scale)
         self._rank = rank = int(np.sum(S / S[0] > _DEPENDENT))
         # x = centre + map (v, a)
-        shown = Vt[:rank].T / S[:rank]
-        self._map = scale[:, None] * np.hstack([shown, Vt[rank:].T])
-        self._centre = scale * (shown @ (U[:, :rank].T @ b))
+        determined = Vt[:rank].T / S[:rank]
+        self._map = scale[:, None] * np.hstack([determined, Vt[rank:].T])
+        self._centre = scale * (determined @ (U[:, :rank].T @ b))
         combination = base.combination() @ self._reduction.A
         self._scores = self._noise.root @ combination @ self._map[:, :rank]
         self._shifts = self._noise.root @ problem.shifts
@@ -96,9 +96,9 @@ class ConsistentRanges:
         """What the range of c·p, which must end, comes from."""
         cost = self._map.T @ (self._reduction.A.T @ c)
         t, by_noise = self._reach(cost)
-        whole = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
-        rest = float(np.ptp(self._ends(cost, _VANISHED * t)))
-        ratio = float(rest / whole) if whole > 0 else 0.0
+        width = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
+        vanished = float(np.ptp(self._ends(cost, _VANISHED * t)))
+        ratio = float(vanished / width) if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
         noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()
@@ -149,21 +149,21 @@ class ConsistentRanges:
         return size * float(solution.obj_val) if str(solution.status) in _SOLVED else -np.inf
 
     def _cone(
-        self, block: Block, shown: Bool[np.ndarray, " n"]
+        self, block: Block, determined: Bool[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray, object] | None:
         """Rows, right side and cone of M_b(x) ⪰ 0, seen from its prior.
 
         A moment that the recording does not show can always be made large enough, so its row is
-        left out.
+        excluded.
         """
-        own = np.diag(block.index)
-        rest = np.ix_(*[np.flatnonzero((own < 0) | shown[own])] * 2)
-        if np.all(block.index[rest] < 0):
+        diagonal = np.diag(block.index)
+        inner = np.ix_(*[np.flatnonzero((diagonal < 0) | determined[diagonal])] * 2)
+        if np.all(block.index[inner] < 0):
             return None
         M = block.matrix(self._centre)
-        part = replace(block, index=block.index[rest], constant=M[rest], prior=block.prior[rest])
-        at, at_centre, slopes = affine(part)
-        rows = -np.column_stack([svec(slope) for slope in slopes]) @ self._map[at]
+        part = replace(block, index=block.index[inner], constant=M[inner], prior=block.prior[inner])
+        columns, at_centre, slopes = affine(part)
+        rows = -np.column_stack([svec(slope) for slope in slopes]) @ self._map[columns]
         right = svec(at_centre)
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
         return rows / size, right / size, definite(len(at_centre))

@@ -27,17 +27,17 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     """Sentences on what contradicts the data: what was detected, the likeliest cause, the fix.
 
     One cause shows in many ways: torques of another scale leave a misfit, contradict the prior and
-    make masses grow. So the first that is known is said, and that a mass had to grow only where
-    nothing better is; and each measured value that recordings, other values or consistency
+    make masses grow. So the first that is known is reported, and that a mass had to grow only
+    where nothing better is; and each measured value that recordings, other values or consistency
     contradict.
     """
     return (*_of_data(problem), *_of_measured(problem))
 
 
 def _of_data(problem: FittedProblem) -> tuple[str, ...]:
-    found = against_motion(problem.dynamics, problem.information)
-    if found:
-        return (f"{told(found, problem.dynamics.robot)}; {CURE}",)
+    negatives = against_motion(problem.dynamics, problem.information)
+    if negatives:
+        return (f"{told(negatives, problem.dynamics.robot)}; {CURE}",)
     detected = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
     scale = _scale(problem)
     if detected and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
@@ -53,10 +53,10 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
     """Torques that no consistent parameters explain."""
     noise = max(problem.noise, NOISE_FLOOR)
     rows = problem.information.rows / problem.information.mean_samples
-    left = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
-    if left > max(_WORSE * noise, _SHARE):
+    rms = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
+    if rms > max(_WORSE * noise, _SHARE):
         yield (
-            f"the consistent fit leaves {left / noise:.3g} times the torque error that is possible "
+            f"the consistent fit leaves {rms / noise:.3g} times the torque error that is possible "
             "without physical consistency: only negative masses or friction would explain these "
             "torques. Likeliest a torque or position is not that of its drive, or something drives "
             "the robot beside its motors; deltaid check tries signs, orders and gears"
@@ -137,17 +137,17 @@ def _of_measured(problem: FittedProblem) -> Iterator[str]:
     if information.facts is None:
         return
     noise, over = estimate.noise, inverse(estimate.noise.root)
-    at = np.searchsorted(information.columns, problem.base.representatives)
+    columns = np.searchsorted(information.columns, problem.base.representatives)
     for fact, row in zip(weighings(problem.dynamics.robot), information.facts, strict=True):
-        u = over.T @ row[at]
-        left, rest = float(row[-1] - row[at] @ estimate.values), float(1.0 - u @ u)
+        u = over.T @ row[columns]
+        residual, free = float(row[-1] - row[columns] @ estimate.values), float(1.0 - u @ u)
         std, _ = noise.deviations(u[:, None])
-        others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - rest)) ** 2, 0.0)
-        others += float(np.sum((row[at] @ problem.shifts) ** 2))
-        if rest > _REDUNDANT:
-            apart = abs(left / rest / np.hypot(noise.sigma, np.sqrt(others) / rest))
+        others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - free)) ** 2, 0.0)
+        others += float(np.sum((row[columns] @ problem.shifts) ** 2))
+        if free > _REDUNDANT:
+            apart = abs(residual / free / np.hypot(noise.sigma, np.sqrt(others) / free))
             if apart > _NO_CHANCE:
-                value = fact.value * (1.0 - left / rest / row[-1]) if row[-1] else 0.0
+                value = fact.value * (1.0 - residual / free / row[-1]) if row[-1] else 0.0
                 yield _contradicted(fact, "the recording", value, apart)
                 continue
         fitted = float(fact.coefficients @ problem.p)

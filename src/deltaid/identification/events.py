@@ -1,13 +1,13 @@
-"""Contacts, pushes, spikes and stops that no model has: found, told apart, left out.
+"""Contacts, pushes, spikes and stops that no model has: detected, classified, excluded.
 
-What stands out of a recording (`outstanding.py`) is left out, with one exception. Friction that the
-description has no law for stands out as well, again and again where a drive turns round: that is
-for the choice of friction laws. Gears with play stand out where their torque changes its sign; all
-of these changes are left out, under a name of their own. What lasts, or fills much of a recording,
-is no event either but a load or a model that does not fit, and stays for others to tell.
+Outliers of a recording (`outstanding.py`) are excluded, with one exception. Friction that the
+description has no law for causes outliers as well, where a drive turns round: that is for the
+choice of friction laws. Gears with play cause them where their torque changes its sign; all of
+these changes are excluded, as backlash. What lasts, or fills much of a recording, is no event but a
+load or a model that does not fit, which other stages report.
 
-Whether a recording has contacts at all is decided by its excerpt. One that an excerpt does not show
-is seen in the pass that gathers what the fit needs; then all rows are looked at closely.
+Whether a recording has contacts at all is decided by its excerpt. One that an excerpt misses is
+detected in the pass that gathers what the fit needs; then all rows are inspected.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 from deltaid.recording.windows import Window
 
-# What events are left out for, and what is said of it.
+# Reasons to exclude events, and their messages.
 _TEXT = {
     CONTACT: "{times} something pushed the platform, {largest}: torques stand out from all that "
     "the motion asks for",
@@ -45,8 +45,8 @@ _TEXT = {
     BACKLASH: "its gear has play: torques do not follow from the motion where its torque changes "
     "its sign, {spans} times. All drives' are left out there",
 }
-# Time that is left out before and after what stands out [s]; stretches of a contact may be so far
-# apart [s].
+# Time that is excluded before and after an outlier [s]; stretches of a contact may be so far apart
+# [s].
 _BESIDE, _ONE = 4e-3, 0.02
 # What the low-pass of the positions spreads a jump over, to either side, as a share of its period.
 _PERIOD = 0.5
@@ -54,11 +54,11 @@ _PERIOD = 0.5
 _LONGEST, _DENSE, _ABOUT = 1.0, 0.5, 1.0
 # Nor is anything where contacts fill this share of a recording.
 _MOST = 0.2
-# At a jolt the low-pass took so much off the motion that torques change by this share of what
-# stands out; where jolts fill more than this of a recording, its motion is like that.
+# At a jolt the low-pass took so much off the motion that torques change by this share of the
+# outlier; where jolts fill more than this of a recording, its motion is like that.
 _SHARP, _JOLTS = 0.25, 0.05
-# A drive below this share of its usual speed hardly moves; one whose torque stands out this many
-# times as far as all others' does so alone.
+# A drive below this share of its usual speed hardly moves; others' outliers
+# below this share of its own do not count.
 _SLOW, _ALONE = 0.15, 0.4
 # Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
 _ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
@@ -69,29 +69,29 @@ _STANDS = 0.1
 
 
 def without_events(setup: Setup, progress: Progress) -> Setup:
-    """Recordings without what acts on the robot beside its drives, told one by one; a stage."""
+    """Recordings without what acts on the robot apart from its drives; a stage."""
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    told, glanced = list[Correction](), list[tuple[int, Expectation]]()
+    corrections, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
         bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
         spans, repairs = (), dict[str, object]()
-        if expected and not setup.closely and _is_quiet_in_brief(expected):
+        if expected and not setup.closely and _is_excerpt_quiet(expected):
             glanced.append((k, expected))
         elif expected:
             spans = events(expected)
         if expected and setup.settings.lag == "estimate":  # to begin with
             repairs["delay"] = expected.source.recording.repairs.delay
         setup = setup.repaired(setup.recordings[k], left_out=(*kept, *spans), **repairs)
-        told += _told(spans, recording, setup.robot.drives)
-    return setup.told(told, "contact", "backlash").changed(glanced=tuple(glanced))
+        corrections += _corrections(spans, recording, setup.robot.drives)
+    return setup.reported(corrections, "contact", "backlash").changed(glanced=tuple(glanced))
 
 
-def _is_quiet_in_brief(expected: Expectation) -> bool:
-    """Whether a model fits, and nothing stands out of an excerpt that leaves rows out."""
+def _is_excerpt_quiet(expected: Expectation) -> bool:
+    """Whether a model fits, and an excerpt that omits rows has no outliers."""
     source, excerpt = expected.source, expected.source.recording.excerpt
     if excerpt is None or excerpt.whole or not expected.fits:
         return False
@@ -101,18 +101,18 @@ def _is_quiet_in_brief(expected: Expectation) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Watch:
-    """Takes down when windows begin out of which something stands [s]."""
+    """Records when windows with outliers begin [s]."""
 
     expected: Expectation
-    seen: list[float] = field(default_factory=list[float])
+    starts: list[float] = field(default_factory=list[float])
 
     def __call__(self, window: Window) -> None:
         if len(window.own.time) and stands_out(self.expected, window):
-            self.seen.append(float(window.own.time[0]))
+            self.starts.append(float(window.own.time[0]))
 
 
 def watched(setup: Setup) -> Setup:
-    """The same with an eye on recordings of which nothing but an excerpt has been looked at."""
+    """The same with a watch on recordings of which only an excerpt has been inspected."""
     for k, expected in setup.glanced:
         recording, before = setup.recordings[k], expected.source
         same = before.recording.repairs == recording.repairs
@@ -124,26 +124,27 @@ def watched(setup: Setup) -> Setup:
 
 
 def unwatched(setup: Setup) -> tuple[Setup, bool]:
-    """The same without, and whether anything was seen."""
-    watches = [one.watch for one in setup.recordings]
-    seen = any(isinstance(one, Watch) and one.seen for one in watches)
-    without = tuple(replace(one, watch=None) for one in setup.recordings)
-    return setup.changed(recordings=without), seen
+    """The same without, and whether anything was detected."""
+    watches = [recording.watch for recording in setup.recordings]
+    detected = any(isinstance(watch, Watch) and watch.starts for watch in watches)
+    without = tuple(replace(recording, watch=None) for recording in setup.recordings)
+    return setup.changed(recordings=without), detected
 
 
-def _told(
+def _corrections(
     spans: Sequence[LeftSpan], recording: Recording, drives: Sequence[str]
 ) -> list[Correction]:
     """One correction for each kind of event of a recording, and for each gear with play."""
-    found, kinds = list[Correction](), list(_TEXT)
-    for reason, gear in sorted(
-        {(one.reason, one.gear) for one in spans}, key=lambda of: (kinds.index(of[0]), of[1] or 0)
-    ):
-        own = [one for one in spans if (one.reason, one.gear) == (reason, gear)]
-        times = joined_times(np.array([(one.first, one.last) for one in own]))
-        pushes = [(float(np.linalg.norm(one.push.force)), one.push.time) for one in own if one.push]
-        force, when = max(pushes, key=lambda push: push[0], default=(0.0, 0.0))
-        found.append(
+    corrections, kinds = list[Correction](), list(_TEXT)
+    pairs = {(span.reason, span.gear) for span in spans}
+    for reason, gear in sorted(pairs, key=lambda pair: (kinds.index(pair[0]), pair[1] or 0)):
+        group = [span for span in spans if (span.reason, span.gear) == (reason, gear)]
+        times = joined_times(np.array([(span.first, span.last) for span in group]))
+        forces = [
+            (float(np.linalg.norm(p.force)), p.time) for p in (span.push for span in group) if p
+        ]
+        force, when = max(forces, key=lambda push: push[0], default=(0.0, 0.0))
+        corrections.append(
             Correction(
                 kind="contact" if gear is None else "backlash",
                 subject=reason if gear is None else drives[gear],
@@ -151,45 +152,44 @@ def _told(
                 value=float(np.diff(times).sum()),
                 unit="s",
                 text=_TEXT[reason].format(
-                    times="once" if len(own) == 1 else f"{len(own)} times",
+                    times="once" if len(group) == 1 else f"{len(group)} times",
                     largest=f"the largest {force:.3g} N at {when:.3f} s",
                     spans=len(times),
                 ),
             )
         )
-    return found
+    return corrections
 
 
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
-    """What of a recording is to be left out, in the order of time."""
-    seen, recording = outstanding(expected), expected.source.recording
+    """What of a recording is to be excluded, in the order of time."""
+    outliers, recording = outstanding(expected), expected.source.recording
     step, low_pass = 1.0 / recording.log.rate, recording.low_pass
     duration, margin = step * recording.log.samples, max(_BESIDE, step)
     spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
-    lasting = [one for one in seen.stretches if not _is_friction(one, expected.coulomb)]
-    rest, spoilt = without_recurring(seen, lasting, low_pass, margin + spread)
+    lasting = [run for run in outliers.stretches if not _is_friction(run, expected.coulomb)]
+    remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
     course = Course(_ONE)
-    course.join(rest)
+    course.join(remaining)
     pushes = _brief(course.reaching, duration)
-    jolts = [one for one in pushes if one.sharp > _SHARP]
-    if sum(one.end - one.start for one in jolts) > _JOLTS * duration:
-        pushes, jolts = [one for one in pushes if one not in jolts], []
-    found = [*seen.spikes, *spoilt]
-    for one in pushes:
-        reason = STOP if _stops(one, recording.log) else CONTACT
-        push = _push(one, expected.source.dynamics.kinematics)
-        if one in jolts:
+    jolts = [push for push in pushes if push.sharp > _SHARP]
+    if sum(jolt.end - jolt.start for jolt in jolts) > _JOLTS * duration:
+        pushes, jolts = [push for push in pushes if push not in jolts], []
+    excluded = [*outliers.spikes, *spoilt]
+    for stretch in pushes:
+        reason = STOP if _stops(stretch, recording.log) else CONTACT
+        push = _push(stretch, expected.source.dynamics.kinematics)
+        if stretch in jolts:
             reason, push = JOLT, None
-        found.append(LeftSpan(one.start - margin, one.end + margin, reason, push=push))
-    spans = sorted(found, key=lambda span: span.first)
+        excluded.append(LeftSpan(stretch.start - margin, stretch.end + margin, reason, push=push))
+    spans = sorted(excluded, key=lambda span: span.first)
     return tuple(_as_recorded(span, recording.repairs.delay) for span in spans)
 
 
 def on_time(source: Source) -> Expectation | None:
     """What is expected, with torques read later by lags that are not known yet.
 
-    No lag is allowed for where that leaves a model that does not fit. None if a recording tells
-    nothing.
+    No lag is allowed for where that leaves a model that does not fit. None without enough data.
     """
     expected = first = expect(source)
     for _ in range(_ROUNDS):
@@ -208,49 +208,49 @@ def _as_recorded(span: LeftSpan, delay: Sequence[float]) -> LeftSpan:
     """A span by the stamps of its torques, which come so much later than its motion."""
     if not delay:
         return span
-    own = [delay[i] for i in span.drives or range(len(delay))]
-    return replace(span, first=span.first + min(own), last=span.last + max(own))
+    delays = [delay[i] for i in span.drives or range(len(delay))]
+    return replace(span, first=span.first + min(delays), last=span.last + max(delays))
 
 
-def _is_friction(one: Stretch, coulomb: OfDrives) -> bool:
+def _is_friction(stretch: Stretch, coulomb: OfDrives) -> bool:
     """Whether friction of one drive that hardly moves may be all there is."""
-    i = int(np.argmax(one.sizes))
-    alone = np.all(np.delete(one.sizes, i) < _ALONE * one.sizes[i])
-    return bool(alone and one.speed[i] < _SLOW and abs(one.left[i]) <= coulomb[i])
+    i = int(np.argmax(stretch.sizes))
+    alone = np.all(np.delete(stretch.sizes, i) < _ALONE * stretch.sizes[i])
+    return bool(alone and stretch.speed[i] < _SLOW and abs(stretch.residual[i]) <= coulomb[i])
 
 
 def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
     """Those that are short, and not crowded; none where they fill much of a recording."""
-    length = np.array([one.end - one.start for one in stretches])
-    middle = np.array([0.5 * (one.end + one.start) for one in stretches])
+    length = np.array([stretch.end - stretch.start for stretch in stretches])
+    middle = np.array([0.5 * (stretch.end + stretch.start) for stretch in stretches])
     sums = np.append(0.0, np.cumsum(length))
     about = sums[np.searchsorted(middle, middle + 0.5 * _ABOUT, side="right")]
     about -= sums[np.searchsorted(middle, middle - 0.5 * _ABOUT, side="left")]
     kept = (length <= _LONGEST) & (about <= np.maximum(_DENSE * _ABOUT, length))
     if sums[-1] > _MOST * duration:
         return []
-    return [one for one, good in zip(stretches, kept, strict=True) if good]
+    return [stretch for stretch, good in zip(stretches, kept, strict=True) if good]
 
 
-def _stops(one: Stretch, log: Log) -> bool:
+def _stops(stretch: Stretch, log: Log) -> bool:
     """Whether the robot stands still after it."""
     return any(
         mask.reason in ("standing still", "on brakes")
-        and -_STANDS <= mask.start - one.end <= _STANDS
+        and -_STANDS <= mask.start - stretch.end <= _STANDS
         for mask in log.masks
     )
 
 
-def _push(one: Stretch, kinematics: Kinematics) -> Push:
+def _push(stretch: Stretch, kinematics: Kinematics) -> Push:
     """The force that residual torques r at the drives stand for, F = −Jᵀ r with J = ∂q/∂z.
 
     Drives that hold against it do the work rᵀ δq = rᵀ J δz = −Fᵀ δz.
     """
     task = kinematics.robot.task
-    force = -(kinematics.jacobian(one.z[None])[0].T @ one.left)
+    force = -(kinematics.jacobian(stretch.z[None])[0].T @ stretch.residual)
     point = np.zeros(3)
     point[list(task.axes)] = force[task.moves]
-    x, y, z = task.point(one.z).tolist()
+    x, y, z = task.point(stretch.z).tolist()
     along_x, along_y, along_z = point.tolist()
     moment = None if task.turn is None else float(force[task.turn])
-    return Push(one.peak, (x, y, z), (along_x, along_y, along_z), moment)
+    return Push(stretch.peak, (x, y, z), (along_x, along_y, along_z), moment)

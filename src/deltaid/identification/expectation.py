@@ -27,7 +27,7 @@ from deltaid.recording.windows import Samples
 _MEAN = 0.009
 # Windows that are fitted to, at most.
 _MOST = 32
-# Scatter so many times that of noise is no noise.
+# Scatter more than so many times that of noise is misfit.
 NOISE = 1.5
 
 
@@ -53,7 +53,6 @@ class Expectation:
 
     @property
     def rate(self) -> float:
-        """Of the samples [Hz]."""
         return self.source.recording.log.rate
 
     @property
@@ -69,9 +68,9 @@ class Expectation:
     @cached_property
     def coulomb(self) -> Float[np.ndarray, " dof"]:
         """Coulomb friction of each drive [N m or N]; zero without."""
-        own = zip(self.source.parameters, self.p.tolist(), strict=True)
-        found = {one.owner: value for one, value in own if one.symbol == "coulomb"}
-        return np.array([found.get(drive, 0.0) for drive in self.source.dynamics.robot.drives])
+        pairs = zip(self.source.parameters, self.p.tolist(), strict=True)
+        coulomb = {entry.owner: value for entry, value in pairs if entry.symbol == "coulomb"}
+        return np.array([coulomb.get(drive, 0.0) for drive in self.source.dynamics.robot.drives])
 
     @property
     def misfit(self) -> Float[np.ndarray, " dof"]:
@@ -80,7 +79,6 @@ class Expectation:
 
     @property
     def fits(self) -> bool:
-        """Whether the residual is noise."""
         return bool(np.all(self.misfit <= NOISE))
 
     def compared(self, w: Samples) -> tuple[Torques, Torques]:
@@ -91,20 +89,20 @@ class Expectation:
         gear = self.source.torques(values, np.where(self._of_motors, 0.0, self.p))
         return np.where(self.source.counts(w), w.tau.T - tau, np.nan), gear
 
-    def roughly_left(self, w: Samples, every: int) -> Torques:
+    def rough_residual(self, w: Samples, stride: int) -> Torques:
         """Recorded torques less expected ones, as `compared` has it but for its errors.
 
-        Expected ones are computed at each so-manieth sample, and between them follow from four;
-        where one of these does not count, or a joint turns round among them, it is NaN.
+        Expected ones are computed at each `stride`-th sample and interpolated from four; where one
+        of these does not count, or a joint turns round among them, it is NaN.
         """
-        if len(w.time) <= 3 * every:
+        if len(w.time) <= 3 * stride:
             return self.compared(w)[0]
-        knots = w.part(slice(None, None, every))
-        tau = self._expected(knots, self.source.entries(knots), self.rate / every)
+        knots = w.part(slice(None, None, stride))
+        tau = self._expected(knots, self.source.entries(knots), self.rate / stride)
         forward, _ = joint_rates(self.nuisance.kinematics, knots)
         turns = np.append(np.any(np.diff(forward > 0, axis=0), axis=1), False)
         tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
-        return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, every, len(w.time)), np.nan)
+        return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, stride, len(w.time)), np.nan)
 
     def _expected(
         self, w: Samples, values: Float[np.ndarray, "entries samples"], rate: float
@@ -118,7 +116,7 @@ class Expectation:
 
     @cached_property
     def _of_motors(self) -> Bool[np.ndarray, " active"]:
-        return np.array([one.kind in ("friction", "rotor") for one in self.source.parameters])
+        return np.array([entry.kind in ("friction", "rotor") for entry in self.source.parameters])
 
 
 def _length(rate: float) -> int:
@@ -128,7 +126,7 @@ def _length(rate: float) -> int:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def expect(source: Source) -> Expectation | None:
-    """Fit a recording; of a long one its excerpt. None if it tells nothing."""
+    """Fit a recording; of a long one its excerpt. None without enough data."""
     recording, size = source.recording, _length(source.recording.log.rate)
     parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, _MOST)]
     parts = [w for w in parts if len(w.time) >= size]
@@ -137,22 +135,22 @@ def expect(source: Source) -> Expectation | None:
         return None
     p, x, scale = fitted(blocks, source.parameters)
     speeds, scale = by_speed(blocks, blocks.tau - blocks.Y @ p - blocks.beside(p) @ x, scale)
-    found = Expectation(source, p, blocks.nuisance, x, speeds, scale, np.zeros(len(scale)))
-    steps = [np.diff(found.compared(w)[0], axis=1) for w in parts]
+    fit = Expectation(source, p, blocks.nuisance, x, speeds, scale, np.zeros(len(scale)))
+    steps = [np.diff(fit.compared(w)[0], axis=1) for w in parts]
     noise = deviation(np.concatenate(steps, axis=1)) / np.sqrt(2)
-    return replace(found, noise=np.maximum(noise, FLOOR * np.sqrt(size) * blocks.nuisance.torque))
+    return replace(fit, noise=np.maximum(noise, FLOOR * np.sqrt(size) * blocks.nuisance.torque))
 
 
 def _between(
-    x: Float[np.ndarray, "channels knots"], every: int, samples: int
+    x: Float[np.ndarray, "channels knots"], stride: int, samples: int
 ) -> Float[np.ndarray, "channels samples"]:
-    """Values at all samples from those at each so-manieth, by cubics through four neighbours."""
+    """Values at all samples from every `stride`-th, by cubics through four neighbours."""
     before = 3 * (x[:, :1] - x[:, 1:2]) + x[:, 2:3]
     after = 3 * (x[:, -1:] - x[:, -2:-1]) + x[:, -3:-2]
-    further = 3 * (after - x[:, -1:]) + x[:, -2:-1]
-    shares = np.zeros((4, every))
-    for k in range(every):
-        for knot, share in around(k / every, 2):
+    beyond = 3 * (after - x[:, -1:]) + x[:, -2:-1]
+    shares = np.zeros((4, stride))
+    for k in range(stride):
+        for knot, share in around(k / stride, 2):
             shares[1 + knot, k] = share
-    values = sliding_window_view(np.hstack([before, x, after, further]), 4, axis=1) @ shares
+    values = sliding_window_view(np.hstack([before, x, after, beyond]), 4, axis=1) @ shares
     return values.reshape(len(x), -1)[:, :samples]

@@ -33,16 +33,16 @@ _NORMAL = 1.4826
 # Priors are drawn to with so many of their standard deviations, or with what makes this share of
 # the usual torque.
 _PRIOR, _EFFECT = 4.0, 0.1
-# Speeds, in equal parts of the blocks, whose scatter is looked at apart, each of so many at least.
+# Ranges of speed with equal parts of the blocks and separate scatter, each of so many at least.
 _SPEEDS, _FEWEST = 8, 4
 
 OfBlocks = Float[np.ndarray, "dof blocks"]
 
 
-def deviation(x: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
-    """Standard deviation of each drive's values by their median size, without those that are NaN;
-    zero where none is left."""
-    sizes = (np.abs(row[np.isfinite(row)]) for row in x)
+def deviation(values: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
+    """Standard deviation of each drive's values by their median size, without NaN; zero without
+    any."""
+    sizes = (np.abs(row[np.isfinite(row)]) for row in values)
     return np.array([_NORMAL * np.median(row) if row.size else 0.0 for row in sizes])
 
 
@@ -72,8 +72,8 @@ class Blocks:
 
     def beside(self, p: Float[np.ndarray, " columns"]) -> ColumnsOfDrives:
         """All nuisance columns, those of torques by parameters p."""
-        own = of_torques(self.Y @ p, self.rise @ p, self.speed)
-        return np.concatenate([self.friction, of_own_drives(own.transpose(0, 2, 1))], axis=2)
+        of_torque = of_torques(self.Y @ p, self.rise @ p, self.speed)
+        return np.concatenate([self.friction, of_own_drives(of_torque.transpose(0, 2, 1))], axis=2)
 
 
 def blocks_of(source: Source, parts: Sequence[Samples], size: int) -> Blocks:
@@ -81,9 +81,9 @@ def blocks_of(source: Source, parts: Sequence[Samples], size: int) -> Blocks:
     kinematics = source.dynamics.kinematics
     speed = _usual([joint_rates(kinematics, w)[0] for w in parts])
     nuisance = Nuisance(kinematics, speed, _usual([w.tau for w in parts]))
-    every = max(1, sum(len(w.time) // size for w in parts) // _BLOCKS)
-    made = [_of_part(source, w, size, every, nuisance) for w in parts]
-    return Blocks(nuisance, *(np.concatenate(one, axis=1) for one in zip(*made, strict=True)))
+    stride = max(1, sum(len(w.time) // size for w in parts) // _BLOCKS)
+    means = [_of_part(source, w, size, stride, nuisance) for w in parts]
+    return Blocks(nuisance, *(np.concatenate(part, axis=1) for part in zip(*means, strict=True)))
 
 
 def _usual(parts: Sequence[np.ndarray]) -> Float[np.ndarray, " channels"]:
@@ -93,23 +93,23 @@ def _usual(parts: Sequence[np.ndarray]) -> Float[np.ndarray, " channels"]:
 
 
 def _of_part(
-    source: Source, w: Samples, size: int, every: int, nuisance: Nuisance
+    source: Source, w: Samples, size: int, stride: int, nuisance: Nuisance
 ) -> tuple[np.ndarray, ...]:
     """What `Blocks` has of one window."""
     count = len(w.time) // size
     w = w.part(slice(0, count * size))
-    rows, at = source.pattern
+    rows, columns = source.pattern
 
-    def cut(x: np.ndarray) -> np.ndarray:
-        return x.reshape(*x.shape[:-1], count, size)[..., ::every, :]
+    def cut(samples: np.ndarray) -> np.ndarray:
+        return samples.reshape(*samples.shape[:-1], count, size)[..., ::stride, :]
 
     values, counted = cut(source.entries(w)), cut(source.counts(w).astype(float))
     sums = counted.sum(axis=-1)
     share = counted / np.maximum(sums, 1.0)[..., None]
     Y = np.zeros((source.dynamics.dof, values.shape[1], len(source.active)))
     rise = np.zeros_like(Y)
-    Y[rows, :, at] = np.einsum("ebs,ebs->eb", values, share[rows])
-    rise[rows, :, at] = (values[..., -1] - values[..., 0]) * (
+    Y[rows, :, columns] = np.einsum("ebs,ebs->eb", values, share[rows])
+    rise[rows, :, columns] = (values[..., -1] - values[..., 0]) * (
         source.recording.log.rate / max(1, size - 1)
     )
     friction = np.einsum("dcbs,dbs->dbc", cut(nuisance.friction(w)), share)
@@ -120,8 +120,8 @@ def _of_part(
 def fitted(b: Blocks, parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
     """p, coefficients of nuisance columns, and scatter, by reweighted least squares."""
     torque, columns = b.nuisance.torque, b.Y.shape[2]
-    prior = np.array([one.prior for one in parameters])
-    spread = _PRIOR * np.array([one.std for one in parameters])
+    prior = np.array([parameter.prior for parameter in parameters])
+    spread = _PRIOR * np.array([parameter.std for parameter in parameters])
     effect = np.sqrt(np.mean((b.Y / torque[:, None, None]) ** 2, axis=(0, 1)))
     spread = np.maximum(spread, _EFFECT / np.where(effect > 0, effect, np.inf))
     spread = np.append(spread, b.nuisance.deviations)
@@ -164,20 +164,20 @@ def _ridge(
 
 
 def by_speed(
-    b: Blocks, left: OfBlocks, scale: Float[np.ndarray, " dof"]
+    b: Blocks, r: OfBlocks, scale: Float[np.ndarray, " dof"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ends of ranges of speed, and scatter in each, no less than that of all.
 
-    What scatters more at some speeds is friction, and no event stands out there. Of a drive of
-    which next to nothing counts, none does.
+    More scatter at some speeds is friction, no event. Of a drive with too few blocks, none
+    counts.
     """
-    dof = len(left)
+    dof = len(r)
     ends, scales = np.zeros((dof, _SPEEDS - 1)), np.full((dof, _SPEEDS), np.inf)
     for i, (speed, counts) in enumerate(zip(np.abs(b.speed), b.counts, strict=True)):
         if counts.sum() < _FEWEST * _SPEEDS:
             continue
         ends[i] = np.quantile(speed[counts], np.linspace(0, 1, _SPEEDS + 1)[1:-1])
-        at = np.searchsorted(ends[i], speed)
-        own = deviation(np.where(counts & (at == np.arange(_SPEEDS)[:, None]), left[i], np.nan))
-        scales[i] = np.maximum(own, scale[i])
+        bins = np.searchsorted(ends[i], speed)
+        spread = deviation(np.where(counts & (bins == np.arange(_SPEEDS)[:, None]), r[i], np.nan))
+        scales[i] = np.maximum(spread, scale[i])
     return ends, scales

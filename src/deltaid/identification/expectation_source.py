@@ -1,9 +1,9 @@
 """Whose torques are expected: a recording, and the columns that explain them.
 
-Beside the robot's columns stand those of what drives do beside a description: friction of other
-forms, lags, gains, offsets. A residual is large where somebody pushes, but also at low speed or in
-one direction, and wherever torques change fast if they come late; with these columns in the fit
-none of that looks like an event. They are drawn to zero and forgotten afterwards.
+Nuisance columns extend the robot's by what its description may lack: other friction, lags, gains,
+offsets. A residual is large where somebody pushes, but also at low speed or in one direction,
+and wherever torques change fast if they come late; with these columns in the fit none of that looks
+like an event. They are drawn to zero and discarded afterwards.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ Torques = Float[np.ndarray, "dof samples"]
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A robot with columns beside its own, and a recording with the repairs that are known."""
+    """A robot with extra columns, and a recording with the repairs that are known."""
 
     dynamics: Dynamics
     additions: tuple[Addition, ...]
@@ -44,7 +44,6 @@ class Source:
 
     @cached_property
     def regressor(self) -> Regressor | Extended:
-        """All columns."""
         return extended(self.dynamics, self.additions)
 
     @cached_property
@@ -55,9 +54,9 @@ class Source:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the active columns."""
-        more = (parameter for one in self.additions for parameter in one.parameters)
-        every = (*self.dynamics.layout.parameters, *more)
-        return tuple(every[k] for k in self.active)
+        more = (parameter for addition in self.additions for parameter in addition.parameters)
+        parameters = (*self.dynamics.layout.parameters, *more)
+        return tuple(parameters[k] for k in self.active)
 
     @cached_property
     def pattern(self) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
@@ -73,8 +72,8 @@ class Source:
         self, values: Float[np.ndarray, "entries samples"], p: Float[np.ndarray, " active"]
     ) -> Torques:
         """Y p from the entries of Y."""
-        rows, at = self.pattern
-        return np.stack([p[at[rows == i]] @ values[rows == i] for i in range(self.dynamics.dof)])
+        rows, col = self.pattern
+        return np.stack([p[col[rows == i]] @ values[rows == i] for i in range(self.dynamics.dof)])
 
     def counts(self, w: Samples) -> Bool[np.ndarray, "dof samples"]:
         """Whether a drive's torque counts, and all directions of friction in it are known."""
@@ -113,10 +112,10 @@ class Nuisance:
     ) -> Torques:
         """Torques of the model with those of these columns, at samples of some rate [Hz]."""
         shapes, arms = self._joints(w)
-        of_joints, own = np.split(x, [_OF_JOINT * len(self.speed)])
+        of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
         friction = (of_joints.reshape(-1, 1, _OF_JOINT) @ shapes)[:, 0]
         rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        by_torque = of_torques(tau, rise, w.qd.T) * own.reshape(-1, _OF_TORQUE, 1)
+        by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(-1, _OF_TORQUE, 1)
         return tau + np.einsum("jds,js->ds", arms, friction) + by_torque.sum(axis=1)
 
     def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:

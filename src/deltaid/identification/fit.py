@@ -43,7 +43,7 @@ class FittedProblem:
         gathered: what the recordings say, together, in stretches of time and by place.
         base: which combinations of parameters the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
-        additions: what was fitted beside the robot.
+        additions: what was fitted with the robot.
         geometry: what the robot's tolerances do to base parameters; None before that is known.
     """
 
@@ -140,11 +140,11 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
     """A fit whose intervals take in what the tolerances of the robot's geometry do, by the
     recordings that it comes from."""
     base, information = problem.base, problem.information
-    found = geometry(
+    geometric = geometry(
         problem.dynamics, recordings, base, information, problem.values, problem.additions
     )
-    estimate = problem.estimate.with_shifts(found.shifts)
-    return replace(problem, estimate=estimate, geometry=found)
+    estimate = problem.estimate.with_shifts(geometric.shifts)
+    return replace(problem, estimate=estimate, geometry=geometric)
 
 
 def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
@@ -180,20 +180,20 @@ def _settled(
 ) -> tuple[FittedProblem, bool]:
     """A fit where friction that depends on load sees the torques of the fit before, until its
     shares of the load stay as they are; and whether they do. Without load there is one round."""
-    found = posed(load)
+    problem = posed(load)
     if load is None:
-        return found, True
-    first = found.dynamics.layout.friction.start
-    terms = enumerate(found.dynamics.robot.friction_terms, start=first)
+        return problem, True
+    first = problem.dynamics.layout.friction.start
+    terms = enumerate(problem.dynamics.robot.friction_terms, start=first)
     shares, step = [k for k, term in terms if term.of_load], np.zeros(1)
     for _ in range(_LOAD_ROUNDS - 1):
-        if np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
-            return found, True
-        before, step = step, found.p[shares] - load[shares]
+        if np.allclose(problem.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+            return problem, True
+        before, step = step, problem.p[shares] - load[shares]
         # Half of a step back, for |x| bends, and whole ones might go to and fro.
-        load = 0.5 * (load + found.p) if np.sum(step * before) < 0 else found.p
-        found = posed(load)
-    return found, bool(np.allclose(found.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED))
+        load = 0.5 * (load + problem.p) if np.sum(step * before) < 0 else problem.p
+        problem = posed(load)
+    return problem, bool(np.allclose(problem.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED))
 
 
 def _posed(
@@ -228,8 +228,8 @@ def fit_to(
         wrong = against_motion(dynamics, information)
         if not wrong:
             raise
-        what = f"no consistent robot moves like this: {told(wrong, dynamics.robot)}"
-        raise IdentificationError(what, cure=CURE) from error
+        message = f"no consistent robot moves like this: {told(wrong, dynamics.robot)}"
+        raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
     estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
     return FittedProblem(

@@ -76,17 +76,17 @@ class _Step:
         )  # fmt: skip
 
 
-def rows_for_friction(setup: Setup, progress: Progress, what: str) -> FrictionRows | None:
-    """Rows in which friction is searched; None where described laws are wanted, where loads come
-    and go that nobody declared, or where recordings are too short, which the fit reports."""
+def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> FrictionRows | None:
+    """Rows in which friction is searched; None where described laws are kept, undeclared loads come
+    and go, or recordings are too short, which the fit reports."""
     if setup.settings.friction != "choose" or not setup.robot.friction:
         return None
     if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
         return None
-    progress(f"looking for friction that {what}")
-    beside = shown_by_torques(without_lags(setup.additions))
+    progress(f"looking for friction that {clause}")
+    additions = shown_by_torques(without_lags(setup.additions))
     try:
-        return friction_rows(setup.dynamics, setup.recordings, beside)
+        return friction_rows(setup.dynamics, setup.recordings, additions)
     except RecordingError:
         return None
 
@@ -98,10 +98,10 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
         return setup
     robot, choice = choose_friction(rows, progress)
     corrections = _corrections(setup.robot, robot, choice)
-    setup = setup.with_robot(robot).changed(friction_choice=choice).told(corrections, "friction")
+    setup = setup.with_robot(robot).reported(corrections, "friction")
     constants = LawConstants(setup.dynamics)
     added = (constants,) if constants.parameters else ()
-    return setup.changed(additions=(*setup.additions, *added))
+    return setup.changed(friction_choice=choice, additions=(*setup.additions, *added))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -115,73 +115,75 @@ def choose_friction(
         if step.variant.kind == "load":  # gears carry what losses were seen by
             moved[robot.drives.index(step.joint)] = step.variant.joint.moved
     rows = replace(rows, moved=moved)
-    kept, found = _refined(rows, steps, progress)
+    kept, refit = _refined(rows, steps, progress)
     choice = FrictionChoice(
         folds=STRETCHES,
-        plain_error=rows.share(rows.left),
-        chosen_error=rows.share(found.left),
+        plain_error=rows.share(rows.residual),
+        chosen_error=rows.share(refit.residual),
         steps=tuple(step.trial(useful=step in kept) for step in steps),
         trials=tuple(step.trial(useful=step.is_useful) for step in first),
     )
-    return robot.changed(friction=dict(robot.friction) | found.laws), choice
+    return robot.changed(friction=dict(robot.friction) | refit.laws), choice
 
 
 def _corrections(
     before: RobotDescription, after: RobotDescription, choice: FrictionChoice
 ) -> list[Correction]:
     """One for each joint whose law was changed."""
-    found = list[Correction]()
+    corrections = list[Correction]()
     for joint, law in after.friction.items():
         steps = [step for step in choice.steps if step.useful and step.joint == joint]
         if steps:
-            left = float(np.prod([1 - step.gain for step in steps]))
+            remaining = float(np.prod([1 - step.gain for step in steps]))
             times = max(step.significance for step in steps)
             text = (
                 f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
-                f"squared errors of the torques fall by {100 * (1 - left):.2g} %, {times:.2g} "
+                f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
                 "times what chance would explain"
             )
-            found.append(Correction(kind="friction", subject=joint, text=text))
-    return found
+            corrections.append(Correction(kind="friction", subject=joint, text=text))
+    return corrections
 
 
 def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
-    """Add what chance explains least until nothing is left to say; and the first round's trials."""
-    options, left = list(rows.options()), rows.left
+    """Add what chance explains least until nothing is significant; and the first round's trials."""
+    options, residual = list(rows.options()), rows.residual
     variants = [variant for option in options for variant in option]
-    columns = rows.columns([(one.joint, shape) for one in variants for shape in one.shapes])
+    columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
     ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
     bare = dict(zip(variants, np.split(_bare(rows, columns), ends, axis=1), strict=False))
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
-        trials = [step for option in options if (step := _tried(rows, option, bare, left))]
+        trials = [step for option in options if (step := _tried(rows, option, bare, residual))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]
         if not useful:
             break
         best = max(useful, key=lambda step: step.judged.surprise)
         if best.variant.kind == "both_ways":
-            best = _simplest(best, useful, rows, bare, left)
+            best = _simplest(best, useful, rows, bare, residual)
         steps.append(best)
-        # Laws for both directions have no offset, which says the same.
+        # Laws for both directions include an offset.
         kinds = {best.variant.kind} | ({"offset"} if best.variant.kind == "both_ways" else set())
         barred = {(best.joint, kind) for kind in kinds}
-        options = [one for one in options if (one[0].joint.name, one[0].kind) not in barred]
+        options = [
+            option for option in options if (option[0].joint.name, option[0].kind) not in barred
+        ]
         U = best.judged.directions
         bare = {variant: _without(U, A) for variant, A in bare.items()}
-        left = _without(U, left)
+        residual = _without(U, residual)
     return steps, first
 
 
 def _simplest(
-    both: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, left: Rows
+    both: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, residual: Rows
 ) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
     for offset in useful:
         if (offset.joint, offset.variant.kind) == (both.joint, "offset"):
             U = offset.judged.directions
-            beside = {both.variant: _without(U, bare[both.variant])}
-            more = _tried(rows, [both.variant], beside, _without(U, left))
+            extra = {both.variant: _without(U, bare[both.variant])}
+            more = _tried(rows, [both.variant], extra, _without(U, residual))
             return both if more is not None and more.is_useful else offset
     return both
 
@@ -193,12 +195,12 @@ def _refined(
     kept = list(steps)
     while kept:
         progress(f"refining friction laws of {len({step.joint for step in kept})} joints")
-        found = refined(rows, _laws(rows, kept))
-        spare = _imitated(rows, kept, found) or _spare(rows, kept, found)
+        refit = refined(rows, _laws(rows, kept))
+        spare = _imitated(rows, kept, refit) or _spare(rows, kept, refit)
         if spare is None:
-            return kept, found
+            return kept, refit
         kept.remove(spare)
-    return [], Refined({}, rows.left)
+    return [], Refined({}, rows.residual)
 
 
 def _laws(rows: FrictionRows, steps: Iterable[_Step]) -> dict[str, Friction]:
@@ -209,60 +211,63 @@ def _laws(rows: FrictionRows, steps: Iterable[_Step]) -> dict[str, Friction]:
     return laws
 
 
-def _imitated(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step | None:
+def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
     """One of two terms with constants that a joint got, where the other one alone can do as well
     with constants of its own; None if all are needed."""
     curved = [step for step in steps if step.variant.constants]
     joints = [step.joint for step in curved]
-    squares = float(found.left @ found.left)
-    level = squares / max(len(found.left) - rows.span.rank, 1)
-    seen = dict[_Step, float]()
+    squares = float(refit.residual @ refit.residual)
+    level = squares / max(len(refit.residual) - rows.span.rank, 1)
+    surprises = dict[_Step, float]()
     for step in curved:
         if joints.count(step.joint) > 1:
-            left = refined(rows, _laws(rows, (other for other in steps if other is not step))).left
-            more = max(float(left @ left) - squares, 0.0)
-            seen[step] = surprise(more / level, 1 + step.variant.constants)
-    worst = min(seen, key=lambda step: seen[step], default=None)
-    return worst if worst is not None and seen[worst] <= _SEEN else None
+            others = [other for other in steps if other is not step]
+            residual = refined(rows, _laws(rows, others)).residual
+            more = max(float(residual @ residual) - squares, 0.0)
+            surprises[step] = surprise(more / level, 1 + step.variant.constants)
+    worst = min(surprises, key=lambda step: surprises[step], default=None)
+    return worst if worst is not None and surprises[worst] <= _SEEN else None
 
 
-def _spare(rows: FrictionRows, steps: Sequence[_Step], found: Refined) -> _Step | None:
+def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
     """The step that refined laws can do without best; None if they need all.
 
-    Each is judged beside all others, with the constants as they are now.
+    Each is judged with all others, with the constants as they are now.
     """
-    robot, wanted = rows.dynamics.robot, []
+    robot, columns = rows.dynamics.robot, []
     for step in steps:
-        shapes = shapes_of(robot, step.joint, found.laws[step.joint], step.variant.kind)
-        wanted += [(step, (rows.joints[step.joint], shape)) for shape in shapes]
-    bare = _bare(rows, rows.columns([column for _, column in wanted]))
-    left, seen = rows.left, dict[_Step, float]()
+        shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)
+        columns += [(step, (rows.joints[step.joint], shape)) for shape in shapes]
+    bare = _bare(rows, rows.columns([column for _, column in columns]))
+    residual, surprises = rows.residual, dict[_Step, float]()
     for step in steps:
-        own = np.array([whose is step for whose, _ in wanted])
-        U = bare[:, ~own] @ independent(bare[:, ~own])
+        mine = np.array([whose is step for whose, _ in columns])
+        U = bare[:, ~mine] @ independent(bare[:, ~mine])
         variant = replace(step.variant, positive=False)
-        now = _tried(rows, [variant], {variant: _without(U, bare[:, own])}, _without(U, left))
+        now = _tried(rows, [variant], {variant: _without(U, bare[:, mine])}, _without(U, residual))
         if now is None or not now.is_useful:
-            seen[step] = now.judged.surprise if now is not None else 0.0
-    return min(seen, key=lambda step: seen[step], default=None)
+            surprises[step] = now.judged.surprise if now is not None else 0.0
+    return min(surprises, key=lambda step: surprises[step], default=None)
 
 
-def _tried(rows: FrictionRows, option: Sequence[Variant], bare: _Bare, left: Rows) -> _Step | None:
-    """The variant of an addition that explains most; None where there is nothing of it to see."""
+def _tried(
+    rows: FrictionRows, option: Sequence[Variant], bare: _Bare, residual: Rows
+) -> _Step | None:
+    """The variant of an addition that explains most; None where none is identifiable."""
     best: tuple[float, Variant, Columns] | None = None
     for variant in option:
         A = bare[variant]
-        by = independent(A)
-        if not by.shape[1] or (variant.positive and A[:, 0] @ left <= 0):
+        basis = independent(A)
+        if not basis.shape[1] or (variant.positive and A[:, 0] @ residual <= 0):
             continue
-        U = A @ by
-        gain = float(np.sum((U.T @ left) ** 2))
+        U = A @ basis
+        gain = float(np.sum((U.T @ residual) ** 2))
         if best is None or gain > best[0]:
             best = gain, variant, U
     if best is None:
         return None
     _, variant, U = best
-    return _Step(variant, rows.judged(U, left, variant.constants))
+    return _Step(variant, rows.judged(U, residual, variant.constants))
 
 
 def _bare(rows: FrictionRows, columns: Columns) -> Columns:

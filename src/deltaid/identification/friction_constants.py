@@ -24,11 +24,11 @@ from deltaid.robot.friction_terms import FrictionTerm
 _STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
 # Decades by which chance must be unlikely before exponents are none of the usual ones.
 _OTHER = 3.5
-# Standard deviation of a logarithm about where the grid found it.
+# Standard deviation of a logarithm about its value by the grid.
 _SPREAD = 1.0
 # Stribeck's speed stays within these shares of the joint's fastest.
 _SPEEDS = (0.003, 3.0)
-# How strongly the prior pulls at columns of unit length: only what is dependent feels it.
+# Weight of the prior at columns of unit length: it only affects dependent ones.
 _PULL = 1e-6
 # A term's prior is at least this share of Coulomb's.
 _SMALL = 0.02
@@ -40,13 +40,13 @@ _Constant = tuple[str, str, str]
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Laws of the joints that were touched, and what they leave of the rows.
+    """Laws of the joints that were changed, and the residual of the rows.
 
-    Priors of terms that were added are what was found of these.
+    Priors of added terms are their estimates.
     """
 
     laws: dict[str, Friction]
-    left: Rows
+    residual: Rows
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -54,8 +54,8 @@ def refined(rows: FrictionRows, laws: Laws) -> Refined:
     """Laws with the constants that fit best.
 
     The exponents of Stribeck's terms that were added are those of one of its two usual forms, for
-    all joints the same, unless other ones explain more than chance: how the term falls is seen
-    worst of all, and what is left open makes the rest of the curve less certain.
+    all joints the same, unless other ones explain more than chance: how the term falls is
+    least identifiable, and a free exponent makes the rest of the curve less certain.
 
     Args:
         rows: of a robot as it is described.
@@ -75,16 +75,16 @@ def refined(rows: FrictionRows, laws: Laws) -> Refined:
             for joint, term in added.items()
         }
         tried.append(_refined(rows, dict(laws) | usual, added))
-    best = min(tried, key=lambda one: float(one.left @ one.left))
-    level = float(free.left @ free.left) / max(len(free.left) - rows.span.rank, 1)
-    more = float(best.left @ best.left - free.left @ free.left) / level
+    best = min(tried, key=lambda trial: float(trial.residual @ trial.residual))
+    level = float(free.residual @ free.residual) / max(len(free.residual) - rows.span.rank, 1)
+    more = float(best.residual @ best.residual - free.residual @ free.residual) / level
     return best if surprise(max(more, 0.0), len(added)) < _OTHER else free
 
 
 def _refined(rows: FrictionRows, laws: Laws, usual: Collection[str]) -> Refined:
     """Laws with the constants that fit best; Stribeck's exponents of `usual` joints stay."""
-    found, gone = dict(laws), dict[_Constant, float]()
-    fitted = _fit(rows, found, gone, usual)
+    current, travel = dict(laws), dict[_Constant, float]()
+    fitted = _fit(rows, current, travel, usual)
     for _ in range(_STEPS):
         if max((abs(step) for step in fitted.steps.values()), default=0.0) < _SETTLED:
             break
@@ -92,66 +92,66 @@ def _refined(rows: FrictionRows, laws: Laws, usual: Collection[str]) -> Refined:
             joint, kind, name = constant
             limited = step
             if name == "speed":
-                share = getattr(found[joint], kind).speed / rows.joints[joint].fastest
+                share = getattr(current[joint], kind).speed / rows.joints[joint].fastest
                 slowest, fastest = np.log(np.array(_SPEEDS) / share).tolist()
                 limited = float(np.clip(step, slowest, fastest))
-            gone[constant] = gone.get(constant, 0.0) + limited
-            found[joint] = moved(found[joint], kind, name, limited)
-        fitted = _fit(rows, found, gone, usual)
+            travel[constant] = travel.get(constant, 0.0) + limited
+            current[joint] = moved(current[joint], kind, name, limited)
+        fitted = _fit(rows, current, travel, usual)
     for term, value in fitted.coefficients.items():
-        law = found.get(term.joint)
+        law = current.get(term.joint)
         described = rows.dynamics.robot.friction[term.joint]
         if law is not None and getattr(described, term.kind) is None:
             units = {"load": 1.0, "power": term.size}  # about as large as Coulomb's friction
             size = max(abs(value), _SMALL * units.get(term.kind, law.coulomb))
             prior = {"offset": size} if term.signed else term.in_law(size)
-            found[term.joint] = law.changed(**prior)
-    return Refined(found, fitted.left)
+            current[term.joint] = law.changed(**prior)
+    return Refined(current, fitted.residual)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
     coefficients: dict[FrictionTerm, float]
     steps: dict[_Constant, float]
-    left: Rows
+    residual: Rows
 
 
 def _fit(
-    rows: FrictionRows, laws: Laws, gone: Mapping[_Constant, float], usual: Collection[str]
+    rows: FrictionRows, laws: Laws, travel: Mapping[_Constant, float], usual: Collection[str]
 ) -> _Fit:
     """Coefficients of all terms, and steps of the logarithms of constants.
 
     Args:
-        gone: how far these have come.
+        travel: the sum of their steps so far.
         usual: joints whose Stribeck terms keep their exponents.
     """
     described = rows.dynamics.robot
     terms = described.changed(friction=dict(described.friction) | dict(laws)).friction_terms
-    own, joints = set(described.friction_terms), rows.joints
-    made = iter(rows.columns([(joints[t.joint], of_term(t)) for t in terms if t not in own]).T)
-    columns = [rows.own(t.name) if t in own else next(made) for t in terms]
+    before, joints = set(described.friction_terms), rows.joints
+    added = iter(rows.columns([(joints[t.joint], of_term(t)) for t in terms if t not in before]).T)
+    columns = [rows.own(t.name) if t in before else next(added) for t in terms]
     columns, tau = rows.rigid.without(np.column_stack(columns)), rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
     priors = np.array([t.parameter.prior for t in terms])
     first = _bounded(columns, tau, low, high, priors)
     coefficients = dict(zip(terms, first.tolist(), strict=True))
-    left = tau - columns @ first
+    residual = tau - columns @ first
     constants = {
         (t.joint, t.kind, name): t for t in terms if t.joint in laws for name in t.constants
         if not (name == "exponent" and t.kind == "stribeck" and t.joint in usual)
     }  # fmt: skip
     if not constants:
-        return _Fit(coefficients, {}, left)
-    wanted = [(joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
+        return _Fit(coefficients, {}, residual)
+    shapes = [(joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
     sizes, n = np.array([coefficients[t] for t in constants.values()]), len(constants)
-    slopes = rows.rigid.without(rows.columns(wanted) * sizes)
+    slopes = rows.rigid.without(rows.columns(shapes) * sizes)
     prior = np.hstack([np.zeros((n, len(terms))), np.eye(n) / _SPREAD])
     A = np.vstack([np.hstack([columns, slopes]), prior])
-    b = np.concatenate([tau, [-gone.get(constant, 0.0) / _SPREAD for constant in constants]])
+    b = np.concatenate([tau, [-travel.get(constant, 0.0) / _SPREAD for constant in constants]])
     limit = np.full(n, _LARGEST)
     bounds = np.append(low, -limit), np.append(high, limit)
     x = _bounded(A, b, *bounds, np.append(priors, np.zeros(n)))
-    return _Fit(coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), left)
+    return _Fit(coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), residual)
 
 
 def _bounded(

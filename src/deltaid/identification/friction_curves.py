@@ -61,7 +61,7 @@ class LawConstants(Addition):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the joints' Coulomb friction acts."""
         drives = [joint.drives for _, _, joint in self._with_joints]
-        columns = np.repeat(np.arange(len(drives)), [len(own) for own in drives])
+        columns = np.repeat(np.arange(len(drives)), [len(entries) for entries in drives])
         return np.concatenate(drives), columns
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
@@ -87,17 +87,16 @@ class LawConstants(Addition):
 
 
 def law_constants(additions: Sequence[Addition]) -> LawConstants | None:
-    """Those among additions."""
-    return next((one for one in additions if isinstance(one, LawConstants)), None)
+    return next((addition for addition in additions if isinstance(addition, LawConstants)), None)
 
 
 def freed(problem: FittedProblem) -> FittedProblem:
     """A fit to be judged: its result, with what it holds unknown, such as constants of laws."""
-    if not any(one.is_held for one in problem.additions):
+    if not any(addition.is_held for addition in problem.additions):
         return problem
     added = [
-        (one.parameters, free_coefficients(one.parameters) if one.is_held else one.free)
-        for one in problem.additions
+        (extra.parameters, free_coefficients(extra.parameters) if extra.is_held else extra.free)
+        for extra in problem.additions
     ]
     information, settings = problem.information, problem.settings
     reduction = build_reduction(
@@ -141,10 +140,10 @@ def friction_curves(
         FrictionCurve(
             joint=joint,
             speed=tuple(v.tolist()),
-            friction=tuple((own @ problem.values).tolist()),
+            friction=tuple((row @ problem.values).tolist()),
             half_width=tuple(width.tolist()),
         )
-        for (joint, v), own, width in zip(speeds.items(), rows, half, strict=True)
+        for (joint, v), row, width in zip(speeds.items(), rows, half, strict=True)
     )
 
 

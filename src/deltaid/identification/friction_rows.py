@@ -1,9 +1,8 @@
-"""Recordings in memory as rows in which further friction terms are looked for, and these terms.
+"""Recordings in memory as rows in which further friction terms are searched, and these terms.
 
 Rows are masked as the fit's are, reversals of joints included. What a friction law lacks and a lag
 of the torques look alike, so next to the robot's own columns there is one free lag for each drive
-of each recording: −τ̇ of the model. Whatever else is looked for, columns are without what all these
-explain.
+of each recording: −τ̇ of the model. All columns that are searched are without what these explain.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +43,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
 
-# Windows of all recordings together at least, and seconds of each, that are looked at.
+# Windows of all recordings together at least, and seconds of each, that are used.
 _WINDOWS, _SECONDS = 6, 20.0
 # Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
 # in quick motions that is above what masses need.
@@ -109,8 +108,8 @@ class FrictionRows:
     Attributes:
         largest: torque of each drive.
         Y: active columns of the regressor, all recordings after each other.
-        beside: columns of additions, and of a lag for each drive of each recording.
-        span: what parameters and `beside` explain.
+        extra: columns of additions, and of a lag for each drive of each recording.
+        span: what parameters and `extra` explain.
         tau: torques.
         p: parameters by least squares; where torques leave these open, near the prior.
         moved: of each drive, as `Joint.moved`.
@@ -120,7 +119,7 @@ class FrictionRows:
     traces: tuple[Trace, ...]
     largest: Float[np.ndarray, " dof"]
     Y: Float[np.ndarray, "dof samples columns"]
-    beside: Float[np.ndarray, "rows beside"]
+    extra: Float[np.ndarray, "rows beside"]
     drive_rows: DriveRows
     span: Span
     tau: Rows
@@ -128,8 +127,8 @@ class FrictionRows:
     moved: Float[np.ndarray, " dof"]
 
     @cached_property
-    def left(self) -> Rows:
-        """What parameters and lags leave of the torques."""
+    def residual(self) -> Rows:
+        """Torques without what parameters and lags explain."""
         return self.span.without(self.tau)
 
     @property
@@ -141,25 +140,25 @@ class FrictionRows:
     def rigid(self) -> Span:
         """What lags, additions and all parameters but those of friction explain."""
         Y = np.where(self._is_friction, 0.0, self.Y)
-        return Span.of(self.drive_rows.stack(Y)).with_columns(self.beside)
+        return Span.of(self.drive_rows.stack(Y)).with_columns(self.extra)
 
     @cached_property
     def friction(self) -> Float[np.ndarray, "dof samples"]:
         """Torques of the robot's friction [N m or N]."""
-        own = self._is_friction
-        return self.Y[:, :, own] @ self.p[active_columns(self.dynamics)[own]]
+        is_friction = self._is_friction
+        return self.Y[:, :, is_friction] @ self.p[active_columns(self.dynamics)[is_friction]]
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
-        at = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
-        return self.drive_rows.stack(self.Y[:, :, at])
+        k = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
+        return self.drive_rows.stack(self.Y[:, :, k])
 
-    def share(self, left: Rows) -> float:
+    def share(self, residual: Rows) -> float:
         """Root mean square of rows as a share of the drives' largest torques."""
-        of_drives = self.drive_rows.of_drives(left) / self.largest[:, None]
+        of_drives = self.drive_rows.of_drives(residual) / self.largest[:, None]
         return float(np.sqrt(np.mean(of_drives**2)))
 
-    def judged(self, U: Columns, left: Rows, constants: int) -> Judged:
+    def judged(self, U: Columns, residual: Rows, constants: int) -> Judged:
         """What orthonormal columns explain of rows.
 
         Chance is the scatter of their scores between stretches of time, or white noise where that
@@ -168,39 +167,39 @@ class FrictionRows:
         Args:
             constants: that were chosen with them.
         """
-        found = U @ (U.T @ left)
-        after = left - found
-        gain = float(np.sum((U.T @ left) ** 2))
-        freedom = max(len(left) - self.span.rank - U.shape[1], 1)
+        explained = U @ (U.T @ residual)
+        after = residual - explained
+        gain = float(np.sum((U.T @ residual) ** 2))
+        freedom = max(len(residual) - self.span.rank - U.shape[1], 1)
         level = level_along(U, after, self.drive_rows.groups, freedom)
         return Judged(
             directions=U,
-            gain=gain / max(float(left @ left), 1e-300),
+            gain=gain / max(float(residual @ residual), 1e-300),
             times=float(np.sqrt(gain / level)),
             surprise=surprise(gain / level, U.shape[1] + constants),
             error=self.share(after),
-            is_large=self.share(found) > _LEAST,
+            is_large=self.share(explained) > _LEAST,
         )
 
     @cached_property
     def joints(self) -> dict[str, Joint]:
         """Joints whose friction may have further terms."""
         motions = [trace.entries(trace.motion()) for trace in self.traces]
-        found = dict[str, Joint]()
+        joints = dict[str, Joint]()
         for joint in joints_of(self.dynamics):
             fastest = max(float(joint.speed(entries).max()) for entries in motions)
             if fastest > 0:
                 moved = 0.0 if joint.drive is None else float(self.moved[joint.drive])
-                found[joint.name] = replace(joint, fastest=fastest, moved=moved)
-        return found
+                joints[joint.name] = replace(joint, fastest=fastest, moved=moved)
+        return joints
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-    def columns(self, wanted: Sequence[tuple[Joint, Shape]]) -> Columns:
-        """One column for each shape of a joint, whatever else explains of it."""
-        if not wanted:
+    def columns(self, shapes: Sequence[tuple[Joint, Shape]]) -> Columns:
+        """One column for each shape of a joint."""
+        if not shapes:
             return np.zeros((len(self.tau), 0))
         traces = [replace(trace, load=self.p) for trace in self.traces]
-        parts = [joint_columns(trace, self.p, wanted) for trace in traces]
+        parts = [joint_columns(trace, self.p, shapes) for trace in traces]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
 
     def options(self) -> Iterator[list[Variant]]:
@@ -218,32 +217,32 @@ class FrictionRows:
                 positive = kind in ("load", "power", "stribeck") and changes != [{}]
                 laws = [(more, law.changed(**more)) for more in changes]
                 yield [
-                    Variant(one, kind, more, shapes_of(robot, one.name, changed, kind), constants,
-                            positive)
-                    for one in joints for more, changed in laws
+                    Variant(joint, kind, more, shapes_of(robot, joint.name, changed, kind),
+                            constants, positive)
+                    for joint in joints for more, changed in laws
                 ]  # fmt: skip
 
 
 def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
     """Forms of what a law may get, as keys of `Friction`; none where constants are others."""
-    c, found = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
+    c, changes = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
     if joint.drive is not None and law.both_ways:
         if law.offset is None:
-            found["offset"] = [{"offset": 0.1 * c}]
-        found["both_ways"] = [{"viscous_back": law.viscous, "coulomb_back": c, "offset": None}]
+            changes["offset"] = [{"offset": 0.1 * c}]
+        changes["both_ways"] = [{"viscous_back": law.viscous, "coulomb_back": c, "offset": None}]
     if joint.drive is not None and law.load is None:
-        found["load"] = [{"load": _LOAD}]
-    found["power"] = [{}] if law.power else [
+        changes["load"] = [{"load": _LOAD}]
+    changes["power"] = [{}] if law.power else [
         {"power": PowerLaw(coefficient=_SIZE * c / joint.fastest**e, exponent=e)}
         for e in _EXPONENTS
     ]  # fmt: skip
     if law.stribeck or not law.hess_soom:
-        found["stribeck"] = [{}] if law.stribeck else [
+        changes["stribeck"] = [{}] if law.stribeck else [
             {"stribeck": Stribeck(
                 coefficient=_SIZE * c, speed=share * joint.fastest, exponent=form)}
             for share in _SPEEDS for form in FORMS
         ]  # fmt: skip
-    return found
+    return changes
 
 
 _SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
@@ -273,7 +272,7 @@ def friction_rows(
     """The rows of some recordings.
 
     Args:
-        additions: columns that the fit has beside those of the robot, without lags.
+        additions: extra columns of the fit, without lags.
 
     Raises:
         RecordingError: a log is too short or too slow to be differentiated.
@@ -292,24 +291,24 @@ def friction_rows(
     span, tau = Span.of(rows.stack(Y)), rows.stack(torques)
     off = tau - rows.stack(Y @ prior[active_columns(dynamics)])
     p = prior + parameters_of(dynamics, span, off)
-    beside = rows.stack(_beside(traces, p, additions))
-    span, still = span.with_columns(beside), np.zeros(dynamics.dof)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, beside, rows, span, tau, p, still)
+    extra = rows.stack(_extra_columns(traces, p, additions))
+    span, still = span.with_columns(extra), np.zeros(dynamics.dof)
+    return FrictionRows(dynamics, tuple(traces), largest, Y, extra, rows, span, tau, p, still)
 
 
-def _beside(
+def _extra_columns(
     traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
 ) -> Float[np.ndarray, "dof samples columns"]:
     """Columns of additions, and a lag for each drive in each recording."""
-    dynamics, found = traces[0].dynamics, list[np.ndarray]()
-    own, dof = len(active_columns(dynamics)), dynamics.dof
-    for k, one in enumerate(traces):
-        lags = LagColumns(dynamics, (), p, one.recording, alone(dof))
-        columns = one.regressor((*additions, lags))
+    dynamics, parts = traces[0].dynamics, list[np.ndarray]()
+    first, dof = len(active_columns(dynamics)), dynamics.dof
+    for k, record in enumerate(traces):
+        lags = LagColumns(dynamics, (), p, record.recording, alone(dof))
+        columns = record.regressor((*additions, lags))
         places = (k * dof, (len(traces) - 1 - k) * dof)
         alone_here = np.pad(columns[:, :, -dof:], ((0, 0), (0, 0), places))
-        found.append(np.concatenate([columns[:, :, own:-dof], alone_here], axis=2))
-    return np.concatenate(found, axis=1)
+        parts.append(np.concatenate([columns[:, :, first:-dof], alone_here], axis=2))
+    return np.concatenate(parts, axis=1)
 
 
 def cutoff_of(recording: Recording) -> float | None:

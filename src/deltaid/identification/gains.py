@@ -1,4 +1,4 @@
-"""How large a drive's torque is that its recording calls 1 N m, where a known load tells it.
+"""How large a drive's torque is that its recording calls 1 N m, where a known load determines it.
 
 A drive records what it believes its torque to be; with a torque constant that is off, the joint
 gets c_i times that. The noise is on what was recorded, so what is minimised is
@@ -7,9 +7,9 @@ gets c_i times that. The noise is on what was recorded, so what is minimised is
 
 over p and c together (variable projection: p is the conic fit's for every c). About gains c that
 are known so far, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p₀ of the *model*: measured
-ones would put the noise on both sides. So gains are further columns of the fit, found by turns, and
-certificate and intervals are the fit's own. Without anything known in N m by itself the common
-scale of all c and p is free. Limbs that are alike tell the ratios of their drives' gains even then;
+ones would put the noise on both sides. So gains are further columns of the fit, by turns, and
+certificate and intervals are the fit's own. Without anything known in N m the common
+scale of all c and p is free. Identical limbs determine the ratios of their drives' gains even then;
 where these explain more of a recording than anything else, Σ log c_i = 0 over these drives.
 """
 
@@ -34,7 +34,7 @@ from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter
 
 # Relative standard deviation of torque constants before any recording, and the share of it below
-# which a gain counts as told.
+# which a gain counts as identified.
 SPREAD, _TOLD = 0.1, 0.5
 # Zeros that are off look like gains; where it is gains, they explain less than this share as much.
 _ZEROS = 0.5
@@ -44,7 +44,7 @@ _ROUNDS, _SETTLED = 8, 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Gains(Addition):
-    """What is left of the gains' logarithms, ε, with the columns −Y_i p₀.
+    """Remaining logarithms of gains, ε, with the columns −Y_i p₀.
 
     Attributes:
         dynamics: of the robot.
@@ -52,7 +52,7 @@ class Gains(Addition):
         values: p₀, and what goes with the other additions.
         others: the other additions, whose torques drives bear as well.
         prior_spread: of the fit, which all scales of parameters are relative to.
-        alike: drives of whose gains only the ratios are told; all gains if empty.
+        alike: drives of whose gains only the ratios are identifiable; all gains if empty.
     """
 
     dynamics: Dynamics
@@ -75,8 +75,8 @@ class Gains(Addition):
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        each = np.arange(self.dynamics.dof)
-        return each, each
+        drives = np.arange(self.dynamics.dof)
+        return drives, drives
 
     @property
     def free(self) -> Free:
@@ -101,42 +101,44 @@ class Gains(Addition):
         p, others = np.split(self.values, [len(before)])
         known = dict(zip(before, p.tolist(), strict=True))
         p = [known.get(name, 0.0) for name in dynamics.layout.names]
-        moved = tuple(one.on(dynamics) for one in self.others)
+        moved = tuple(addition.on(dynamics) for addition in self.others)
         return replace(self, dynamics=dynamics, values=np.append(p, others), others=moved)
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
         torque = w.carried.T.copy()
-        every = np.vstack([own, *(one.entries(w, own, recording) for one in self.others)])
+        Y = np.vstack([own, *(addition.entries(w, own, recording) for addition in self.others)])
         drives, columns = extended(self.dynamics, self.others).regressor_pattern
-        np.add.at(torque, drives, every * self.values[columns][:, None])
+        np.add.at(torque, drives, Y * self.values[columns][:, None])
         return -torque
 
     @property
     def shows_in_torques(self) -> bool:
-        """Whether torques tell it beside all friction: by a load they carry, not by a sensor."""
+        """Whether torques determine gains and friction: by a load they carry, not by a sensor."""
         return bool(self.alike) or any(
-            one.is_absolute and len(one.pattern[0]) > 0 for one in self.others
+            addition.is_absolute and len(addition.pattern[0]) > 0 for addition in self.others
         )
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        drives, found = self.dynamics.robot.drives, list[Correction]()
+        drives, corrections = self.dynamics.robot.drives, list[Correction]()
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
-        rest = f", {silent} is taken to be right" if silent else ""
+        assumed = f", {silent} is taken to be right" if silent else ""
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
             if self.alike and i not in self.alike:
                 continue
             ends = (gain.value, gain.low, gain.high)
-            value, low, high = (float(c * np.exp(np.nan if x is None else x)) for x in ends)
+            value, low, high = (float(c * np.exp(np.nan if end is None else end)) for end in ends)
             torque = f"the joint gets {value:.4g} times the torque that {drive} records"
             if self.alike:
                 text = (
                     f"limbs are alike, so {torque}, against the mean of the limbs' drives; what is "
-                    f"common to all shows nowhere and is taken to be right{rest}: a second "
+                    f"common to all shows nowhere and is taken to be right{assumed}: a second "
                     "recording with a known load tells these too"
                 )
             elif gain.std < _TOLD * SPREAD:
-                witness = " and by ".join(one.witness for one in self.others if one.is_absolute)
+                witness = " and by ".join(
+                    other.witness for other in self.others if other.is_absolute
+                )
                 exact = ", which is 1 as far as this can tell" if low <= 1.0 <= high else ""
                 text = f"{torque}, told by {witness}{exact}"
             else:
@@ -146,20 +148,20 @@ class Gains(Addition):
                     "of known inertia about this drive's axis, off the tool's axis where this is "
                     "the tool's drive, or a torque sensor at its gear would tell it"
                 )
-            found.append(
+            corrections.append(
                 Correction(kind="gain", subject=drive, value=value, low=low, high=high, text=text)
             )
-        return tuple(found)
+        return tuple(corrections)
 
 
 def gains(setup: Setup, progress: Progress) -> Setup:
-    """Torque constants, where something among the additions is known in N m by itself.
+    """Torque constants, where one of the additions is known in N m.
 
     Else their ratios between the drives of limbs, where recordings are off by these above all.
     """
-    others = tuple(one for one in setup.additions if not isinstance(one, Gains))
+    others = tuple(addition for addition in setup.additions if not isinstance(addition, Gains))
     setup = setup.changed(additions=others)
-    absolute = any(one.is_absolute for one in others)
+    absolute = any(addition.is_absolute for addition in others)
     alike = () if absolute else _alike(setup)
     if not (absolute or alike):
         return setup
@@ -168,27 +170,27 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     c = np.ones(dynamics.dof)
     problem = fit(dynamics, _with(setup, c), settings, additions=others)
 
-    def found() -> Gains:
+    def estimated() -> Gains:
         # Of the robot and of all additions but the gains.
-        values = problem.values[: len(problem.p) + sum(len(one.parameters) for one in others)]
+        values = problem.values[: len(problem.p) + sum(len(other.parameters) for other in others)]
         return Gains(dynamics, c, values, others, settings.prior_spread, alike)
 
     for _ in range(_ROUNDS):
-        problem = fit(dynamics, _with(setup, c), settings, additions=(*others, found()))
+        problem = fit(dynamics, _with(setup, c), settings, additions=(*others, estimated()))
         step = problem.values[-dynamics.dof :]
         if np.abs(step).max() < _SETTLED:
             break
         c = c * np.exp(step)
-    return setup.changed(recordings=_with(setup, c), additions=(*others, found()))
+    return setup.changed(recordings=_with(setup, c), additions=(*others, estimated()))
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions without gains that sensors alone tell: beside these, friction has no scale."""
-    return tuple(one for one in additions if not isinstance(one, Gains) or one.shows_in_torques)
+    """Additions without gains that only sensors determine: with these, friction has no scale."""
+    return tuple(term for term in additions if not isinstance(term, Gains) or term.shows_in_torques)
 
 
 def _alike(setup: Setup) -> tuple[int, ...]:
-    """Drives of limbs that are alike, where factors of theirs explain most of a recording."""
+    """Drives of identical limbs, where their gains explain most of a recording."""
     limbs = setup.robot.limbs
     if limbs is None or not limbs.identical:
         return ()
@@ -202,10 +204,10 @@ def _by_gains(study: Study, drives: Sequence[str]) -> bool:
     largest = study.largest
     if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
         return False
-    alone = [(one.candidate.kind, one.gain) for one in study.account.first]
+    alone = [(trial.candidate.kind, trial.gain) for trial in study.account.first]
     zeros, gains = (
-        max((gain for kind, gain in alone if kind == which), default=0.0)
-        for which in ("homing-or-tilt", "drive-gain")
+        max((gain for kind, gain in alone if kind == cause), default=0.0)
+        for cause in ("homing-or-tilt", "drive-gain")
     )
     return zeros < _ZEROS * gains
 
@@ -214,5 +216,6 @@ def _with(setup: Setup, c: Float[np.ndarray, " dof"]) -> tuple[Recording, ...]:
     """Recordings whose torques have been multiplied by gains c."""
     factors = tuple(c.tolist())
     return tuple(
-        replace(one, repairs=replace(one.repairs, gain=factors)) for one in setup.recordings
+        replace(recording, repairs=replace(recording.repairs, gain=factors))
+        for recording in setup.recordings
     )

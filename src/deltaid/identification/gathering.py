@@ -1,4 +1,4 @@
-"""One pass over recordings that takes in all they say about the parameters, in constant memory.
+"""One pass over recordings that gathers their information on the parameters, in constant memory.
 
 Windows are condensed to triangles apart from each other, on all cores, and added up in order.
 """
@@ -42,10 +42,9 @@ _Chunks = Callable[[_Values, _Torques], Sequence[Chunk]]
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """What recordings of one robot say."""
+    """The information of recordings of one robot."""
 
-    # for each recording its consecutive blocks of equal length; apart they say how much results
-    # change from one stretch of the recording to the next
+    # for each recording its consecutive blocks of equal length, whose scatter gives intervals
     parts: tuple[tuple[Information, ...], ...]
     places: Float[np.ndarray, "places rows augmented augmented"]  # the same samples place by place
     # levels, facts: as of `Information`, for everything together (`balance`)
@@ -166,17 +165,17 @@ def _blocks(
     def share(window: Window) -> tuple[list[tuple[int, Condensed]], list[Visits]]:
         """A window's samples condensed, with the numbers of their blocks, and by place."""
         values, tau, z = thinned(regressor, recording, window, load)
-        counted, shown = window.counted(window.thinned), rows.shown(window, recording)
+        counted, sensed = window.counted(window.thinned), rows.shown(window, recording)
         measured = [tau, counted]
-        if shown is not None:
-            measured = [np.vstack([tau, shown.y]), np.vstack([counted, shown.counted])]
+        if sensed is not None:
+            measured = [np.vstack([tau, sensed.y]), np.vstack([counted, sensed.counted])]
 
         def chunks_of(part: slice) -> list[Chunk]:
-            of_sensors = rows.chunks(shown, part) if shown is not None else []
+            of_sensors = rows.chunks(sensed, part) if sensed is not None else []
             return [*chunks(values[:, part], tau[:, part]), *of_sensors]
 
         pieces = [
-            (number, condense(chunks_of(part), *(x[:, part] for x in measured)))
+            (number, condense(chunks_of(part), *(rows[:, part] for rows in measured)))
             for number, part in _cuts(window.start // window.thinned, tau.shape[1], length)
         ]
         return pieces, places.visits(robot.task.point(z), chunks_of(slice(None))) if places else []
@@ -196,21 +195,21 @@ def thinned(
 ) -> tuple[_Values, _Torques, Float[np.ndarray, "samples dof"]]:
     """Nonzero regressor entries and torques, weighted, filtered and thinned alike, and z there."""
     drives, _ = regressor.regressor_pattern
-    each = np.arange(regressor.dof)
+    all_drives = np.arange(regressor.dof)
     slope = LoadSlope.at(regressor, load) if load is not None else None
 
     def values(w: Samples) -> _Values:
         if load is None or slope is None:
             return w.weigh(entries(regressor, w, w.tau + w.carried, recording), drives)
         x = regressor.carried(w.z, w.qd, w.qdd, load) + w.carried
-        own = entries(regressor, w, x, recording)
-        return w.weigh(slope.scaled(own, slope.factor(w, x)), drives)
+        Y = entries(regressor, w, x, recording)
+        return w.weigh(slope.scaled(Y, slope.factor(w, x)), drives)
 
     def torques(w: Samples) -> _Torques:
         if load is None or slope is None:
-            return w.weighted(w.tau.T, each)
-        own = regressor.carried(w.z, w.qd, w.qdd, load)
-        return w.weighted(w.tau.T + slope.factor(w, own + w.carried) * own.T, each)
+            return w.weighted(w.tau.T, all_drives)
+        carried = regressor.carried(w.z, w.qd, w.qdd, load)
+        return w.weighted(w.tau.T + slope.factor(w, carried + w.carried) * carried.T, all_drives)
 
     return window.filtered(values), window.filtered(torques), window.own.z[:: window.thinned]
 

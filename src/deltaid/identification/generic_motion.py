@@ -34,25 +34,25 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     motion, layout = _motion(dynamics, seed), dynamics.layout
     torques, facts, channels = _by_torques(dynamics, motion), weighings(dynamics.robot), []
     used = [torques.columns, *(np.flatnonzero(fact.coefficients) for fact in facts)]
-    parameters, own = list(layout.parameters), len(layout.names)
+    parameters, count = list(layout.parameters), len(layout.names)
     for sensor in all_sensor_rows(dynamics):
         rows, columns = sensor.pattern
-        at = np.where(columns < own, columns, columns - own + len(parameters))
+        places = np.where(columns < count, columns, columns - count + len(parameters))
         parameters += sensor.parameters
-        used.append(at)
+        used.append(places)
         # Whatever it shows: its pose and gain are determined by something that is not constant.
-        shown = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
-        entries = sensor.entries(*motion, shown)
+        reading = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
+        entries = sensor.entries(*motion, reading)
         numbers = range(len(sensor.channels))
-        channels += [(at[rows == k], entries[rows == k].T) for k in numbers]
+        channels += [(places[rows == k], entries[rows == k].T) for k in numbers]
     columns = np.unique(np.concatenate(used))
     n, last = len(columns) + 1, len(columns)
     factors = [
         _widened(factor, np.append(np.searchsorted(columns, torques.columns), last), n)
         for factor in torques.factors
     ]
-    for at, entries in channels:
-        wide = _widened(entries, np.searchsorted(columns, at), n)
+    for places, entries in channels:
+        wide = _widened(entries, np.searchsorted(columns, places), n)
         factors.append(triangle(np.vstack([wide, np.zeros((n, n))])))
     samples = np.full(len(factors), float(_SAMPLES))
     information = Information(columns, np.stack(factors), samples, np.ones(len(factors)))
@@ -76,7 +76,7 @@ def _by_torques(dynamics: Dynamics, motion: Motion) -> Information:
     return gather_samples(dynamics, *motion, np.zeros_like(motion[0]), load)
 
 
-def _widened(rows: np.ndarray, at: np.ndarray, columns: int) -> np.ndarray:
+def _widened(rows: np.ndarray, places: np.ndarray, columns: int) -> np.ndarray:
     wide = np.zeros((len(rows), columns))
-    wide[:, at] = rows
+    wide[:, places] = rows
     return wide

@@ -34,7 +34,7 @@ from deltaid.sensors.geometry import sensor_errors
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
 _WINDOWS, _SECONDS, _SAMPLES = 32, 40.0, 1500
-# Weight of all information beside that of these samples, which may show less.
+# Weight of all information relative to these samples, which may determine less.
 _BESIDE = 1e-3
 # Some quantities, each over the samples of a window.
 _OfWindow = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -68,8 +68,8 @@ class GeometricRows:
     def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
         """D for more quantities; those that do nothing here are zero."""
         known, nothing = dict(zip(self.names, self.D.T, strict=True)), np.zeros(len(self.tau))
-        found = [known.get(name, nothing) for name in names]
-        return np.reshape(found, (len(names), len(self.tau))).T
+        effects = [known.get(name, nothing) for name in names]
+        return np.reshape(effects, (len(names), len(self.tau))).T
 
 
 def geometry(
@@ -91,10 +91,10 @@ def geometry(
         return Geometry((), np.zeros((base.rank, 0)))
     regressor, active = extended(dynamics, additions), information.columns
     drives, sensors = np.split(np.sqrt(information.weights), [information.drives.stop])
-    seen, p, rows = MeasuredRows(regressor), values[: len(dynamics.layout.names)], []
+    measured, p, rows = MeasuredRows(regressor), values[: len(dynamics.layout.names)], []
     for recording in recordings:
         rows.append(geometric_rows(regressor, dynamics, recording, p, drives, active=active))
-        rows += _sensor_rows(seen, dynamics, recording, values, sensors, active)
+        rows += _sensor_rows(measured, dynamics, recording, values, sensors, active)
     return shifted(rows, base, information, additions)
 
 
@@ -106,24 +106,24 @@ def shifted(
 ) -> Geometry:
     """Shifts of base parameters by what quantities do to some rows, as of `geometry`."""
     active = information.columns
-    told = tuple(start for one in additions for start in one.tells)
-    every = dict.fromkeys(name for one in rows for name in one.names)
-    names = tuple(name for name in every if not (told and name.startswith(told)))
-    at = np.searchsorted(active, [group.representative for group in base.groups])
-    Y, D = np.vstack([one.Y for one in rows])[:, at], np.vstack([one.over(names) for one in rows])
-    whole = replace(information, facts=None).weighted()[:, at]
-    norms = lengths(whole)  # 1 for those that measured values alone show
+    determined = tuple(start for addition in additions for start in addition.tells)
+    all_names = dict.fromkeys(name for row in rows for name in row.names)
+    names = tuple(name for name in all_names if not (determined and name.startswith(determined)))
+    k = np.searchsorted(active, [group.representative for group in base.groups])
+    Y, D = np.vstack([row.Y for row in rows])[:, k], np.vstack([row.over(names) for row in rows])
+    total = replace(information, facts=None).weighted()[:, k]
+    norms = lengths(total)  # 1 for those that measured values alone determine
     share = np.linalg.norm(Y / norms) / np.sqrt(base.rank)
-    # Measured values are of the machine as it is: they hold a shift as they hold the fit.
-    facts = np.zeros((0, len(at))) if information.facts is None else information.facts[:, at]
-    beside = share / norms * np.vstack([np.sqrt(_BESIDE) * whole, facts])
-    D = np.vstack([D, np.zeros((len(beside), len(names)))])
-    shifts, *_ = np.linalg.lstsq(np.vstack([Y / norms, beside]), D, rcond=None)
+    # Measured values are of the machine as it is, so they constrain a shift as well.
+    facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
+    extra = share / norms * np.vstack([np.sqrt(_BESIDE) * total, facts])
+    D = np.vstack([D, np.zeros((len(extra), len(names)))])
+    shifts, *_ = np.linalg.lstsq(np.vstack([Y / norms, extra]), D, rcond=None)
     return Geometry(names, shifts / norms[:, None])
 
 
 def _sensor_rows(
-    seen: MeasuredRows,
+    measured: MeasuredRows,
     dynamics: Dynamics,
     recording: Recording,
     values: Float[np.ndarray, " parameters"],
@@ -136,25 +136,25 @@ def _sensor_rows(
         values: all fitted parameters, those of additions behind the robot's.
         weights: of the channels of all sensors.
     """
-    if not seen.sensors:
+    if not measured.sensors:
         return
 
     def of(window: Window) -> _OfWindow:
-        shown = seen.shown(window, recording)
-        assert shown is not None
-        return shown.values, shown.y, shown.counted
+        sensed = measured.shown(window, recording)
+        assert sensed is not None
+        return sensed.values, sensed.y, sensed.counted
 
     (entries, y, counted), (z, qd, qdd) = _beginning(recording, dynamics, of)
-    rows, columns = seen.regressor_pattern
-    of_sensors, first = rows >= seen.drives, 0
-    rows, columns = rows[of_sensors] - seen.drives, columns[of_sensors]
+    rows, columns = measured.regressor_pattern
+    of_sensors, first = rows >= measured.drives, 0
+    rows, columns = rows[of_sensors] - measured.drives, columns[of_sensors]
     p = values[: len(dynamics.layout.names)]
-    for part in seen.sensors:
+    for part in measured.sensors:
         channels = np.arange(first, first + part.channels)
         mine = np.isin(rows, channels)
         errors = sensor_errors(part.graph, z, qd, qdd, np.append(p, part.unknowns(values)))
-        at, counts = (rows[mine] - first, columns[mine]), np.sqrt(counted[channels])
-        yield _rows(weights[channels], entries[mine], at, y[channels], counts, errors, active)
+        places, counts = (rows[mine] - first, columns[mine]), np.sqrt(counted[channels])
+        yield _rows(weights[channels], entries[mine], places, y[channels], counts, errors, active)
         first += part.channels
 
 
@@ -167,8 +167,9 @@ def geometric_rows(
     tolerances: Tolerances | None = None,
     active: Int[np.ndarray, " columns"] | None = None,
 ) -> GeometricRows:
-    """Samples spread evenly over the beginning of a recording, and what tolerances, by default
-    those of the description, do to torques there; with the columns of torques, or those given."""
+    """Samples spread evenly over the beginning of a recording, and the effects of
+    tolerances on torques there, by default of the description's;
+    with the columns of torques, or `active`."""
     drives = np.arange(dynamics.dof)
 
     def of(window: Window) -> _OfWindow:
@@ -185,7 +186,7 @@ def geometric_rows(
 def _rows(
     weights: Float[np.ndarray, " channels"],
     entries: Float[np.ndarray, "entries samples"],
-    at: tuple[np.ndarray, np.ndarray],
+    places: tuple[np.ndarray, np.ndarray],
     y: Float[np.ndarray, "channels samples"],
     counts: Float[np.ndarray, "channels samples"],
     errors: Sequence[Error],
@@ -193,7 +194,7 @@ def _rows(
 ) -> GeometricRows:
     """Rows of channels with entries of the regressor `at` channel and column, and what counts."""
     Y = np.zeros((*y.shape, len(active)))
-    Y[at[0], :, np.searchsorted(active, at[1])] = entries
+    Y[places[0], :, np.searchsorted(active, places[1])] = entries
     w = weights[:, None]
     D = [w * counts * error.effect for error in errors]
     return GeometricRows(
@@ -205,18 +206,18 @@ def _rows(
 
 
 def _beginning(
-    recording: Recording, dynamics: Dynamics, of: Callable[[Window], _OfWindow]
+    recording: Recording, dynamics: Dynamics, values_of: Callable[[Window], _OfWindow]
 ) -> tuple[_OfWindow, _OfWindow]:
     """What the first windows of a recording give, at samples spread evenly, and z, q̇, q̈ there."""
     most, parts = _SECONDS * recording.log.rate, []
     for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
-        own = window.own.part(slice(None, None, window.thinned))
-        parts.append((*of(window), own.z.T, own.qd.T, own.qdd.T))
+        samples = window.own.part(slice(None, None, window.thinned))
+        parts.append((*values_of(window), samples.z.T, samples.qd.T, samples.qdd.T))
         if window.start + len(window.own.time) > most:
             break
-    found = [np.hstack(part) for part in zip(*parts, strict=True)]
-    every = slice(None, None, -(-found[0].shape[1] // _SAMPLES))
-    a, b, c, z, qd, qdd = (part[:, every] for part in found)
+    joined = [np.hstack(part) for part in zip(*parts, strict=True)]
+    sparse = slice(None, None, -(-joined[0].shape[1] // _SAMPLES))
+    a, b, c, z, qd, qdd = (part[:, sparse] for part in joined)
     return (a, b, c), (z.T, qd.T, qdd.T)
 
 

@@ -22,7 +22,7 @@ from deltaid.identification.fit import (
 )
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import assembled, judged_parameters
-from deltaid.identification.lag_stage import doubtful_lags_left
+from deltaid.identification.lag_stage import without_doubtful_lags
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
@@ -124,8 +124,8 @@ def identify(
     setup, problem = _fitted(setup, progress)
     robot, recordings = setup.robot, setup.recordings
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
-    judged, own = judged_parameters(freed(problem)), len(problem.p)
-    loads = found_loads(setup.additions, judged[own:], held(recordings))
+    judged, count = judged_parameters(freed(problem)), len(problem.p)
+    loads = found_loads(setup.additions, judged[count:], held(recordings))
     carried = {load.name: load.p for load in loads}
     recordings = tuple(unloaded(recording, carried) for recording in recordings)
     progress("comparing torques")
@@ -137,7 +137,7 @@ def identify(
         _mean(errors, problem.used),
         judged,
         loads=loads,
-        corrections=(*setup.corrections, *_told(setup.additions, judged[own:])),
+        corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
         sources=tuple(
             _source(recording, used, error, robot.drives)
             for recording, used, error in zip(recordings, problem.used, errors, strict=True)
@@ -149,11 +149,11 @@ def identify(
 
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
-    """The fit of a setup with all that is to be corrected in it; with a close look at all rows
-    where there is anything that excerpts did not show."""
+    """The fit of a setup with all that is to be corrected in it; inspecting all rows where
+    excerpts missed anything."""
     setup, problem = _confirmed(watched(prepared(first, progress)), progress)
-    setup, found = unwatched(setup)
-    return _fitted(first.changed(closely=True), progress) if found else (setup, problem)
+    setup, detected = unwatched(setup)
+    return _fitted(first.changed(closely=True), progress) if detected else (setup, problem)
 
 
 def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
@@ -165,7 +165,7 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     problem = fitted(setup)
     if not setup.additions:
         return setup, problem
-    confirmed = doubtful_lags_left(setup, judged_parameters(problem, len(problem.p)))
+    confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))
     if len(confirmed.additions) == len(setup.additions):
         return setup, problem
     return confirmed, fitted(confirmed)
@@ -174,7 +174,7 @@ def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
     """Studies of recordings in which nothing has been corrected since, nor what gears carry.
 
-    They were studied with the lags to begin with, which may have been given up since.
+    They were studied with initial lags, which may have been dropped since.
     """
     if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
@@ -184,7 +184,7 @@ def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
     )
 
 
-def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:
+def _corrections(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:
     corrections, rest = list[Correction](), iter(judged)
     for addition in additions:
         corrections += addition.told(tuple(islice(rest, len(addition.parameters))))
@@ -194,8 +194,8 @@ def _told(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Co
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     """Torque errors over several recordings, weighted by their samples."""
 
-    def mean(of: Callable[[TorqueError], np.ndarray]) -> np.ndarray:
-        return np.average([of(error) for error in errors], axis=0, weights=weights)
+    def mean(quantity: Callable[[TorqueError], np.ndarray]) -> np.ndarray:
+        return np.average([quantity(error) for error in errors], axis=0, weights=weights)
 
     rms = np.sqrt(mean(lambda e: e.rms**2))
     torque = np.sqrt(mean(lambda e: (e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0)) ** 2))

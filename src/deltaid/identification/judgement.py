@@ -49,15 +49,15 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
 
 def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
     """Base parameters of the robot with their intervals."""
-    base, estimate, found = problem.base, problem.estimate, list[BaseParameter]()
+    base, estimate, judged = problem.base, problem.estimate, list[BaseParameter]()
     by_noise, _ = estimate.by_noise
     parts = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
     for k, representative in enumerate(base.representatives):
         parameter = base.layout.parameters[representative]
         if parameter.kind in ADDED:
             continue
-        value, half, part = (float(x[k]) for x in (estimate.values, estimate.interval, parts))
-        found.append(
+        value, half, part = (float(row[k]) for row in (estimate.values, estimate.interval, parts))
+        judged.append(
             BaseParameter(
                 formula=base.groups[k].formula(base.layout),
                 representative=parameter.name,
@@ -69,7 +69,7 @@ def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
                 share=Share(noise=part, prior=0.0, geometry=1 - part),
             )
         )
-    return tuple(found)
+    return tuple(judged)
 
 
 def assembled(
@@ -87,15 +87,15 @@ def assembled(
     """The model of a fit.
 
     Args:
-        error: what it leaves of the torques.
+        error: its torque errors.
         judged: its parameters, those of additions behind the robot's.
-        loads: what is held, as the fit found it.
+        loads: what is held, as fitted.
         corrections: what was corrected before it and by it, but for priors.
         sources: the recordings behind it.
-        remarks: what is to be said of these.
+        remarks: warnings about these.
         choice: how friction laws were chosen, if they were.
     """
-    own, layout = len(problem.p), problem.layout
+    count, layout = len(problem.p), problem.layout
     consistency = tuple(
         Consistency(
             body=body,
@@ -111,14 +111,14 @@ def assembled(
     return IdentifiedModel(
         deltaid=version("deltaid"),
         robot=problem.dynamics.robot,
-        parameters=tuple(judged[:own]),
+        parameters=tuple(judged[:count]),
         base_parameters=judged_base(problem),
         consistency=consistency,
         fit=_record(problem, error),
         settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
         posterior=posterior_record(problem),
         loads=loads,
-        sensors=fitted_sensors(problem, judged[own:]),
+        sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
@@ -128,7 +128,7 @@ def assembled(
 
 
 def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
-    """What a fit itself gives reason to doubt, one sentence a cause."""
+    """Warnings that follow from the fit, one sentence a cause."""
     return (*doubts(problem), *torque_scale(problem))
 
 

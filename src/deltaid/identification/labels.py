@@ -15,7 +15,7 @@ from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Origin, Share
 from deltaid.robot.parameter import ADDED
 
-# The data decides a parameter that it knows to less than this share of what the prior says of it.
+# The data decides a parameter that it knows to less than this share of the prior's deviation.
 _SHRUNK = 0.5
 # A positive parameter below this share of its prior has fallen to its bound, and one whose body
 # leaves less room than this share of the prior below it is at the edge of consistency.
@@ -50,7 +50,7 @@ class Labels:
         self._visible = np.isin(np.arange(len(self._p)), problem.information.columns)
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
         self._held_std = spread * scale
-        # What a prior that is wide enough would say of a value of this size.
+        # The deviation of a prior that is wide enough for a value of this size.
         self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
 
     def of(self, i: int) -> Label:
@@ -130,8 +130,8 @@ class Labels:
         for block in self._reduction.blocks:
             # That of entry k is 1 / (M̄⁻¹)_kk, and M̄⁻¹ = L⁻ᵀL⁻¹ with M̄ = L Lᵀ.
             L = np.linalg.cholesky(block.matrix(self._problem.solution.x))
-            at, diagonal = np.diag(block.index), np.sum(inverse(L.T) ** 2, axis=1)
-            room[at[at >= 0]] = 1.0 / diagonal[at >= 0]
+            places, diagonal = np.diag(block.index), np.sum(inverse(L.T) ** 2, axis=1)
+            room[places[places >= 0]] = 1.0 / diagonal[places >= 0]
         return room
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Torques that come late or early are put beside their motion, and their lags into the fit."""
+"""Torques are shifted by their lags, and what remains of lags becomes a part of the fit."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,44 +20,44 @@ from deltaid.recording.windows import WINDOW
 
 # Lags known to no better than this (half a 95 % interval) are none that can be corrected [s].
 _UNKNOWN = 1e-3
-# Windows of a recording at least, and seconds, that are used; more hardly say more.
+# Windows of a recording at least, and seconds, that are used; more hardly help.
 _WINDOWS, _SECONDS = 8, 12.0
 # Standard deviation beyond which intervals allow for a lag that may be none [s]: twice as much does
 # harm. It is 5 to 20 µs in good recordings of 15 s, and up to 0.1 ms in those of a few seconds.
 _HARDLY = 1.5e-4
 
 
-def lags_put_right(setup: Setup, progress: Progress) -> Setup:
-    """Torques of every recording beside their motion, with columns for what is left of a lag.
+def lags_corrected(setup: Setup, progress: Progress) -> Setup:
+    """Torques of every recording without lags, with columns for what remains of these.
 
-    What stands in the setup of lags is replaced, so it can be done again after other stages.
+    Lags of the setup are replaced, so the stage can be repeated after others.
     """
-    asked = setup.settings.lag
-    setup = setup.changed(additions=without_lags(setup.additions)).told((), "lag")
-    if asked == "none":
+    lag = setup.settings.lag
+    setup = setup.changed(additions=without_lags(setup.additions)).reported((), "lag")
+    if lag == "none":
         return setup
-    if not isinstance(asked, str):
-        return _fixed(setup, asked)
+    if not isinstance(lag, str):
+        return _fixed(setup, lag)
     progress("looking for lags")
     traces = list[tuple[Recording, Trace]]()
     for k, recording in enumerate(setup.recordings):
-        as_it_came, found = replace(recording, repairs=replace(recording.repairs, delay=())), None
+        as_it_came, record = replace(recording, repairs=replace(recording.repairs, delay=())), None
         if not setup.is_disturbed(k):
-            found = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
-        if found is not None:
-            traces.append((recording, found))
-        else:  # what other stages took for a beginning is no estimate
+            record = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
+        if record is not None:
+            traces.append((recording, record))
+        else:  # an initial lag by other stages is no estimate
             setup = setup.repaired(recording, delay=())
     if not traces:
         return setup
     dof, several = setup.dynamics.dof, len(setup.recordings) > 1
     lags = estimate_lags(
-        [found for _, found in traces],
+        [record for _, record in traces],
         setup.additions,
         spread=setup.settings.prior_spread,
-        start=np.array([one.repairs.delay or np.zeros(dof) for one, _ in traces]),
+        start=np.array([recording.repairs.delay or np.zeros(dof) for recording, _ in traces]),
     )
-    beside = setup.additions
+    additions = setup.additions
     for k, (recording, _) in enumerate(traces):
         kind, groups, delay = LagColumns, lags.groups(k), np.zeros(dof)
         for group in groups:
@@ -66,24 +66,25 @@ def lags_put_right(setup: Setup, progress: Progress) -> Setup:
         if not groups and lags.common(k).deviation[0] > _HARDLY:
             kind, groups = UnknownLag, (LagGroup(tuple(range(dof)), 0.0),)
         if groups:
-            columns = kind(setup.dynamics, beside, lags.p, recording, groups, several)
+            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several)
             setup = setup.changed(additions=(*setup.additions, columns))
     return setup
 
 
-def doubtful_lags_left(setup: Setup, judged: Sequence[Judged]) -> Setup:
+def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
     """The same without lags that the fit itself does not confirm: their intervals all hold zero, or
-    are as wide as lags are. Something else that nobody declared then looks like one.
+    are as wide as lags are. Something undeclared then looks like one.
 
     Args:
         judged: the parameters of all additions, as fitted.
     """
     rest = iter(judged)
     for addition in setup.additions:
-        own = tuple(islice(rest, len(addition.parameters)))
-        if not isinstance(addition, LagColumns) or not _doubtful(addition.told(own)):
+        fitted = tuple(islice(rest, len(addition.parameters)))
+        if not isinstance(addition, LagColumns) or not _doubtful(addition.told(fitted)):
             continue
-        setup = setup.changed(additions=tuple(x for x in setup.additions if x is not addition))
+        kept = tuple(other for other in setup.additions if other is not addition)
+        setup = setup.changed(additions=kept)
         for recording in setup.recordings:
             if addition.is_of(recording):
                 setup = setup.repaired(recording, delay=())
@@ -91,7 +92,7 @@ def doubtful_lags_left(setup: Setup, judged: Sequence[Judged]) -> Setup:
 
 
 def _doubtful(lags: Sequence[Correction]) -> bool:
-    """Of drives with lags of their own, some may have none that shows."""
+    """Whether no lag differs significantly from zero, or one is hardly known."""
     ends = [(lag.low, lag.high) for lag in lags if lag.low is not None and lag.high is not None]
     zero = [low <= 0.0 <= high for low, high in ends]
     return bool(ends) and (all(zero) or any(high - low > 2 * _UNKNOWN for low, high in ends))
@@ -99,11 +100,11 @@ def _doubtful(lags: Sequence[Correction]) -> bool:
 
 def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     """Additions that are none of lags."""
-    return tuple(one for one in additions if not isinstance(one, LagColumns))
+    return tuple(addition for addition in additions if not isinstance(addition, LagColumns))
 
 
 def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int) -> Trace | None:
-    """So many windows at least of a recording; None where it cannot be differentiated."""
+    """At least `least` windows of a recording; None where it cannot be differentiated."""
     windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))
     load = prior_parameters(setup.robot)
     try:
@@ -126,7 +127,7 @@ def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
     for recording in setup.recordings:
         setup = setup.repaired(recording, delay=delay if any(delay) else ())
     text = "torques are read so much later, as was asked for"
-    return setup.told([
+    return setup.reported([
         Correction(kind="lag", subject=name, value=value, unit="s", text=text)
         for group in groups
         for name in group.subjects(setup.dynamics)

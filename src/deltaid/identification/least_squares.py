@@ -1,4 +1,4 @@
-"""Least-squares values of the base parameters (Sec. IV A), without any thought of consistency.
+"""Least-squares values of the base parameters (Sec. IV A), without consistency.
 
 p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The weight W is the identity
 (ordinary), diag(τ_max)⁻² (weighted) or Σ⁻¹ with the covariance Σ of the drives' torque residuals
@@ -83,7 +83,7 @@ def identify_base(
     """Base parameters and their values from recordings.
 
     Gauss–Markov takes Σ from the residuals of the weighted estimate and reads the logs twice more.
-    `keep_all` leaves nothing out of the recordings, as that of `Settings`.
+    `keep_all` excludes nothing from the recordings, as that of `Settings`.
 
     Raises:
         RecordingError: a log cannot be used.
@@ -166,15 +166,15 @@ def _least_squares(
     method: LeastSquaresMethod,
     sums: dict[str, Sums],
 ) -> BaseEstimate:
-    at = np.searchsorted(information.columns, base.representatives)
-    problem = LinearProblem.of_triangle(factor, information.rows).of_columns(at)
-    own = np.append(at, len(information.columns))
+    columns = np.searchsorted(information.columns, base.representatives)
+    problem = LinearProblem.of_triangle(factor, information.rows).of_columns(columns)
+    places = np.append(columns, len(information.columns))
     noise = observe(
         root=problem.root,
         values=problem.x,
         sigma=problem.noise,
         freedom=problem.freedom,
-        groupings=((name, each[:, own][:, :, own]) for name, each in sums.items()),
+        groupings=((name, S[:, places][:, :, places]) for name, S in sums.items()),
     )
     std, nu = noise.deviations(inverse(noise.root).T)
     full = np.zeros(len(base.layout.names))

@@ -1,4 +1,4 @@
-"""What of a recording was left out: masks, events and reversals, reason by reason."""
+"""What of a recording was excluded: masks, events and reversals, reason by reason."""
 
 from collections.abc import Sequence
 
@@ -33,24 +33,24 @@ _LISTED = 100
 def left_out(
     log: Log, drives: Sequence[str], error: TorqueError, repairs: Repairs = NO_REPAIRS
 ) -> tuple[LeftOut, ...]:
-    """What a comparison of torques has left out of a log, the reasons in the order of time."""
+    """What a comparison of torques excluded from a log, the reasons in the order of time."""
     groups: dict[tuple[str, tuple[int, ...]], list[Mask | LeftSpan]] = {}
-    for one in (*log.masks, *repairs.left_out):
-        groups.setdefault((one.reason, one.drives), []).append(one)
-    found = list[LeftOut]()
-    for (reason, which), own in groups.items():
-        masks = [one for one in own if isinstance(one, Mask)]
+    for span in (*log.masks, *repairs.left_out):
+        groups.setdefault((span.reason, span.drives), []).append(span)
+    excluded = list[LeftOut]()
+    for (reason, numbers), spans in groups.items():
+        masks = [span for span in spans if isinstance(span, Mask)]
         times = np.array([(mask.start, mask.end) for mask in masks])
         rows = float(sum(mask.last - mask.first + 1 for mask in masks))
         if not masks:
-            ends = [(one.first, one.last) for one in own if isinstance(one, LeftSpan)]
+            ends = [(span.first, span.last) for span in spans if isinstance(span, LeftSpan)]
             times = joined_times(np.array(ends))
             rows = float(np.diff(times).sum()) * log.rate
-        found.append(
+        excluded.append(
             LeftOut(
                 reason=reason,
                 why=_WHY[reason],
-                drives=_names(which, drives),
+                drives=_names(numbers, drives),
                 share=min(1.0, rows / log.samples),
                 spans=tuple(Span(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()),
                 more=max(0, len(times) - _LISTED),
@@ -59,13 +59,13 @@ def left_out(
     turning = {drives[i]: share for i, share in enumerate(error.turning.tolist()) if share > 0}
     if turning:
         mean = sum(turning.values()) / len(turning)
-        every = tuple(turning)
-        found.append(LeftOut(reason="reversal", why=_WHY_REVERSAL, drives=every, share=mean))
-    return tuple(found)
+        turned = tuple(turning)
+        excluded.append(LeftOut(reason="reversal", why=_WHY_REVERSAL, drives=turned, share=mean))
+    return tuple(excluded)
 
 
 def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
-    """What acted on the robot beside its drives, all of it; play in gears is none of that."""
+    """All that acted on the robot apart from its drives; play in gears is no event."""
     return tuple(
         Event(
             reason=span.reason,
@@ -82,21 +82,21 @@ def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
     )
 
 
-def _names(which: Sequence[int], drives: Sequence[str]) -> tuple[str, ...]:
+def _names(numbers: Sequence[int], drives: Sequence[str]) -> tuple[str, ...]:
     """Of some drives; of all if none is given."""
-    return tuple(drives[i] for i in which or range(len(drives)))
+    return tuple(drives[i] for i in numbers or range(len(drives)))
 
 
 def spans_left_out(source: Source, drives: Sequence[str]) -> tuple[LeftSpan, ...]:
-    """What a model file says of what happened in a recording, as stretches to leave out again."""
-    known = [(one.reason, one.drives, one.start, one.end) for one in source.events]
-    known += [
-        (one.reason, one.drives, span.start, span.end)
-        for one in source.left_out
-        if one.reason in WHY_REPAIRED and one.reason not in _EVENTS
-        for span in one.spans
+    """Events and exclusions of a recording in a model file, as spans to exclude again."""
+    excluded = [(event.reason, event.drives, event.start, event.end) for event in source.events]
+    excluded += [
+        (entry.reason, entry.drives, span.start, span.end)
+        for entry in source.left_out
+        if entry.reason in WHY_REPAIRED and entry.reason not in _EVENTS
+        for span in entry.spans
     ]
     return tuple(
-        LeftSpan(start, end, reason, tuple(drives.index(one) for one in which))
-        for reason, which, start, end in known
+        LeftSpan(start, end, reason, tuple(drives.index(drive) for drive in names))
+        for reason, names, start, end in excluded
     )

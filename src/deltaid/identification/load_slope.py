@@ -6,8 +6,8 @@ before, with x₀ = X p₀, they are
     μ s |x| ≈ μ s |x₀| + μ₀ s sign(x₀) X (p − p₀),
 
 so columns of what gears carry come 1 + μ₀ s sign(x₀) times, and torques are μ₀ s sign(x₀) x₀ more.
-Without the second term x₀ would stay what the prior makes of it where torques alone do not tell
-what a gear carries: where a rotor and what turns behind its gear are seen by their sum.
+Without the second term x₀ would stay at its prior where torques alone do not determine what a gear
+carries: where only the sum of a rotor and what turns behind its gear is identifiable.
 """
 
 from dataclasses import dataclass
@@ -43,8 +43,8 @@ class LoadSlope:
         robot = regressor.kinematics.robot
         layout, (drives, columns) = parameter_layout(robot), regressor.regressor_pattern
         of_links = [
-            k for k, one in enumerate(layout.parameters)
-            if not (one.owner in robot.drives and one.kind in ("friction", "rotor"))
+            k for k, parameter in enumerate(layout.parameters)
+            if not (parameter.owner in robot.drives and parameter.kind in ("friction", "rotor"))
         ]  # fmt: skip
         values = dict(zip(layout.names, p.tolist(), strict=True))
         shares = np.array([values.get(f"load.{drive}", 0.0) for drive in robot.drives])
@@ -55,5 +55,4 @@ class LoadSlope:
         return (self.shares * np.sign(w.qd) * np.sign(x)).T
 
     def scaled(self, entries: Values, factor: Factor) -> Values:
-        """Entries of the regressor with this slope."""
         return entries * (1.0 + self.carried[:, None] * factor[self.drives])

@@ -1,8 +1,8 @@
-"""What recordings say is held: found roughly before the fit, and told after it.
+"""Declared loads: estimated roughly before the fit, and reported after it.
 
-Before the fit, p_L is found roughly and its torques are taken out of the recordings, so that
-whatever is done to these sees the robot alone; the columns of the fit (`effects.load_columns`) then
-have p_L less what was taken out.
+Before the fit, p_L is estimated roughly and its torques are subtracted from the recordings, so that
+other stages work on the robot alone; the columns of the fit (`effects.load_columns`) then have p_L
+less what was subtracted.
 """
 
 from collections.abc import Sequence
@@ -30,19 +30,18 @@ Held = Sequence[tuple[str, Sequence[Load]]]
 
 
 def held(recordings: Sequence[Recording]) -> Held:
-    """What recordings hold."""
-    return [(str(one.path), one.log.columns.loads) for one in recordings]
+    return [(str(recording.path), recording.log.columns.loads) for recording in recordings]
 
 
 def joined(holding: Held) -> tuple[Load, ...]:
-    """The loads of recordings, one of each name, with all that is said of it anywhere.
+    """The loads of recordings, one of each name, with all that is declared of it.
 
     Raises:
-        RecordingError: two recordings say different things of one load.
+        RecordingError: two recordings contradict each other on one load.
     """
     loads: dict[str, Load] = {}
-    for where, own in holding:
-        for load in own:
+    for where, declared in holding:
+        for load in declared:
             before = loads.setdefault(load.name, load)
             for key, value in load.known.items():
                 if before.known.get(key, value) != value:
@@ -56,17 +55,18 @@ def joined(holding: Held) -> tuple[Load, ...]:
 
 
 def declared_loads(setup: Setup, progress: Progress) -> Setup:
-    """What the recordings' mappings say is held: known, or found roughly, and taken out."""
+    """Loads that mappings declare: known, or estimated roughly, and subtracted."""
     loads = joined(held(setup.recordings))
     if not loads:
         return setup
     progress("finding what the robot carries")
     spread, none = setup.settings.prior_spread, np.zeros(10)
     columns = [LoadColumns(setup.dynamics, load, spread, none) for load in loads]
-    found = [replace(one, taken=p) for one, p in zip(columns, _rough(setup, columns), strict=True)]
-    taken = {one.load.name: one.taken for one in found}
-    recordings = tuple(unloaded(one, taken) for one in setup.recordings)
-    return setup.changed(recordings=recordings, additions=(*setup.additions, *found))
+    rough = zip(columns, _rough(setup, columns), strict=True)
+    additions = [replace(column, taken=p) for column, p in rough]
+    taken = {column.load.name: column.taken for column in additions}
+    recordings = tuple(unloaded(recording, taken) for recording in setup.recordings)
+    return setup.changed(recordings=recordings, additions=(*setup.additions, *additions))
 
 
 def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
@@ -84,13 +84,13 @@ def found_loads(
     names = [(Path(where).name, {load.name for load in loads}) for where, loads in holding]
     return tuple(
         HeldLoad(
-            name=one.load.name,
-            body=one.body,
-            logs=tuple(log for log, held in names if one.load.name in held),
-            parameters=one.whole(own),
+            name=addition.load.name,
+            body=addition.body,
+            logs=tuple(log for log, held in names if addition.load.name in held),
+            parameters=addition.whole(fitted),
         )
-        for one, own in of_each(additions, judged)
-        if isinstance(one, LoadColumns)
+        for addition, fitted in of_each(additions, judged)
+        if isinstance(addition, LoadColumns)
     )
 
 
@@ -121,23 +121,24 @@ def as_known(recording: Recording, model: Model) -> Recording:
     loads, none = recording.log.columns.loads, np.zeros(10)
     columns = [LoadColumns(model.dynamics, load, model.prior_spread, none) for load in loads]
     where = str(recording.path)
-    return unloaded(recording, {one.load.name: known_load(one, model, where) for one in columns})
+    known = {column.load.name: known_load(column, model, where) for column in columns}
+    return unloaded(recording, known)
 
 
 def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
-    """p_L by the unconstrained minimum of (15): no lag, no contact, no friction law is known yet,
-    so consistency is none of its business."""
-    if all(one.is_fixed for one in columns):
-        return [one.prior for one in columns]
-    both = (*setup.additions, *columns)
-    some = [one.brief for one in setup.recordings]
+    """p_L by the unconstrained minimum of (15): lags, contacts and friction laws are not known
+    yet, so consistency does not help."""
+    if all(column.is_fixed for column in columns):
+        return [column.prior for column in columns]
+    additions = (*setup.additions, *columns)
+    some = [recording.brief for recording in setup.recordings]
     prior = prior_parameters(setup.robot)
-    information = gather_all(extended(setup.dynamics, both), some, prior).information
-    added = [(one.parameters, one.free) for one in both]
+    information = gather_all(extended(setup.dynamics, additions), some, prior).information
+    added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(setup.robot, information.columns, added)
     objective = pose(information, reduction, setup.settings)
     _, gradient, hessian = objective.evaluate(reduction.prior)
     x = reduction.prior - np.linalg.solve(hessian, gradient)
     p = reduction.A @ x + reduction.p_0
-    found = of_each(columns, p[len(p) - sum(len(one.parameters) for one in columns) :])
-    return [one.prior if one.is_fixed else np.array(own) for one, own in found]
+    fitted = of_each(columns, p[len(p) - sum(len(column.parameters) for column in columns) :])
+    return [column.prior if column.is_fixed else np.array(values) for column, values in fitted]

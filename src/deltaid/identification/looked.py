@@ -1,4 +1,4 @@
-"""A window of a recording looked at: whether anything comes near to standing out, and what does."""
+"""Inspection of a window of a recording: whether it may have outliers, and its residual."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -10,23 +10,22 @@ from deltaid.identification.expectation import NOISE, Expectation
 from deltaid.identification.expectation_source import Torques, joint_rates
 from deltaid.recording.windows import Window
 
-# What must be reached to stand out, in standard deviations; and by restless torque, in those of
-# single samples.
+# Thresholds of outliers in standard deviations; and of restless torque, in those of single samples.
 STRONG, ROUGH = 6.0, 12.0
-# Samples of a mean that tell restless torque.
+# Samples of a mean that restless torque needs.
 _ENOUGH = 5
-# A window is looked at closely where anything comes this near to standing out; to see that, torques
-# are expected at so many places over the time of a mean.
+# A window is inspected where anything reaches this share of a threshold; for that, torques are
+# expected at so many places over the time of a mean.
 _NEAR, _PLACES = 0.8, 2
-# A spike stands out by so many standard deviations of single samples, for so many at most; several
-# drives at once have one only where it is over in less than this [s].
+# A spike exceeds so many standard deviations of single samples, for so many at most; several drives
+# at once have one only where it is over in less than this [s].
 _SPIKE, _LONGEST, _AT_ONCE = 12.0, 3, 3e-3
 # Samples on either side of a spike, whose range it exceeds so many times.
 _BESIDE, _STEEP = 4, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
+class InspectedWindow:
     """A window's own samples, one a column.
 
     Attributes:
@@ -49,45 +48,40 @@ class Looked:
     taken: Torques
     speed: Torques
 
-    def part(self, which: slice) -> "Looked":
-        """Some of them."""
-        return Looked(*(getattr(self, one.name)[..., which] for one in fields(self)))
+    def part(self, samples: slice) -> "InspectedWindow":
+        return InspectedWindow(*(getattr(self, item.name)[..., samples] for item in fields(self)))
 
     @classmethod
-    def joined(cls, windows: Sequence["Looked"]) -> "Looked":
-        """One after the other."""
-        names = [one.name for one in fields(cls)]
+    def joined(cls, windows: Sequence["InspectedWindow"]) -> "InspectedWindow":
+        names = [item.name for item in fields(cls)]
         return cls(*(np.concatenate([getattr(w, k) for w in windows], axis=-1) for k in names))
 
 
-def glance(expected: Expectation, window: Window) -> Looked | None:
-    """A close look at a window, if that can show anything."""
+def glance(expected: Expectation, window: Window) -> InspectedWindow | None:
+    """A window inspected, if it may have outliers."""
     quiet = expected.fits and _is_quiet(expected, window)
     return None if quiet else _look(expected, window)
 
 
 def _is_quiet(expected: Expectation, window: Window) -> bool:
-    """Whether nothing in a window comes near to standing out.
-
-    Neither a mean nor a single sample; a spike and restless torque have some that are far off.
-    """
+    """Whether nothing in a window comes near a threshold, neither a mean nor a single sample."""
     n, wide = expected.length, window.wide
-    left = expected.roughly_left(wide, max(1, n // _PLACES))
-    mean, count = _mean(left, n)
+    residual = expected.rough_residual(wide, max(1, n // _PLACES))
+    mean, count = _mean(residual, n)
     far = np.abs(mean) * np.sqrt(count / n) > _NEAR * STRONG * expected.scales(wide)
-    rough = np.abs(left - mean) > _NEAR * ROUGH * expected.noise[:, None]
+    rough = np.abs(residual - mean) > _NEAR * ROUGH * expected.noise[:, None]
     return not window.trimmed((far | rough).T).any()
 
 
-def _look(expected: Expectation, window: Window) -> Looked:
+def _look(expected: Expectation, window: Window) -> InspectedWindow:
     wide, n = window.wide, expected.length
-    left, gear = expected.compared(wide)
-    spikes = _spikes(left, expected)
-    left = np.where(spikes, np.nan, left)
-    mean, count = _mean(left, n)
+    residual, gear = expected.compared(wide)
+    spikes = _spikes(residual, expected)
+    residual = np.where(spikes, np.nan, residual)
+    mean, count = _mean(residual, n)
     with np.errstate(invalid="ignore"):
         size = mean * np.sqrt(count / n) / expected.scales(wide)
-        rough = np.sqrt(np.maximum(_mean(left**2, n)[0] - mean**2, 0.0))
+        rough = np.sqrt(np.maximum(_mean(residual**2, n)[0] - mean**2, 0.0))
         rough /= (expected.noise * np.maximum(1.0, expected.misfit / NOISE))[:, None]
     if n < _ENOUGH:
         rough = np.zeros_like(rough)
@@ -99,7 +93,7 @@ def _look(expected: Expectation, window: Window) -> Looked:
         taken = _taken_off(window, expected, mean)
     speed = np.abs(wide.qd.T) / expected.nuisance.speed[: len(mean), None]
     by_drive = (wide.z.T, mean, size, rough, spikes, signs, taken, speed)
-    return Looked(window.own.time, *(window.trimmed(x.T).T for x in by_drive))
+    return InspectedWindow(window.own.time, *(window.trimmed(values.T).T for values in by_drive))
 
 
 def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
@@ -111,54 +105,54 @@ def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
     rate = _slope(window.off, max(1, n // 4), expected.rate)
     rise = _slope(rate, max(1, n // 2), expected.rate)
     before = replace(wide, qd=wide.qd + rate, qdd=wide.qdd + rise)
-    both = [source.torques(source.entries(w), expected.p) for w in (before, wide)]
-    return np.where(np.isfinite(mean), both[0] - both[1], np.nan)
+    torques = [source.torques(source.entries(w), expected.p) for w in (before, wide)]
+    return np.where(np.isfinite(mean), torques[0] - torques[1], np.nan)
 
 
-def _slope(x: Float[np.ndarray, "samples dof"], k: int, rate: float) -> np.ndarray:
+def _slope(values: Float[np.ndarray, "samples dof"], k: int, rate: float) -> np.ndarray:
     """Differences across k samples to either side, as a derivative; zero near the ends."""
-    out = np.zeros_like(x)
-    if len(x) > 2 * k:
-        out[k:-k] = (x[2 * k :] - x[: -2 * k]) * (0.5 * rate / k)
+    out = np.zeros_like(values)
+    if len(values) > 2 * k:
+        out[k:-k] = (values[2 * k :] - values[: -2 * k]) * (0.5 * rate / k)
     return out
 
 
-def _mean(x: Torques, n: int) -> tuple[Torques, Torques]:
-    """Mean over the n samples about each one, without those that are NaN, and how many they are.
+def _mean(values: Torques, n: int) -> tuple[Torques, Torques]:
+    """Mean over the n samples about each one without NaN, and their number.
 
     NaN where the sample itself does not count.
     """
-    good, half = np.isfinite(x), n // 2
+    good, half = np.isfinite(values), n // 2
     sums = np.cumsum(
-        np.pad([np.where(good, x, 0.0), good], ((0, 0), (0, 0), (half + 1, half))), axis=2
+        np.pad([np.where(good, values, 0.0), good], ((0, 0), (0, 0), (half + 1, half))), axis=2
     )
     total, count = sums[..., n:] - sums[..., :-n]
     return np.where(good, total / np.maximum(count, 1.0), np.nan), count
 
 
-def _spikes(left: Torques, expected: Expectation) -> Bool[np.ndarray, "dof samples"]:
-    """Single samples, or two or three, that stand out from both sides.
+def _spikes(residual: Torques, expected: Expectation) -> Bool[np.ndarray, "dof samples"]:
+    """Single samples, or two or three, far above both sides.
 
     Both edges must be far steeper than what goes before and after, or the top of a hump would do.
     """
-    (dof, samples), flags = left.shape, np.zeros(left.shape, dtype=bool)
+    (dof, samples), flags = residual.shape, np.zeros(residual.shape, dtype=bool)
     limit, far = _SPIKE * expected.noise[:, None], _LONGEST + 1
-    apart = np.abs(left[:, far:] - left[:, :-far]) > limit
+    apart = np.abs(residual[:, far:] - residual[:, :-far]) > limit
     if not np.any(apart[:, :-far] & apart[:, far:]):  # as nearly always
         return flags
     brief = 1 if dof == 1 else _LONGEST
     for rows in range(1, _LONGEST + 1):
         if samples < rows + 2 * _BESIDE:
             continue
-        x = np.lib.stride_tricks.sliding_window_view(left, rows + 2 * _BESIDE, axis=1)
+        x = np.lib.stride_tricks.sliding_window_view(residual, rows + 2 * _BESIDE, axis=1)
         before, inside, after = x[..., :_BESIDE], x[..., _BESIDE:-_BESIDE], x[..., -_BESIDE:]
         up, down = inside - before[..., -1:], inside - after[..., :1]
         same = np.all(np.sign(up) == np.sign(up[..., :1]), axis=-1) & np.all(up * down > 0, axis=-1)
         size = np.where(same, np.minimum(np.abs(up), np.abs(down)).min(axis=-1), 0.0)
-        beside = np.maximum(np.ptp(before, axis=-1), np.ptp(after, axis=-1))
+        around = np.maximum(np.ptp(before, axis=-1), np.ptp(after, axis=-1))
         quiet = np.sum(size > 0.5 * limit, axis=0) == 1
         at_once = rows <= _AT_ONCE * expected.rate
-        seen = (size > limit) & (size > _STEEP * beside) & (at_once | ((rows <= brief) & quiet))
-        for i, k in np.argwhere(seen):
+        detected = (size > limit) & (size > _STEEP * around) & (at_once | ((rows <= brief) & quiet))
+        for i, k in np.argwhere(detected):
             flags[i, k + _BESIDE : k + _BESIDE + rows] = True
     return flags

@@ -1,4 +1,4 @@
-"""What data says about a robot's parameters, once all that was fitted beside them is averaged out.
+"""Data's distribution of a robot's parameters, with all that was fitted with them averaged out.
 
 Base parameters err by R⁻¹ s (`scatter`), whose size comes from the scatter of the recording along
 each singular vector of R. Of all normal distributions whose deviations are those of the intervals,
@@ -9,8 +9,8 @@ the one nearest to that (Kullback–Leibler) is taken,
 Scaling V_0 by rows and columns would have these deviations too, but would spoil sums that are known
 a hundred times better than their terms. Geometry is added with its own correlations.
 
-Beside the robot stand K_a a with a ~ N(a_0, S): averaging over them adds K_a S K_aᵀ to V, and rows
-that show nothing of the robot then tell, by their correlations, a part of the others' errors.
+Additions contribute K_a a with a ~ N(a_0, S): averaging over them adds K_a S K_aᵀ to V, and rows
+without the robot then determine, by their correlations, a part of the others' errors.
 """
 
 import numpy as np
@@ -40,25 +40,25 @@ Matrix = Float[np.ndarray, "n n"]
 
 def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     """What a fit's model file keeps of data and prior."""
-    reduction, base, own = problem.reduction, problem.base, len(problem.p)
+    reduction, base, n = problem.reduction, problem.base, len(problem.p)
     sigma = max(problem.noise, NOISE_FLOOR)
     spread = sigma / float(np.sqrt(problem.information.mean_samples * problem.objective.gamma))
     scale, K = prior_scale(reduction), base.combination()
-    beside = K[:, own:] * (spread * scale[own:])
-    V = base_covariance(problem) + beside @ beside.T
-    b = problem.estimate.values - K[:, own:] @ reduction.p_reg[own:]
-    robots = np.array(base.representatives) < own
+    extra = K[:, n:] * (spread * scale[n:])
+    V = base_covariance(problem) + extra @ extra.T
+    b = problem.estimate.values - K[:, n:] @ reduction.p_reg[n:]
+    robots = np.array(base.representatives) < n
     values, V = _given(b, V, robots)
-    names, rows = reduction.layout.names, K[robots, :own]
+    names, rows = reduction.layout.names, K[robots, :n]
     L = np.linalg.cholesky(_correlation(V)) * np.sqrt(np.diag(V))[:, None]
-    unseen = np.setdiff1d(np.arange(own), problem.information.columns)
+    unseen = np.setdiff1d(np.arange(n), problem.information.columns)
     return PosteriorRecord(
         spread=spread,
-        wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:own]) if w != 1},
+        wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:n]) if w != 1},
         unseen=tuple(names[i] for i in unseen),
         combinations=tuple(
             {names[i]: float(row[i]) for i in np.flatnonzero(terms > _NEGLIGIBLE * terms.max())}
-            for row, terms in zip(rows, np.abs(rows * scale[:own]), strict=True)
+            for row, terms in zip(rows, np.abs(rows * scale[:n]), strict=True)
         ),
         values=tuple(values.tolist()),
         factor=tuple(
@@ -73,16 +73,16 @@ def base_covariance(problem: FittedProblem) -> Matrix:
     noise, shifts = problem.estimate.noise, problem.shifts
     of_geometry = np.sum(shifts**2, axis=1)
     white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
-    wanted = np.maximum((problem.estimate.interval / REACH) ** 2 - of_geometry, white**2)
-    # By noise with a level of its own in each direction that torques tell apart.
+    variances = np.maximum((problem.estimate.interval / REACH) ** 2 - of_geometry, white**2)
+    # By noise with its own level in each direction that torques distinguish.
     size = np.linalg.norm(noise.root, axis=0)
     U, S, Vt = np.linalg.svd(noise.root / size)
     level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
     half = Vt.T * (level / S) / size[:, None]
-    return with_variances(half @ half.T, wanted) + shifts @ shifts.T
+    return with_variances(half @ half.T, variances) + shifts @ shifts.T
 
 
-def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
+def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     """The covariance with these variances that is nearest to another one.
 
     Newton's method on the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i², C the
@@ -90,7 +90,7 @@ def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
     variances be missed where having them would spoil sums that are known far better.
     """
     size = np.sqrt(np.diag(V))
-    ratio = wanted / size**2
+    ratio = variances / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
     w, U = np.linalg.eigh(_correlation(V))
     L, ratio = U * np.sqrt(np.maximum(w, _ROUNDING)), ratio / level
@@ -104,7 +104,7 @@ def with_variances(V: Matrix, wanted: Float[np.ndarray, " n"]) -> Matrix:
             break
         while (new := _dual(L, lam + share * step, ratio)) > value - 1e-4 * share * (down @ step):
             share /= 2
-            if share < _AGREE:  # what is left is rounding
+            if share < _AGREE:  # the rest is rounding
                 share, new = 0.0, value
                 break
         if share == 0:
@@ -120,13 +120,13 @@ def _inverse(L: Matrix, lam: Float[np.ndarray, " n"]) -> Matrix:
     return root.T @ root
 
 
-def _dual(L: Matrix, lam: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]) -> float:
+def _dual(L: Matrix, lam: Float[np.ndarray, " n"], ratio: Float[np.ndarray, " n"]) -> float:
     """The function that `with_variances` minimises, but for log det C; infinite where there is no
     covariance."""
     values = np.linalg.eigvalsh(np.eye(len(L)) + (L.T * lam) @ L)
     if values[0] <= 0:
         return np.inf
-    return float(lam @ wanted - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
+    return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
 
 def _given(
@@ -141,8 +141,8 @@ def _given(
         half = solve_triangular(L, rows, lower=True)
         C[np.ix_(robots, robots)] -= half[:, :-1].T @ half[:, :-1]
         b[robots] -= half[:, :-1].T @ half[:, -1]
-    own = np.ix_(robots, robots)
-    return (b * size)[robots], (C * np.outer(size, size))[own]
+    inner = np.ix_(robots, robots)
+    return (b * size)[robots], (C * np.outer(size, size))[inner]
 
 
 def _correlation(V: Matrix) -> Matrix:

@@ -1,8 +1,8 @@
-"""All rows of a fit: the drives' torques, then what sensors show; and what is known beside them.
+"""All rows of a fit: the drives' torques, then sensors; and measured values.
 
-A sensor shows y = C p + D u of the robot and its own unknowns (`sensors.rows`). What the robot
-holds adds to it as it adds to torques: a load's columns are its carrier's while it is held, and
-what has been taken out of the torques is taken out here.
+A sensor measures y = C p + D u of the robot and its own unknowns (`sensors.rows`). What the robot
+holds adds to it as to torques: a load's columns are its carrier's while it is held, and what has
+been subtracted from the torques is subtracted here.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
 
-# A sensor whose gain is known no better than this says less of torques than torque constants do.
+# A sensor whose gain is known no better than this determines torques worse than torque constants.
 _SURE = 0.02
 
 PerChannel = Float[np.ndarray, "channels samples"]
@@ -42,7 +42,7 @@ class SensorColumns(Addition):
         dynamics: of the robot.
         rows: what it shows of robot and unknowns.
         prior_spread: of the fit, which all scales of parameters are relative to.
-        known: parameters by their names that gain and pose are seen from; the prior if left out.
+        known: parameters by name about which gain and pose are linear; the prior if missing.
     """
 
     dynamics: Dynamics
@@ -61,23 +61,23 @@ class SensorColumns(Addition):
         """A sensor of a robot by its name in the description."""
         known = known or {}
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
-        found = cls(dynamics, rows, prior_spread, known)
-        if not found.is_bilinear:
-            return found
-        every = (*dynamics.layout.parameters, *rows.parameters)
-        values = np.array([known.get(one.name, one.prior) for one in every])
+        columns = cls(dynamics, rows, prior_spread, known)
+        if not columns.is_bilinear:
+            return columns
+        parameters = (*dynamics.layout.parameters, *rows.parameters)
+        values = np.array([known.get(entry.name, entry.prior) for entry in parameters])
         return cls(dynamics, about(rows, values), prior_spread, known)
 
     @property
     def is_bilinear(self) -> bool:
-        """Whether some of its columns go by what it should show, and so by other parameters."""
-        return any(one.symbol == "gain" or is_of_pose(one) for one in self.rows.parameters)
+        """Whether some columns depend on its expected reading, and so on other parameters."""
+        return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
     def on(self, dynamics: Dynamics) -> "SensorColumns":
         return self if dynamics is self.dynamics else self.seen_from(dynamics, self.known)
 
     def seen_from(self, dynamics: Dynamics, known: Mapping[str, float]) -> "SensorColumns":
-        """The same beside the columns of a robot, its gain and pose seen from other parameters."""
+        """The same for a robot, its gain and pose linear about other parameters."""
         return self.of(dynamics, self.rows.name, self.prior_spread, known)
 
     @property
@@ -100,15 +100,17 @@ class SensorColumns(Addition):
         return f"sensor {self.rows.name}"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        names = [one.name.removesuffix(f".{self.rows.name}").replace("_", " ") for one in judged]
-        own = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
-        text = f"what it showed was fitted with the torques, in its own units{own}"
+        names = [
+            entry.name.removesuffix(f".{self.rows.name}").replace("_", " ") for entry in judged
+        ]
+        words = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
+        text = f"what it showed was fitted with the torques, in its own units{words}"
         return (Correction(kind="sensor", subject=self.rows.name, text=text),)
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """What all sensors show along filtered samples, entries of their rows there, and how many
+class SensorSamples:
+    """Readings of all sensors at filtered samples, entries of their rows there, and how many
     samples each is worth."""
 
     values: Values
@@ -133,7 +135,6 @@ class SensorPart:
 
     @property
     def channels(self) -> int:
-        """How many channels it has."""
         return len(self.columns.rows.channels)
 
     @property
@@ -145,36 +146,36 @@ class SensorPart:
         return rows
 
     def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " own"]:
-        """Its own among all parameters."""
+        """Its unknowns among all parameters."""
         return values[self.first : self.first + len(self.columns.parameters)]
 
     def shown(self, w: Samples, recording: Recording) -> tuple[PerChannel, PerChannel]:
-        """What it shows along samples, and weights; zero where there is no number."""
-        shown = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
-        if shown is None:
+        """Its readings along samples, and weights; zero where there is no number."""
+        signals = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
+        if signals is None:
             nothing = np.zeros((self.channels, len(w.time)))
             return nothing, nothing
-        counts = np.isfinite(shown)
+        counts = np.isfinite(signals)
         # What makes the torque of one drive useless, such as its own friction or clipping, does not
         # reach a sensor; what makes all of them useless does.
-        return np.where(counts, shown, 0.0), counts * w.weights.max(axis=1, initial=0.0)
+        return np.where(counts, signals, 0.0), counts * w.weights.max(axis=1, initial=0.0)
 
     def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
-        """Entries, what it shows, and weights, along samples; the first two weighted."""
+        """Entries, readings, and weights, along samples; the first two weighted."""
         rows, log, dynamics = self.columns.rows, recording.log, self.columns.dynamics
         y, weights = self.shown(w, recording)
         if not weights.any():
             return np.zeros((len(self.pattern[0]), len(w.time))), weights, weights
-        own = rows.entries(w.z, w.qd, w.qdd, y)
+        Y = rows.entries(w.z, w.qd, w.qdd, y)
         channels, columns = rows.pattern
         held = log.columns.held(w.time, w.extra)
-        # Loads whose torques have been taken out of the recording are taken out here.
+        # Loads whose torques have been subtracted from the recording are subtracted here.
         for load, p, state in zip(log.columns.loads, recording.repairs.loads, held, strict=False):
             values = np.zeros(len(dynamics.layout.names) + len(rows.parameters))
             values[dynamics.layout.body(carrier(load, dynamics.robot))] = p
-            np.add.at(y, channels, -own * values[columns][:, None] * state)
-        every = np.vstack([own, *(own[at] * load.held(w, recording) for load, at in self.loads)])
-        return every * weights[self.pattern[0]], y * weights, weights
+            np.add.at(y, channels, -Y * values[columns][:, None] * state)
+        all_rows = np.vstack([Y, *(Y[k] * load.held(w, recording) for load, k in self.loads)])
+        return all_rows * weights[self.pattern[0]], y * weights, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,28 +192,25 @@ class MeasuredRows:
 
     @property
     def drives(self) -> int:
-        """Number of drives δ."""
         return self.regressor.dof
 
     @property
     def dof(self) -> int:
-        """Number of drives and channels."""
         return self.drives + self.channels
 
     @property
     def channels(self) -> int:
-        """Number of channels of all sensors."""
         return sum(part.channels for part in self.sensors)
 
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
-        """Columns that weighings tell of."""
-        found = [np.flatnonzero(one.coefficients) for one in self.weighings]
-        return np.concatenate([np.zeros(0, dtype=int), *found])
+        """Columns in weighings."""
+        columns = [np.flatnonzero(weighing.coefficients) for weighing in self.weighings]
+        return np.concatenate([np.zeros(0, dtype=int), *columns])
 
     @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:
-        """All columns that something tells of."""
+        """All columns that some row has."""
         return active_columns(self)
 
     @property
@@ -228,59 +226,58 @@ class MeasuredRows:
 
     @cached_property
     def sensors(self) -> tuple[SensorPart, ...]:
-        """The sensors among the additions."""
         if not isinstance(self.regressor, Extended):
             return ()
-        first, found, loads = self.regressor.own, list[tuple[SensorColumns, int]](), []
-        for one in self.regressor.additions:
-            if isinstance(one, SensorColumns):
-                found.append((one, first))
-            if isinstance(one, LoadColumns) and not one.is_fixed:
-                loads.append((one, first))
-            first += len(one.parameters)
-        return tuple(_part(one, at, self.regressor.own, loads) for one, at in found)
+        first, sensors, loads = self.regressor.own, list[tuple[SensorColumns, int]](), []
+        for addition in self.regressor.additions:
+            if isinstance(addition, SensorColumns):
+                sensors.append((addition, first))
+            if isinstance(addition, LoadColumns) and not addition.is_fixed:
+                loads.append((addition, first))
+            first += len(addition.parameters)
+        return tuple(_part(sensor, start, self.regressor.own, loads) for sensor, start in sensors)
 
-    def shown(self, window: Window, recording: Recording) -> Shown | None:
-        """What the sensors show in a window, weighted, filtered and thinned; None without any."""
+    def shown(self, window: Window, recording: Recording) -> SensorSamples | None:
+        """Readings of the sensors in a window, weighted, filtered and thinned; None without any."""
         if not self.sensors:
             return None
         entries = len(self.regressor_pattern[0]) - len(self.regressor.regressor_pattern[0])
 
         def of(w: Samples) -> Values:
             parts = [part.of(w, recording) for part in self.sensors]
-            return np.vstack([*(one[0] for one in parts), *(one[1] for one in parts)])
+            return np.vstack([*(part[0] for part in parts), *(part[1] for part in parts)])
 
         filtered = window.filtered(of)
         weights = np.vstack([part.shown(window.wide, recording)[1] for part in self.sensors])
         counted = window.worth(weights, window.thinned)
-        return Shown(filtered[:entries], filtered[entries:], counted)
+        return SensorSamples(filtered[:entries], filtered[entries:], counted)
 
-    def chunks(self, shown: Shown, part: slice) -> list[Chunk]:
+    def chunks(self, sensed: SensorSamples, part: slice) -> list[Chunk]:
         """Each channel's rows of [C, y], as `chunks_of_drives` has those of drives."""
         rows, columns = self.regressor_pattern
-        own = rows >= self.drives
-        channels, at = rows[own] - self.drives, np.searchsorted(self.active, columns[own])
+        mine = rows >= self.drives
+        channels, cols = rows[mine] - self.drives, np.searchsorted(self.active, columns[mine])
         return [
             (
-                np.append(at[channels == k], len(self.active)),
-                np.vstack([shown.values[channels == k, part], shown.y[k, part]]),
+                np.append(cols[channels == k], len(self.active)),
+                np.vstack([sensed.values[channels == k, part], sensed.y[k, part]]),
             )
             for k in range(self.channels)
         ]
 
 
 def _part(
-    one: SensorColumns, first: int, own: int, loads: Sequence[tuple[LoadColumns, int]]
+    sensor: SensorColumns, first: int, own: int, loads: Sequence[tuple[LoadColumns, int]]
 ) -> SensorPart:
-    """A sensor whose unknowns stand in columns from `first` on, beside a robot's `own` columns."""
-    channels, columns = one.rows.pattern
-    beside = len(one.dynamics.layout.names)
-    assert beside == own or not np.any(columns >= own), "unknowns follow the robot's columns"
-    rows, at = [channels], [np.where(columns < beside, columns, columns - beside + first)]
+    """A sensor whose unknowns are columns from `first` on, with a robot's `own` columns."""
+    channels, columns = sensor.rows.pattern
+    count = len(sensor.dynamics.layout.names)
+    assert count == own or not np.any(columns >= own), "unknowns follow the robot's columns"
+    rows, places = [channels], [np.where(columns < count, columns, columns - count + first)]
     carried = list[tuple[LoadColumns, Int[np.ndarray, " _"]]]()
     for load, start in loads:
         entries = load.carried(columns)
         carried.append((load, entries))
         rows.append(channels[entries])
-        at.append(columns[entries] - one.dynamics.layout.body(load.body).start + start)
-    return SensorPart(one, first, (np.concatenate(rows), np.concatenate(at)), tuple(carried))
+        places.append(columns[entries] - sensor.dynamics.layout.body(load.body).start + start)
+    return SensorPart(sensor, first, (np.concatenate(rows), np.concatenate(places)), tuple(carried))

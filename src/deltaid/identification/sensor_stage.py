@@ -1,9 +1,9 @@
 """Which sensors the recordings have, and what these and measured values make free.
 
-What `free` leaves out of a body costs a fit of torques nothing where torques do not show it. A new
-row that does show it would take it for known exactly, and all intervals would be too narrow. So it
-varies around the prior as it was before the reduction. An entry that torques show and that is not
-free is a statement of the description, and stays; so does a body with `free: []`.
+What `free` excludes of a body costs a fit of torques nothing where torques do not determine it. A
+new row that does would take it for known exactly, and all intervals would be too narrow. So it
+varies around the prior as it was before the reduction. An entry that torques determine and that is
+not free is a statement of the description, and stays; so does a body with `free: []`.
 """
 
 from collections.abc import Sequence
@@ -28,20 +28,22 @@ from deltaid.sensors.weighings import weighings
 _ROUNDS, _SETTLED = 10, 1e-3
 
 
-def sensors_taken_in(setup: Setup, progress: Progress) -> Setup:
+def sensors_included(setup: Setup, progress: Progress) -> Setup:
     """The sensors of the description that some recording has a column of, as part of the fit."""
     robot, dynamics, spread = setup.robot, setup.dynamics, setup.settings.prior_spread
-    recorded = {name for one in setup.recordings for name in one.log.columns.sensor_names}
+    recorded = {
+        name for recording in setup.recordings for name in recording.log.columns.sensor_names
+    }
     names = [name for name in robot.sensors if name in recorded]
-    known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
+    known = [np.flatnonzero(weighing.coefficients) for weighing in weighings(robot)]
     if not (names or known):
         return setup
     if names:
         progress(f"taking in {', '.join(names)}")
     rows = [SensorColumns.of(dynamics, name, spread).rows for name in names]
-    shown = np.unique(np.concatenate([*known, *(one.pattern[1] for one in rows)]))
-    shown = shown[shown < len(dynamics.layout.names)]
-    setup = setup.changed(robot=with_new_entries(robot, shown, dynamics.regressor_pattern[1]))
+    visible = np.unique(np.concatenate([*known, *(sensor.pattern[1] for sensor in rows)]))
+    visible = visible[visible < len(dynamics.layout.names)]
+    setup = setup.changed(robot=with_new_entries(robot, visible, dynamics.regressor_pattern[1]))
     sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
     return setup.changed(additions=(*setup.additions, *sensors))
 
@@ -51,11 +53,11 @@ def with_new_entries(
     shown: Int[np.ndarray, " shown"],
     by_torques: Int[np.ndarray, " visible"],
 ) -> RobotDescription:
-    """A description in which all is free that sensors and measured values show for the first time.
+    """A description in which all is free that only sensors and measured values determine.
 
     Args:
-        shown: parameters that these show.
-        by_torques: those that torques do.
+        shown: parameters that these determine.
+        by_torques: those that torques determine.
     """
     layout = parameter_layout(robot)
     new = np.isin(np.arange(len(layout.names)), np.setdiff1d(shown, by_torques))
@@ -64,7 +66,7 @@ def with_new_entries(
 
 
 def _freed(body: Body, new: Bool[np.ndarray, " 10"]) -> Body:
-    """A body with entries of M̄ free that some of its ten parameters, newly seen, consist of."""
+    """A body with entries of M̄ free that some of its ten parameters consist of."""
     consists = np.any(entry_map()[new] != 0, axis=0)
     entries = tuple(
         entry for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES) if entry in body.free or consists[k]
@@ -75,8 +77,8 @@ def _freed(body: Body, new: Bool[np.ndarray, " 10"]) -> Body:
 
 def sensors_settled(setup: Setup, progress: Progress) -> Setup:
     """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
-    sensors = [one for one in setup.additions if isinstance(one, SensorColumns)]
-    if not any(one.is_bilinear for one in sensors):
+    sensors = [sensor for sensor in setup.additions if isinstance(sensor, SensorColumns)]
+    if not any(sensor.is_bilinear for sensor in sensors):
         return setup
     progress("settling gain and pose of sensors")
     for _ in range(_ROUNDS):
@@ -84,16 +86,16 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
         known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
         # As shares of the priors' deviations.
         steps = [
-            abs(known[own.name] - one.known.get(own.name, own.prior))
-            / (one.prior_spread * own.scale)
-            for one in setup.additions
-            if isinstance(one, SensorColumns)
-            for own in one.parameters
+            abs(known[parameter.name] - sensor.known.get(parameter.name, parameter.prior))
+            / (sensor.prior_spread * parameter.scale)
+            for sensor in setup.additions
+            if isinstance(sensor, SensorColumns)
+            for parameter in sensor.parameters
         ]
         setup = setup.changed(
             additions=tuple(
-                one.seen_from(setup.dynamics, known) if isinstance(one, SensorColumns) else one
-                for one in setup.additions
+                term.seen_from(setup.dynamics, known) if isinstance(term, SensorColumns) else term
+                for term in setup.additions
             )
         )
         if max(steps, default=0.0) < _SETTLED:
@@ -102,27 +104,27 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
 
 
 def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple[FittedSensor, ...]:
-    """The sensors of a fit as it found them.
+    """The fitted sensors.
 
     Args:
         judged: the parameters of all additions.
     """
-    information, found = problem.information, list[FittedSensor]()
+    information, sensors = problem.information, list[FittedSensor]()
     rows = zip(information.rms(problem.values), information.torque_max, strict=True)
     sizes = list(rows)[information.drives.stop :]
-    for one, own in of_each(problem.additions, judged):
-        if not isinstance(one, SensorColumns):
+    for sensor, fitted in of_each(problem.additions, judged):
+        if not isinstance(sensor, SensorColumns):
             continue
         channels = tuple(
             FittedChannel(
                 name=channel.name,
                 unit=channel.unit,
                 stated=channel.noise,
-                left=float(left),
+                left=float(residual),
                 largest=float(largest),
             )
-            for channel, (left, largest) in zip(one.rows.channels, sizes, strict=False)
+            for channel, (residual, largest) in zip(sensor.rows.channels, sizes, strict=False)
         )
         sizes = sizes[len(channels) :]
-        found.append(FittedSensor(name=one.rows.name, channels=channels, parameters=own))
-    return tuple(found)
+        sensors.append(FittedSensor(name=sensor.rows.name, channels=channels, parameters=fitted))
+    return tuple(sensors)

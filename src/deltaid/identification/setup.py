@@ -1,4 +1,4 @@
-"""What a fit is posed from: a robot, its recordings as far as they are put right, and why."""
+"""What a fit is posed from: a robot, its recordings as far as they are corrected, and why."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ class Setup:
     robot: RobotDescription  # the description, with the friction laws that have been chosen so far
     recordings: tuple[Recording, ...]  # each with its filter and what has been corrected in it
     settings: Settings
-    additions: tuple[Addition, ...] = ()  # columns beside the robot's
+    additions: tuple[Addition, ...] = ()  # extra columns
     corrections: tuple[Correction, ...] = ()  # in the order in which they were made
     friction_choice: FrictionChoice | None = None
     # whether every row of recordings is inspected for events; else excerpts are first
@@ -38,7 +38,7 @@ class Setup:
     studies: tuple[Study | None, ...] = ()
 
     def is_disturbed(self, k: int) -> bool:
-        """Whether a load that nobody declared comes and goes in the k-th recording."""
+        """Whether an undeclared load comes and goes in the k-th recording."""
         study = self.studies[k] if self.studies else None
         return study is not None and study.is_disturbed
 
@@ -63,16 +63,16 @@ class Setup:
     def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
         """The same with one more thing corrected in a recording, by fields of `Repairs`."""
         now: Repairs = replace(recording.repairs, **repairs)
-        k = next(k for k, known in enumerate(self.recordings) if known is recording)
+        k = next(k for k, other in enumerate(self.recordings) if other is recording)
         return self.with_recording(k, replace(recording, repairs=now))
 
     def with_recording(self, k: int, recording: Recording) -> "Setup":
         before, after = self.recordings[:k], self.recordings[k + 1 :]
         return self.changed(recordings=(*before, recording, *after))
 
-    def told(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
+    def reported(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
         """The same with more corrections, in the place of all earlier ones of some kinds."""
-        kept = (known for known in self.corrections if known.kind not in instead_of)
+        kept = (correction for correction in self.corrections if correction.kind not in instead_of)
         return self.changed(corrections=(*kept, *corrections))
 
 

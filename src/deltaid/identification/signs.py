@@ -35,15 +35,15 @@ class Negative:
 
 def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negative, ...]:
     """The drives whose torques work against their motion."""
-    found = []
+    negatives = []
     for i, drive in enumerate(dynamics.robot.drives):
         e = np.eye(dynamics.dof)[i]
-        rest, quick, forth, back = (
+        at_rest, quick, forth, back = (
             row_at_home(dynamics, i, qd, qdd)
             for qd, qdd in ((0 * e, 0 * e), (0 * e, e), (e, 0 * e), (-e, 0 * e))
         )
         # Coriolis forces are the same both ways.
-        probes = np.stack([quick - rest, 0.5 * (forth - back)])
+        probes = np.stack([quick - at_rest, 0.5 * (forth - back)])
         # Columns beside the robot come last, and are no part of either.
         added = max(0, int(information.columns[-1]) + 1 - probes.shape[1])
         probes = np.pad(probes, ((0, 0), (0, added)))[:, information.columns]
@@ -53,13 +53,13 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
         certain = values / np.maximum(stds, np.finfo(float).tiny)
         if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
             friction = float(values[1]) if np.any(probes[1]) else np.nan
-            found.append(Negative(drive, float(values[0]), friction))
-    return tuple(found)
+            negatives.append(Negative(drive, float(values[0]), friction))
+    return tuple(negatives)
 
 
 def told(found: tuple[Negative, ...], robot: RobotDescription) -> str:
     """The contradiction as a sentence."""
-    first, names = found[0], ", ".join(one.drive for one in found)
+    first, names = found[0], ", ".join(negative.drive for negative in found)
     units = robot.units(first.drive)
     text = f"an inertia of {first.inertia:.2g} {units.inertia}"
     if np.isfinite(first.friction):
@@ -74,6 +74,6 @@ def told(found: tuple[Negative, ...], robot: RobotDescription) -> str:
 def row_at_home(
     dynamics: Dynamics, i: int, qd: Float[np.ndarray, " dof"], qdd: Float[np.ndarray, " dof"]
 ) -> Float[np.ndarray, " parameters"]:
-    """The row c with c p = τ_i of a motion at home; friction that depends on load left out."""
+    """The row c with c p = τ_i of a motion at home; without friction that depends on load."""
     home = dynamics.kinematics.home[None]
     return dynamics.regressor_at(home, qd[None], qdd[None], np.zeros_like(home))[0, i]

@@ -6,9 +6,9 @@ from deltaid.identification.events import without_events
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
-from deltaid.identification.lag_stage import lags_put_right
+from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
-from deltaid.identification.sensor_stage import sensors_settled, sensors_taken_in
+from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
@@ -16,9 +16,10 @@ from deltaid.identification.warmth import changing_friction
 
 
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
-    """Which causes the residual of each recording has, before lags and friction are blamed."""
+    """Which causes the residual of each recording has, before lags and friction are corrected."""
     progress("looking at what the description leaves")
-    return setup.changed(studies=tuple(studied(setup.dynamics, one) for one in setup.recordings))
+    studies = tuple(studied(setup.dynamics, recording) for recording in setup.recordings)
+    return setup.changed(studies=studies)
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
@@ -28,13 +29,15 @@ def sharpened(setup: Setup, progress: Progress) -> Setup:
     for confuse it with Coulomb's. The last stage: all others judge by the rows before.
     """
     laws = setup.robot.friction.values()
-    if setup.settings.cutoff is not None or not any(x.stribeck or x.hess_soom for x in laws):
+    if setup.settings.cutoff is not None or not any(law.stribeck or law.hess_soom for law in laws):
         return setup
     try:
         # Links behind gears that wind up have the torques' noise, more of it the faster.
         recordings = (
-            one.changed(cutoff_of(one)) if one.low_pass and one.repairs.gears is None else one
-            for one in setup.recordings
+            recording.changed(cutoff_of(recording))
+            if recording.low_pass and recording.repairs.gears is None
+            else recording
+            for recording in setup.recordings
         )
         return setup.changed(recordings=tuple(recordings))
     except RecordingError:
@@ -42,18 +45,18 @@ def sharpened(setup: Setup, progress: Progress) -> Setup:
 
 
 STAGES: tuple[Stage, ...] = (
-    sensors_taken_in,
+    sensors_included,
     late_rates_left_out,
     declared_loads,
     without_events,
     recordings_studied,
     gains,
-    lags_put_right,
+    lags_corrected,
     gears_turned_back,
     changing_friction,
     chosen_friction,
     changing_friction,
-    lags_put_right,
+    lags_corrected,
     gains,
     sensors_settled,
     sharpened,
@@ -61,7 +64,7 @@ STAGES: tuple[Stage, ...] = (
 
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
-    """A setup after all stages; one that found nothing is left out until something has changed."""
+    """A setup after all stages; one without effect is skipped until something has changed."""
     idle: dict[Stage, Setup] = {}
     for stage in STAGES:
         if stage in idle and setup.poses_as(idle[stage]):

@@ -28,7 +28,7 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# So many seconds of a log are looked at, and rows with this cut-off [Hz]; more hardly say more.
+# Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
 _SECONDS, _CUTOFF = 24.0, 30.0
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
 _SMALL, _AT_ONCE = 1.5e-4, 2.0
@@ -36,16 +36,16 @@ _SMALL, _AT_ONCE = 1.5e-4, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A recording looked at with all effects.
+    """A recording searched for all effects.
 
     Attributes:
-        fit: the recording, with lags put back if they show.
+        fit: the recording, with lags corrected if they are significant.
         account: the effects, at these lags.
         common, each: lags.
-        late: surprise of the lag that shows; 0 if none does.
+        late: surprise of a significant lag; else 0.
         alike: whether all drives have the same lag.
         plain: M_ii at home of least squares without any of this.
-        hidden: whether there is something like a lag that other causes explain better.
+        hidden: whether other causes explain better what looks like a lag.
     """
 
     fit: RigidFit
@@ -64,14 +64,14 @@ class Study:
         Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
         wind up may look like a load, and like other things as much.
         """
-        gains = [(one.candidate.kind == "load-change", one.gain) for one in self.account.found]
+        gains = [(part.candidate.kind == "load-change", part.gain) for part in self.account.found]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
     @property
     def largest(self) -> Candidate | None:
         """The cause that explains most; None if there is none."""
-        found = self.account.found
-        return max(found, key=lambda one: one.gain).candidate if found else None
+        parts = self.account.found
+        return max(parts, key=lambda part: part.gain).candidate if parts else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -81,12 +81,12 @@ def studied(
     p: Parameters | None = None,
     beside: Sequence[Addition] = (),
 ) -> Study | None:
-    """Look at a recording; None where nothing can be differentiated.
+    """Study a recording; None where nothing can be differentiated.
 
     Args:
         p: parameters by which friction that depends on load knows what gears carry; the prior's
             where nothing better is known.
-        beside: what the recording has been fitted with beside the robot: that is explained.
+        beside: additions that the recording has been fitted with.
     """
     log = recording.log
     cutoff = recording.motion_cutoff or log.motion_cutoff
@@ -105,13 +105,13 @@ def studied(
         return None
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
     common, each = lags.common(0), lags.each(0)
-    Y, own = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
-    explained = np.concatenate([Y, slopes(record, own)[:, :, None]], axis=2)
+    Y, p_robot = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
+    explained = np.concatenate([Y, slopes(record, p_robot)[:, :, None]], axis=2)
     tau = record.torques()
     rows = DriveRows(log.torque_max, tau.shape[1]).by_misfit(explained, tau)
     fit, account = _accounted(record, Y, rows)
     late = _surprise_of_lag(common, each)
-    others = [one.surprise for one in account.first if one.candidate.kind != "torque-lag"]
+    others = [trial.surprise for trial in account.first if trial.candidate.kind != "torque-lag"]
     first = account.found[0].candidate.kind if account.found else ""
     apart = np.abs(each.values - common.values)
     off = float(np.sum((apart / np.maximum(each.deviation, 1e-12)) ** 2))
@@ -135,19 +135,19 @@ def _accounted(
 
     Args:
         Y: what parameters and additions explain, columns of additions behind the robot's.
-        lag: whether torques have been put back by one, which is no effect then.
+        lag: whether one has been corrected, which is no effect then.
     """
-    own, further = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
-    span, tau = Span.of(rows.stack(own)), rows.stack(record.torques())
-    if further.size:
-        span = span.with_columns(rows.stack(further))
-    fit = RigidFit(record, own, rows, span, tau)
+    Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
+    span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
+    if Y_extra.size:
+        span = span.with_columns(rows.stack(Y_extra))
+    fit = RigidFit(record, Y_robot, rows, span, tau)
     effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]
 
-    def searched(left: Rows) -> chain[Candidate]:
-        return chain.from_iterable(search(left) for search in searches)
+    def searched(residual: Rows) -> chain[Candidate]:
+        return chain.from_iterable(search(residual) for search in searches)
 
     return fit, account(known, searched, rows.groups, span, span.without(tau))
 
@@ -164,12 +164,12 @@ def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
     """M_ii at home."""
     dynamics = fit.trace.dynamics
     dof, home = dynamics.dof, dynamics.kinematics.home
-    z, rest = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
-    tau = dynamics.torque(z, rest, np.vstack([np.eye(dof), np.zeros(dof)]), fit.p)
+    z, still = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
+    tau = dynamics.torque(z, still, np.vstack([np.eye(dof), np.zeros(dof)]), fit.p)
     return np.diag(tau[:-1] - tau[-1])
 
 
 def spoilt(study: Study) -> Float[np.ndarray, " dof"]:
-    """By which share M_ii at home changes when causes are left alone."""
+    """By which share M_ii at home changes when causes are not corrected."""
     right = _inertia(study.fit)
     return study.plain / np.where(right == 0, 1.0, right) - 1.0

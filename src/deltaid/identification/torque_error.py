@@ -46,7 +46,7 @@ class Prediction:
 
     Attributes:
         weights: of the samples; no columns without torques.
-        carried: what held loads take beside what is predicted; no measured torque has it.
+        carried: what held loads add to the prediction; no measured torque has it.
         gain: the weights through the filter: what it leaves of a constant.
         counted: how many samples each filtered one is worth (`Window.counted`).
     """
@@ -76,10 +76,10 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
     predicted = _predicted(dynamics, p, wide)
     n = wide.tau.shape[1]
     drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
-    both = np.hstack([wide.tau, predicted]).T
-    smooth = window.smoothed(wide.weighted(both, drives) if n else both).T
+    torques = np.hstack([wide.tau, predicted]).T
+    smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
     counted = window.counted(window.stride).T
-    whole = not n or bool(np.all(counted == 1.0))
+    unweighted = not n or bool(np.all(counted == 1.0))
     return Prediction(
         time=own.time,
         speed=own.qd,
@@ -89,7 +89,7 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
         carried=own.carried,
         filtered_measured=smooth[:, :n],
         filtered_predicted=smooth[:, n:],
-        gain=np.ones_like(counted) if whole else window.smoothed(wide.weights.T).T,
+        gain=np.ones_like(counted) if unweighted else window.smoothed(wide.weights.T).T,
         counted=counted,
     )
 
@@ -97,7 +97,7 @@ def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction
 def _predicted(dynamics: Dynamics, p: Parameters, w: Samples) -> Float[np.ndarray, "samples dof"]:
     """Y p, and what held loads add to friction that depends on load, Σ μ sign(q̇)(|x + x_L| − |x|).
 
-    What loads take of the torques otherwise has been taken out of them.
+    What loads take of the torques otherwise has been subtracted from them.
     """
     tau, robot = dynamics.torque(w.z, w.qd, w.qdd, p), dynamics.robot
     if not w.carried.any() or not robot.load_drives:
@@ -121,8 +121,8 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
     def sums(window: Window) -> tuple[np.ndarray, ...]:
         own, wide = window.own, window.wide
         error = wide.tau - _predicted(dynamics, p, wide)
-        both = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
-        filtered, tau = np.split(window.thinned_out(both), 2)
+        torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
+        filtered, tau = np.split(window.thinned_out(torques), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
         samples = window.counted(window.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
         counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])
@@ -136,7 +136,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         for total, part in zip(totals, parts, strict=True):
             total += part
     covariance, power, raw, (samples, raw_samples, turning, all_samples) = totals
-    # Of a drive that rests all the time nothing is left, and nothing is wrong.
+    # A drive that rests all the time has no samples, and no error.
     samples, raw_samples = np.maximum(samples, 1.0), np.maximum(raw_samples, 1.0)
     rms = np.sqrt(np.diag(covariance) / samples)
     return TorqueError(

@@ -1,8 +1,8 @@
-"""Measured values in kg beside torques that nothing tells the scale of.
+"""Measured values in kg with torques whose scale nothing determines.
 
 Torque constants that are all off by a share ε make all base parameters of torques larger by it. By
-torques alone that is a matter of units, for whoever gives the drives what they recorded; but what a
-scale says is in kg, and other bodies then take up the difference, more of it than ε.
+torques alone that is a matter of units, for whoever gives the drives what they recorded; but a
+weighing is in kg, and other bodies then take up the difference, more of it than ε.
 """
 
 import numpy as np
@@ -17,22 +17,22 @@ _MOVED, _NAMED = 0.5, 3
 
 
 def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
-    """A sentence where measured values stand beside torques whose scale is taken for right."""
-    known = any(CONSTANTS in one.tells for one in problem.additions)
+    """A sentence where measured values meet torques whose scale is assumed to be right."""
+    known = any(CONSTANTS in addition.tells for addition in problem.additions)
     stated = problem.dynamics.robot.tolerances.torque_constants
     if problem.information.facts is None or known or stated:
         return ()
-    found, own = uncertainty(problem), len(problem.p)
+    errors, count = uncertainty(problem), len(problem.p)
     # Slopes of least-squares base parameters by ε; sensors and measured values stay.
     information = problem.information
     columns = [group.representative for group in problem.base.groups]
-    at = np.searchsorted(information.columns, columns)
+    places = np.searchsorted(information.columns, columns)
     torques = information.of_drives.weighted()
-    inverse = Span.of(information.weighted()[:, at]).inverse
-    slopes = inverse @ (inverse.T @ (torques[:, at].T @ torques[:, -1]))
-    more = 0.01 * slopes @ found.follows[:, :own]
-    moved = np.abs(more) / np.where(found.std[:own] > 0, found.std[:own], np.inf)
-    inertial = np.array([one.kind == "inertia" for one in problem.layout.parameters[:own]])
+    inverse = Span.of(information.weighted()[:, places]).inverse
+    slopes = inverse @ (inverse.T @ (torques[:, places].T @ torques[:, -1]))
+    more = 0.01 * slopes @ errors.follows[:, :count]
+    moved = np.abs(more) / np.where(errors.std[:count] > 0, errors.std[:count], np.inf)
+    inertial = np.array([entry.kind == "inertia" for entry in problem.layout.parameters[:count]])
     order = [k for k in np.argsort(-moved) if inertial[k] and moved[k] > _MOVED][:_NAMED]
     if not order:
         return ()

@@ -23,16 +23,16 @@ class Sources:
 
     Least squares errs by R⁻¹ s, s the sum of the scores of all rows (`scatter`). Rows a have the
     part uᵀH_a u of ‖u‖² of a combination uᵀs, H_a = (A R⁻¹)ᵀ(A R⁻¹), which is their weight among
-    all rows in the combination too: of two sources that say the same, the one with half the
-    standard deviation has four fifths of it.
+    all rows in the combination too: of two equal sources, the one with half the standard deviation
+    has four fifths of it.
     """
 
     def __init__(self, information: Information, base: BaseParameters, noise: Noise) -> None:
-        at = np.searchsorted(information.columns, base.representatives)
-        own, over = slice(information.drives.stop, None), inverse(noise.root)
-        sensors = information.factors[own] * np.sqrt(information.weights[own])[:, None, None]
-        facts = np.zeros((0, len(at))) if information.facts is None else information.facts[:, at]
-        self._sensors = sensors.reshape(-1, sensors.shape[2])[:, at] @ over
+        k = np.searchsorted(information.columns, base.representatives)
+        part, over = slice(information.drives.stop, None), inverse(noise.root)
+        sensors = information.factors[part] * np.sqrt(information.weights[part])[:, None, None]
+        facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
+        self._sensors = sensors.reshape(-1, sensors.shape[2])[:, k] @ over
         self._facts, self._noise = facts @ over, noise
 
     def parts(self, U: Combinations) -> tuple[Each, Each, Each]:
@@ -105,9 +105,9 @@ def uncertainty(
     root = prior_root(hessian / np.outer(scale, scale))
     data = np.sqrt(2.0 / objective.gamma) * objective.data.R / scale
     A = reduction.A / scale
-    wanted = A if combinations is None else combinations @ A
+    combined = A if combinations is None else combinations @ A
     factor = triangle(np.vstack([data, root]))
-    H_inverse_A = solve_triangular(factor, solve_triangular(factor, wanted.T, trans="T"))
+    H_inverse_A = solve_triangular(factor, solve_triangular(factor, combined.T, trans="T"))
     by_prior = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
     in_scores = noise.root @ (problem.base.combination() @ (A @ H_inverse_A))
     to_scores = 2.0 / (objective.gamma * samples) * in_scores
@@ -122,7 +122,7 @@ def uncertainty(
     return Uncertainty(
         std,
         half_width(std, by_noise, freedom),
-        unit * np.linalg.norm(solve_triangular(root, wanted.T, trans="T"), axis=0),
+        unit * np.linalg.norm(solve_triangular(root, combined.T, trans="T"), axis=0),
         parts / np.where(variance > 0, variance, 1.0)[:, None],
         A @ H_inverse_A / prior_scale(reduction)[:, None],
         follows,

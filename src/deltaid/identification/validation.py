@@ -1,4 +1,4 @@
-"""Comparing a saved model with a recording that it has not seen."""
+"""Comparing a saved model with a new recording."""
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -58,9 +58,9 @@ class Validation(Shown, Plotted, Tabled, Reported, _Pair):
     model: Model
 
     def __new__(cls, error: TorqueError, log: Log, model: Model) -> "Validation":
-        made = super().__new__(cls, error, log)
-        made.model = model
-        return made
+        pair = super().__new__(cls, error, log)
+        pair.model = model
+        return pair
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -105,15 +105,16 @@ class Compared(Protocol):
 
 def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, ...]:
     """What is to be said about comparing a model with a recording, one sentence each."""
-    known = load(model).identified
-    own = [source.log for source in (known.sources if known else ()) if source.sha256 == log.sha256]
+    identified = load(model).identified
+    sources = identified.sources if identified else ()
+    same = [source.log for source in sources if source.sha256 == log.sha256]
     twice = [
         Doubt(
             f"the model was identified from this recording ({name}), so it verifies nothing",
             cause="the file was given twice",
             cure="take a recording of another motion",
         )
-        for name in own[:1]
+        for name in same[:1]
     ]
     return (*log.warnings, *twice, *misfit(model, error))
 
@@ -134,7 +135,7 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     drives = ", ".join(model.robot.drives[i] for i in bad)
     worst = int(bad[np.argmax(error.nrmse[bad])])
     drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
-    how_much, cause, cure = next(rest for least, *rest in _LIKELIEST if now > least)
+    how_much, cause, cure = next(texts for least, *texts in _LIKELIEST if now > least)
     doubt = Doubt(
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "

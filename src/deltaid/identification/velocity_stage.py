@@ -1,4 +1,4 @@
-"""Recorded velocities and accelerations that come late are left out, and positions differentiated.
+"""Recorded velocities and accelerations that come late are excluded, and positions differentiated.
 
 With x the recorded rate, filtered as everything is, and y the one that follows from the positions,
 
@@ -25,7 +25,6 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import Recording
 
-# Windows that are compared.
 _WINDOWS = 8
 # Lags [s] that do no harm, and how many half widths of its interval a lag is larger than.
 _HARMLESS, _CLEAR = 2e-5, 2.0
@@ -35,16 +34,16 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
     """Recordings without velocities and accelerations that lag behind their positions."""
     if setup.settings.lag == "none":
         return setup
-    told, recordings = list[Correction](), list[Recording]()
+    corrections, recordings = list[Correction](), list[Recording]()
     for recording in setup.recordings:
         if recording.log.columns.velocity or recording.log.columns.acceleration:
             progress(f"comparing velocities of {recording.path} with positions")
         lag = late_rate(recording, setup.dynamics.kinematics)
         if lag is not None:
-            told += _told(lag, recording, setup.robot.drives)
+            corrections += _corrections(lag, recording, setup.robot.drives)
             recording = without_rates(recording, setup.settings.cutoff)
         recordings.append(recording)
-    return setup.changed(recordings=tuple(recordings)).told(told, "velocity")
+    return setup.changed(recordings=tuple(recordings)).reported(corrections, "velocity")
 
 
 def without_rates(recording: Recording, cutoff: float | None) -> Recording:
@@ -80,7 +79,7 @@ def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
 
 
 def _shows(lag: Lag) -> bool:
-    """Whether any is too large to be left alone, and certain."""
+    """Whether any is harmful and significant."""
     return bool(np.any(np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS)))
 
 
@@ -93,20 +92,20 @@ def _lag(
     """δ of every drive by least squares, its deviation by scatter between stretches of time."""
     groups = stretch_numbers(len(slope))
     power, moments = (
-        group_sums(np.where(counts[:, None], x, 0.0), groups)
-        for x in (slope**2, slope * (derived - recorded))
+        group_sums(np.where(counts[:, None], terms, 0.0), groups)
+        for terms in (slope**2, slope * (derived - recorded))
     )
     total, n = np.maximum(power.sum(axis=0), np.finfo(float).tiny), len(power)
     values = moments.sum(axis=0) / total
-    left = moments - values * power
-    return Lag(values, np.sqrt(np.sum(left**2, axis=0) * n / max(n - 1, 1)) / total)
+    residual = moments - values * power
+    return Lag(values, np.sqrt(np.sum(residual**2, axis=0) * n / max(n - 1, 1)) / total)
 
 
-def _told(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
+def _corrections(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
     """One for all drives if all may be late alike, or one a drive."""
-    values, halves, shown = lag.values, lag.interval, list(drives)
+    values, halves, subjects = lag.values, lag.interval, list(drives)
     if np.ptp(values) < max(_HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
-        weights, shown = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]
+        weights, subjects = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]
         values, halves = np.array([weights @ values / weights.sum()]), halves.max(keepdims=True)
     return [
         Correction(
@@ -120,5 +119,5 @@ def _told(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correct
             text=f"recorded velocities come {'late' if value > 0 else 'early'} against positions: "
             "they are left out, and positions differentiated",
         )
-        for name, value, half in zip(shown, values.tolist(), halves.tolist(), strict=True)
+        for name, value, half in zip(subjects, values.tolist(), halves.tolist(), strict=True)
     ]

@@ -32,7 +32,7 @@ from deltaid.robot.parameter import Parameter
 _CONSTANTS = np.geomspace(0.05, 2.0, 12)
 # Finer grids about the best: how far they reach, as ratios, and so many on each.
 _FINER, _NEAR = (1.4, 1.08), 9
-# As for terms of friction laws: how seldom chance does as much [decades].
+# As for terms of friction laws: how seldom chance explains as much [decades].
 _SEEN = 4.5
 _DEPENDENT = 1e-6
 # Coefficients that change; backwards they have others in a law for each direction.
@@ -58,7 +58,6 @@ class Course:
     span: float
 
     def of(self, w: Samples) -> Float[np.ndarray, " samples"]:
-        """g."""
         if self.constant is None:
             return temperature(self.recording, w) - self.mean
         return np.exp(-(w.time - self.start) / self.constant) - self.mean
@@ -83,36 +82,36 @@ class Warmth(Addition):
         """For each joint the change of viscous and that of Coulomb friction."""
         first, span = self.courses[0], max(abs(course.span) for course in self.courses)
         where = f"@{first.recording.path}" if self.several else ""
-        by = "/K" if first.constant is None else ""
+        per_kelvin = "/K" if first.constant is None else ""
         changing = (self.dynamics.layout.parameters[k] for k in self._changing)
         return tuple(
             Parameter(
                 kind="temperature",
-                owner=f"{one.owner}{where}",
-                symbol=f"{one.symbol}_change",
-                unit=f"{one.unit}{by}",
+                owner=f"{parameter.owner}{where}",
+                symbol=f"{parameter.symbol}_change",
+                unit=f"{parameter.unit}{per_kelvin}",
                 low=-np.inf,
                 high=np.inf,
                 prior=0.0,
-                scale=one.scale / span,
+                scale=parameter.scale / span,
             )
-            for one in changing
+            for parameter in changing
         )
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where viscous and Coulomb friction act."""
         rows, columns = self.dynamics.regressor_pattern
-        at = self._entries
-        return rows[at], np.searchsorted(self._changing, columns[at])
+        entries = self._entries
+        return rows[entries], np.searchsorted(self._changing, columns[entries])
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """Those of friction times g."""
-        at = self._entries
+        entries = self._entries
         for course in self.courses:
             if course.recording.log.sha256 == recording.log.sha256:
-                return own[at] * course.of(w)
-        return np.zeros((len(at), own.shape[1]))
+                return own[entries] * course.of(w)
+        return np.zeros((len(entries), own.shape[1]))
 
     def on(self, dynamics: Dynamics) -> "Warmth":
         return replace(self, dynamics=dynamics)
@@ -121,10 +120,10 @@ class Warmth(Addition):
         """How friction changes, in one sentence."""
         first, laws = self.courses[0], self.dynamics.robot.friction
         shares = []
-        for parameter, found in zip(self.parameters, judged, strict=True):
+        for parameter, change in zip(self.parameters, judged, strict=True):
             if parameter.symbol == "coulomb_change":
                 joint = parameter.owner.split("@")[0]
-                share = 100 * found.value * first.span / laws[joint].coulomb
+                share = 100 * change.value * first.span / laws[joint].coulomb
                 shares.append(f"{joint} {share:+.2g} %")
         log, unit, course = "", "", "with its temperature, from the lowest to the highest"
         if first.constant is not None:
@@ -143,7 +142,7 @@ class Warmth(Addition):
         """Places of viscous and Coulomb friction among the robot's parameters."""
         parameters = enumerate(self.dynamics.layout.parameters)
         return np.array(
-            [k for k, one in parameters if one.kind == "friction" and one.symbol in _CHANGING]
+            [k for k, entry in parameters if entry.kind == "friction" and entry.symbol in _CHANGING]
         )
 
     @property
@@ -154,10 +153,10 @@ class Warmth(Addition):
 def changing_friction(setup: Setup, progress: Progress) -> Setup:
     """Friction that changes along recordings, where they show it beyond chance.
 
-    With a temperature that is recorded as that asks for, else with one time constant. What was
-    found before is looked for anew: with another law, there may be nothing left of it.
+    With a recorded temperature, else with one time constant. Earlier results are estimated anew:
+    another law may explain them.
     """
-    lasting = tuple(one for one in setup.additions if not isinstance(one, Warmth))
+    lasting = tuple(addition for addition in setup.additions if not isinstance(addition, Warmth))
     bare = setup.changed(additions=lasting)
     rows = rows_for_friction(bare, progress, "changes with time")
     return setup if rows is None else bare.changed(additions=(*lasting, *_found(rows)))
@@ -165,23 +164,23 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _found(rows: FrictionRows) -> list[Warmth]:
-    found, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
+    changes, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
     several = len(motions) > 1
     known = {
-        one: temperature(one, w) for one, w in motions.items()
-        if one.log.columns.temperature is not None
+        recording: temperature(recording, w) for recording, w in motions.items()
+        if recording.log.columns.temperature is not None
     }  # fmt: skip
     if known:
         together = np.concatenate(list(known.values()))
         mean, span = float(np.mean(together)), float(np.ptp(together))
-        courses = tuple(Course(one, 0.0, None, mean, span) for one in known)
+        courses = tuple(Course(recording, 0.0, None, mean, span) for recording in known)
         if span > 0 and _best(rows, motions, [courses]) is not None:
-            found.append(Warmth(rows.dynamics, courses, len(known) < len(motions)))
+            changes.append(Warmth(rows.dynamics, courses, len(known) < len(motions)))
     for recording, w in motions.items():
         if recording not in known and len(w.time):
             course = _warming(rows, motions, recording)
-            found += [Warmth(rows.dynamics, (course,), several)] if course is not None else []
-    return found
+            changes += [Warmth(rows.dynamics, (course,), several)] if course is not None else []
+    return changes
 
 
 _Motions = dict[Recording, Samples]
@@ -194,16 +193,16 @@ def _best(rows: FrictionRows, motions: _Motions, tried: Sequence[tuple[Course, .
     """
     columns = []
     for courses in tried:
-        g = {one: np.zeros(len(w.time)) for one, w in motions.items()}
+        g = {recording: np.zeros(len(w.time)) for recording, w in motions.items()}
         g |= {course.recording: course.of(motions[course.recording]) for course in courses}
         columns.append(rows.drive_rows.stack(rows.friction * np.concatenate(list(g.values()))))
     bare = rows.span.without(np.stack(columns, axis=1))
-    shown = np.linalg.norm(bare, axis=0) > _DEPENDENT * np.sqrt(len(bare))
-    if not shown.any():
+    visible = np.linalg.norm(bare, axis=0) > _DEPENDENT * np.sqrt(len(bare))
+    if not visible.any():
         return None
-    directions = np.where(shown, bare / lengths(bare), 0.0)
-    best = int(np.argmax((directions.T @ rows.left) ** 2))
-    judged = rows.judged(directions[:, [best]], rows.left, constants=min(len(tried) - 1, 1))
+    directions = np.where(visible, bare / lengths(bare), 0.0)
+    best = int(np.argmax((directions.T @ rows.residual) ** 2))
+    judged = rows.judged(directions[:, [best]], rows.residual, constants=min(len(tried) - 1, 1))
     return best if judged.surprise > _SEEN and judged.is_large else None
 
 
@@ -218,7 +217,7 @@ def _warming(rows: FrictionRows, motions: _Motions, recording: Recording) -> Cou
             Course(recording, start, *numbers)
             for numbers in np.stack([shares * length, means, ends - 1], axis=1).tolist()
         ]
-        best = _best(rows, motions, [(one,) for one in courses])
+        best = _best(rows, motions, [(course,) for course in courses])
         if best is None:
             return None
         course, shares = courses[best], shares[best] * np.geomspace(1 / spacing, spacing, _NEAR)

@@ -1,6 +1,6 @@
 """Priors that a recording contradicts: which of them, and by how much they must be widened.
 
-Before the recording, the base parameters b that it will give alone are normal about K p_prior with
+Before the recording, the base parameters b that it alone will give are normal about K p_prior with
 the covariance
 
     C = N + K A P⁻¹ Aᵀ Kᵀ,    P = Σ_j r_j r_jᵀ / s_j²
@@ -16,7 +16,7 @@ stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain t
 which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
 Tipping and Faul 2003), or all of a body together (another density), or its moments of inertia
 (another size). Of those that gain nearly the same, the one that needs the least widening is taken.
-Friction shows by itself, and no prior bends it.
+Friction is identifiable without prior.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -62,7 +62,7 @@ class _Wider(NamedTuple):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a recording says against a prior."""
+    """A recording's evidence against a prior."""
 
     names: tuple[str, ...]  # of the entries of p whose priors may be widened
     # which of them belong to one body, and which are moments of inertia of one
@@ -89,12 +89,12 @@ class Evidence:
         """The base parameter in which an entry's prior is contradicted most, and by how many
         standard deviations of noise and all priors together."""
         C, u, _ = self._covariance(np.ones(len(self.rows)))
-        own, variances = np.abs(u[:, self.names.index(name)]), np.diag(C)
-        k = int(np.argmax(np.abs(self.d) * own / variances))
+        response, variances = np.abs(u[:, self.names.index(name)]), np.diag(C)
+        k = int(np.argmax(np.abs(self.d) * response / variances))
         return k, float(np.abs(self.d[k]) / np.sqrt(variances[k]))
 
     def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray, Factors]:
-        """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: what other priors say of it."""
+        """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: the part of other priors."""
         rows = self.rows / s[:, None]
         half = inverse(triangle(rows))  # P^-½
         of_rows, of_base = rows @ half, self.columns @ half
@@ -108,9 +108,9 @@ class Evidence:
         u, rest = u[:, :count] / size[:, None], rest[:count]
         solved = cho_solve((L, True), np.column_stack([u, self.d / size]))
         a, q = np.sum(u * solved[:, :count], axis=0), u.T @ solved[:, count]
-        shown = a > np.finfo(float).eps
-        a = np.where(shown, a, 1.0)
-        kappa = np.where(shown, np.maximum(q**2 / a - 1.0, 0.0) / a, 0.0)
+        visible = a > np.finfo(float).eps
+        a = np.where(visible, a, 1.0)
+        kappa = np.where(visible, np.maximum(q**2 / a - 1.0, 0.0) / a, 0.0)
         # P loses δ r rᵀ / s², with δ = 1 − s²/s_new²: κ = δ / (1 − δ rᵀP⁻¹r/s²)
         most = 1.0 - (s[:count] / _WIDEST) ** 2
         delta = np.minimum(kappa / (1.0 + kappa * (1.0 - rest)), most)
@@ -123,27 +123,27 @@ class Evidence:
         """Entries of a body alike, with the best factor of some."""
         now = self._value(s)
 
-        def tried(at: list[int], factor: float) -> _Wider:
+        def tried(entries: list[int], factor: float) -> _Wider:
             wider = s.copy()
-            wider[at] = np.maximum(s[at], factor)
-            return _Wider(at, factor, self._value(wider) - now)
+            wider[entries] = np.maximum(s[entries], factor)
+            return _Wider(entries, factor, self._value(wider) - now)
 
         return [
-            max((tried(at, factor) for factor in _TRIED), key=lambda wider: wider.gain)
-            for at in self.bodies
+            max((tried(entries, factor) for factor in _TRIED), key=lambda wider: wider.gain)
+            for entries in self.bodies
         ]
 
     def _value(self, s: Factors) -> float:
         """Twice the logarithm of the evidence, but for a constant."""
         L, size = _cholesky(self._covariance(s)[0])
-        left = solve_triangular(L, self.d / size, lower=True)
-        return float(-left @ left - 2 * np.log(size * np.diag(L)).sum())
+        residual = solve_triangular(L, self.d / size, lower=True)
+        return float(-residual @ residual - 2 * np.log(size * np.diag(L)).sum())
 
 
-def _least(found: Sequence[_Wider]) -> _Wider | None:
+def _least(candidates: Sequence[_Wider]) -> _Wider | None:
     """Of those that gain nearly the most, the one that needs the least widening."""
-    best = max((wider.gain for wider in found), default=0.0)
-    close = (wider for wider in found if wider.gain >= best - _CLOSE)
+    best = max((wider.gain for wider in candidates), default=0.0)
+    close = (wider for wider in candidates if wider.gain >= best - _CLOSE)
     return min(close, key=lambda wider: wider.factor, default=None)
 
 
@@ -158,12 +158,12 @@ def _cholesky(
 def evidence(
     reduction: Reduction, spread: float, base: BaseParameters, estimate: BaseEstimate
 ) -> Evidence:
-    """What the base parameters of a recording say against the prior of relative standard deviation
-    `spread`, as it is stated."""
+    """Evidence of a recording's base parameters against the stated prior of relative standard
+    deviation `spread`."""
     parameters = reduction.layout.parameters
     changed = np.flatnonzero(np.any(reduction.A != 0, axis=1))
-    asked = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
-    order = np.concatenate([changed[asked], changed[~asked]])
+    widenable = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
+    order = np.concatenate([changed[widenable], changed[~widenable]])
     scale = spread * reduction.own_spread * parameter_scale(reduction.layout, reduction.p_reg)
     K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
     deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
@@ -171,13 +171,13 @@ def evidence(
     size = np.linalg.norm(half, axis=1)
     half *= (deviations / size)[:, None]
     groups: dict[tuple[str, str], list[int]] = {}
-    for j, i in enumerate(changed[asked]):
+    for j, i in enumerate(changed[widenable]):
         if parameters[i].kind == "inertia":
             groups.setdefault((parameters[i].owner, ""), []).append(j)
             if parameters[i].symbol.startswith("I"):
                 groups.setdefault((parameters[i].owner, "I"), []).append(j)
     return Evidence(
-        tuple(parameters[i].name for i in changed[asked]),
+        tuple(parameters[i].name for i in changed[widenable]),
         tuple(groups.values()),
         A[order] / scale[order][:, None],
         K @ A,
