@@ -10,7 +10,7 @@ from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Span
 
 # A cause counts if it explains this share of all that is explained, and this share of the largest
-# torque; what is smaller may be what the first-order columns of another one leave.
+# torque; smaller ones may be what the first-order columns of another one leave.
 _SHARE, _LEAST = 0.15, 3e-4
 
 

@@ -165,7 +165,7 @@ def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Windu
 
 
 def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
-    """Whether one step away from stiff gears, those of identical limbs alike, may come to count."""
+    """Whether one step away from stiff gears, equal for identical limbs, may become significant."""
     S = _together(S, fit.of_limbs(S))
     gears = fit.swept(S, fit.known, p, 1)
     likely = bool(np.any(gears.sizes > _HOPEFUL * gears.deviation))
@@ -225,7 +225,7 @@ class _Fit:
     def start(
         self, free: Bool[np.ndarray, " dof"], residuals: list[OfDrives], p: Parameters
     ) -> tuple[Compliance, Parameters]:
-        """Compliances to begin with: gears that wind up alike, as a share of their drives' range,
+        """Compliances to begin with: equal windup, as a share of their drives' range,
         for rows have several minima over it.
 
         Args:
@@ -280,7 +280,7 @@ class _Fit:
     def _sloped(
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
     ) -> RecordingRows:
-        """Rows beside how much what a model predicts less what is measured grows with each size."""
+        """Rows with slopes of predicted less measured torques over each size."""
         now, *softer = (winding.turned(s + step) for step in (0 * s, *steps.T))
         before, *after = (turned.model(p) - turned.torques() for turned in (now, *softer))
         columns = np.stack([error - before for error in after], axis=2) / steps.max(axis=0)

@@ -1,4 +1,4 @@
-"""Friction that changes while recording goes on, of one joint or all alike; an offset that does."""
+"""Friction of one joint or of all that changes during a recording; an offset that does."""
 
 from collections.abc import Iterable
 

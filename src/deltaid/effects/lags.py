@@ -1,16 +1,16 @@
 """Lags of all torque channels of several recordings, estimated together with the parameters.
 
 About lags δ that are known so far, p and the remaining lags, ε, come from one linear least squares
- with the prior of the parameters, as the fit has it but without cones; torques are read
-δ + ε later and it is repeated until ε is small. Rows at reversals are excluded and
-evaluated separately (`reversals`).
+with the prior of the parameters, as the fit has it but without cones; torques are read δ + ε later
+and it is repeated until ε is small. Rows at reversals are excluded and evaluated separately
+(`reversals`).
 
 The prior makes it sharp: a drive's own columns, of a wrist above all, are nearly dependent and
 would take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms).
 
 Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
-all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that says whose lags are
-alike and whose are zero; ε by generalised least squares, what S cannot follow by Hotelling's T².
+all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that defines whose lags
+are equal and whose are zero; ε by generalised least squares, misfit of S by Hotelling's T².
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ _PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
 # What is added to the deviation of a lag by rows that do not follow the law of friction [s].
 _DOUBTFUL = 3e-3
 # How often it is rejected, if true, that there is no lag or that all drives have the same; and what
-# else is alike or zero by chance only.
+# else is equal or zero by chance only.
 _REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
 # Lags [s] that do no harm, and need not be corrected.
 _HARMLESS = 2e-5
@@ -118,7 +118,7 @@ def estimate_lags(
     spread: float,
     start: Delays | None = None,
 ) -> Lags:
-    """One lag a drive and recording, with what is to be known to judge them.
+    """One lag a drive and recording, with covariances.
 
     Where reversals show a lag it is that of the reversals, which nothing else can imitate.
 
@@ -266,7 +266,7 @@ def _fitted(
 
 
 def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> bool:
-    """Whether T² says that a hypothesis is wrong.
+    """Whether T² rejects a hypothesis.
 
     Args:
         distance, together: T² of what it leaves, and of what one lag for all leaves.

@@ -1,4 +1,4 @@
-"""A load that is picked up or put down while recording goes on."""
+"""A load that is picked up or put down during a recording."""
 
 from collections.abc import Callable, Iterable
 

@@ -35,7 +35,7 @@ Ten = Float[np.ndarray, " 10"]
 # An unknown load is about as heavy as the body that carries it, and as dense as water [kg/m³];
 # deviations are compared with so many times this.
 _DENSITY, _WIDE = 1000.0, 20.0
-# Entries of M̄ that are unknown where a load does not say this.
+# Entries of M̄ that are unknown where a load does not declare this.
 _ENTRIES = {
     "mass": ("m",),
     "centre": ("mcx", "mcy", "mcz"),

@@ -8,7 +8,7 @@ from deltaid.estimation.span import Rows
 
 # Length of the windows in which a load is searched [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
-# A load is held for so long at least [s]; what is shorter is a knock.
+# A load is held for so long at least [s]; shorter ones are knocks.
 _HELD = 0.4
 # Shares of the windows that the search begins with as the lower level, and its rounds.
 _SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4

@@ -1,7 +1,7 @@
 """The lag of a torque as its steps show it, which friction makes where a drive turns round.
 
 A reversal at t_k shows in a torque that is δ late as a step at t_k + δ. With u = t_n − t_k and what
-the model makes of the samples about it but for that step, what is left of them is
+the model's torques about it but for that step, the residual is
 
     r_n = o_k + J_k (α s(u − δ) + β u) + noise of level σ,
 

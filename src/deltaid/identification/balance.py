@@ -1,7 +1,7 @@
 """Weights of rows other than torques: sensors by their observed noise, facts by their stated one.
 
 The fit weighs each drive by its largest torque, and σ̂ is the noise as a share of that. A sensor's
-channel counts as 1 of what makes its own noise σ̂ too: its residual's root mean square over σ̂, found
+channel counts as 1 of what makes its own noise σ̂ too: its residual's root mean square over σ̂,
 by turns with the residual (iterated generalised least squares). A fact cᵀp = v ± σ has the row
 (σ̂/σ) [c, v]. Then all rows have the noise σ̂, and (15) is as probable as it was.
 """

@@ -112,7 +112,7 @@ def mass_reference(
 ) -> Float[np.ndarray, "dof dof"]:
     """What errors of each entry of M are compared with: its mean along the motion (Sec. VII).
 
-    Where the entry changes sign, its mean says nothing: below a twentieth of √(M_ii M_jj) that size
+    Where the entry changes sign, its mean is useless: below a twentieth of √(M_ii M_jj) that size
     takes its place.
     """
     mean = np.abs(M.mean(axis=0))

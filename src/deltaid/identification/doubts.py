@@ -13,7 +13,7 @@ from deltaid.sensors.weighings import Weighing, weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
 # without constraints and more than this share of the largest torque, or when a mass that torques
-# cannot see had to grow to so many times its prior.
+# do not determine had to grow to so many times its prior.
 _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
 # A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
 # interval away from what the recording alone gives.

@@ -57,8 +57,8 @@ _MOST = 0.2
 # At a jolt the low-pass took so much off the motion that torques change by this share of the
 # outlier; where jolts fill more than this of a recording, its motion is like that.
 _SHARP, _JOLTS = 0.25, 0.05
-# A drive below this share of its usual speed hardly moves; others' outliers
-# below this share of its own do not count.
+# A drive below this share of its usual speed hardly moves; others' outliers below this share of its
+# own do not count.
 _SLOW, _ALONE = 0.15, 0.4
 # Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
 _ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
@@ -140,10 +140,9 @@ def _corrections(
     for reason, gear in sorted(pairs, key=lambda pair: (kinds.index(pair[0]), pair[1] or 0)):
         group = [span for span in spans if (span.reason, span.gear) == (reason, gear)]
         times = joined_times(np.array([(span.first, span.last) for span in group]))
-        forces = [
-            (float(np.linalg.norm(p.force)), p.time) for p in (span.push for span in group) if p
-        ]
-        force, when = max(forces, key=lambda push: push[0], default=(0.0, 0.0))
+        pushes = [span.push for span in group if span.push]
+        forces = [(float(np.linalg.norm(push.force)), push.time) for push in pushes]
+        force, when = max(forces, key=lambda force: force[0], default=(0.0, 0.0))
         corrections.append(
             Correction(
                 kind="contact" if gear is None else "backlash",
@@ -216,7 +215,7 @@ def _is_friction(stretch: Stretch, coulomb: OfDrives) -> bool:
     """Whether friction of one drive that hardly moves may be all there is."""
     i = int(np.argmax(stretch.sizes))
     alone = np.all(np.delete(stretch.sizes, i) < _ALONE * stretch.sizes[i])
-    return bool(alone and stretch.speed[i] < _SLOW and abs(stretch.residual[i]) <= coulomb[i])
+    return bool(alone and stretch.speed[i] < _SLOW and abs(stretch.left[i]) <= coulomb[i])
 
 
 def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
@@ -247,7 +246,7 @@ def _push(stretch: Stretch, kinematics: Kinematics) -> Push:
     Drives that hold against it do the work rᵀ δq = rᵀ J δz = −Fᵀ δz.
     """
     task = kinematics.robot.task
-    force = -(kinematics.jacobian(stretch.z[None])[0].T @ stretch.residual)
+    force = -(kinematics.jacobian(stretch.z[None])[0].T @ stretch.left)
     point = np.zeros(3)
     point[list(task.axes)] = force[task.moves]
     x, y, z = task.point(stretch.z).tolist()

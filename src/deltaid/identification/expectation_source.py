@@ -22,7 +22,7 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import Parameter
 
-# Torques may be late by so much [s] before that is known; a reversal says nothing for so long.
+# Largest unknown lag of torques [s]; friction's direction is unknown for so long.
 _APART = 5e-3
 # Columns of a joint: offset, friction that differs by direction, shapes of friction; of a drive's
 # torque: lag, load friction, gain.

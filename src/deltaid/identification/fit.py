@@ -40,7 +40,7 @@ class FittedProblem:
     """A fit, what it was posed from, and its result.
 
     Attributes:
-        gathered: what the recordings say, together, in stretches of time and by place.
+        gathered: the recordings' information, together, in stretches of time and by place.
         base: which combinations of parameters the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
         additions: what was fitted with the robot.
@@ -98,7 +98,7 @@ class FittedProblem:
 
     @property
     def evidence(self) -> Evidence:
-        """What the recordings say against the prior."""
+        """The recordings' evidence against the prior."""
         spread = self.settings.prior_spread
         return evidence(self.reduction, spread, self.base, self.estimate)
 
@@ -178,7 +178,7 @@ def widened(problem: FittedProblem) -> FittedProblem:
 def _settled(
     posed: Callable[[Parameters | None], FittedProblem], load: Parameters | None
 ) -> tuple[FittedProblem, bool]:
-    """A fit where friction that depends on load sees the torques of the fit before, until its
+    """A fit where friction that depends on load uses the torques of the fit before, until its
     shares of the load stay as they are; and whether they do. Without load there is one round."""
     problem = posed(load)
     if load is None:

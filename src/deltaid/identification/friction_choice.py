@@ -112,7 +112,7 @@ def choose_friction(
     robot, moved = rows.dynamics.robot, rows.moved.copy()
     steps, first = _extended(rows)
     for step in steps:
-        if step.variant.kind == "load":  # gears carry what losses were seen by
+        if step.variant.kind == "load":  # gears carry what losses were fitted with
             moved[robot.drives.index(step.joint)] = step.variant.joint.moved
     rows = replace(rows, moved=moved)
     kept, refit = _refined(rows, steps, progress)

@@ -6,8 +6,8 @@ of the curve. Its changes with the logarithms x of these constants are further c
     τ_friction ≈ Σ c_k h_k(v) + Σ c_j ∂h_j/∂x_j δx_j,
 
 and the curve at a speed is one combination of all of them. In the fit itself constants stay what
-they were refined to (δx = 0), for a constant that is hardly known would run off far beyond what is
-linear; whoever judges the fit takes δx as free (`freed`).
+they were refined to (δx = 0), for a hardly known constant would leave the linear
+range; whoever judges the fit takes δx as free (`freed`).
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class LawConstants(Addition):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One logarithm each, whose prior is what the law says."""
+        """One logarithm each, whose prior is that of the law."""
         return tuple(
             Parameter("constant", t.joint, f"{t.kind}_{name}", "1", -np.inf, np.inf, 0.0, 1.0)
             for t, name in self.constants

@@ -119,7 +119,7 @@ class FrictionRows:
     traces: tuple[Trace, ...]
     largest: Float[np.ndarray, " dof"]
     Y: Float[np.ndarray, "dof samples columns"]
-    extra: Float[np.ndarray, "rows beside"]
+    extra: Float[np.ndarray, "rows extra"]
     drive_rows: DriveRows
     span: Span
     tau: Rows

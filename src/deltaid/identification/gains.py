@@ -8,8 +8,8 @@ gets c_i times that. The noise is on what was recorded, so what is minimised is
 over p and c together (variable projection: p is the conic fit's for every c). About gains c that
 are known so far, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p₀ of the *model*: measured
 ones would put the noise on both sides. So gains are further columns of the fit, by turns, and
-certificate and intervals are the fit's own. Without anything known in N m the common
-scale of all c and p is free. Identical limbs determine the ratios of their drives' gains even then;
+certificate and intervals are the fit's own. Without anything known in N m the common scale of all c
+and p is free. Identical limbs determine the ratios of their drives' gains even then;
 where these explain more of a recording than anything else, Σ log c_i = 0 over these drives.
 """
 

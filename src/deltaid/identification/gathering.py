@@ -91,8 +91,8 @@ def gather(
     the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
     every sample as well.
 
-    Friction that depends on load sees what gears carry by parameters `load`, and is linear about
-    these (`load_slope`). Without them it sees the measured torques, whose noise then stands on both
+    Friction that depends on load uses what gears carry by parameters `load`, and is linear about
+    these (`load_slope`). Without them it uses the measured torques, whose noise then stands on both
     sides of the equation, and with it the motors' own friction.
 
     Raises:

@@ -5,7 +5,7 @@ not know of, D = dτ/dg (`dynamics.geometry`). Least squares takes them for
 
     δp_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW D δg
 
-and the fit with a prior as much of these as of everything else that the data says. D is evaluated
+and the fit with a prior as much of these as of all other data. D is evaluated
 at the fitted parameters, at some samples spread over the beginning of the recordings.
 """
 

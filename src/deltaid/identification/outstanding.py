@@ -54,7 +54,7 @@ class Stretch:
     peak: float
     z: OfDrives
     speed: OfDrives
-    residual: OfDrives
+    left: OfDrives
     sharp: float
 
     @property

@@ -64,7 +64,7 @@ class Validation(Shown, Plotted, Tabled, Reported, _Pair):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said about the comparison, one sentence each."""
+        """Warnings about the comparison, one sentence each."""
         return remarks(self.model, self.log, self.error)
 
 
@@ -104,7 +104,7 @@ class Compared(Protocol):
 
 
 def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, ...]:
-    """What is to be said about comparing a model with a recording, one sentence each."""
+    """Warnings about comparing a model with a recording, one sentence each."""
     identified = load(model).identified
     sources = identified.sources if identified else ()
     same = [source.log for source in sources if source.sha256 == log.sha256]

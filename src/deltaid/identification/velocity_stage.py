@@ -47,7 +47,7 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
 
 
 def without_rates(recording: Recording, cutoff: float | None) -> Recording:
-    """The recording with its positions differentiated, whatever else was recorded."""
+    """The recording with its positions differentiated."""
     columns = replace(recording.log.columns, velocity=(), acceleration=())
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
@@ -102,7 +102,7 @@ def _lag(
 
 
 def _corrections(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
-    """One for all drives if all may be late alike, or one a drive."""
+    """One for all drives if their lags may be equal, or one a drive."""
     values, halves, subjects = lag.values, lag.interval, list(drives)
     if np.ptp(values) < max(_HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
         weights, subjects = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]

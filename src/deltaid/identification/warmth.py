@@ -6,7 +6,7 @@ Viscous and Coulomb friction of each joint grow with a course g(t) of the record
 
 the recorded temperature, or exp(−t / T) with one time constant for all joints. g has no mean over
 the samples that count, so p is the friction of the mean over the recording, which is what a model
-without temperature can say.
+without temperature can have.
 """
 
 from collections.abc import Sequence

@@ -120,7 +120,7 @@ class Evidence:
         return [_Wider([j], float(wider[j]), float(gain[j])) for j in range(count)]
 
     def _bodies(self, s: Factors) -> list[_Wider]:
-        """Entries of a body alike, with the best factor of some."""
+        """All entries of a body, with the best factor of some."""
         now = self._value(s)
 
         def tried(entries: list[int], factor: float) -> _Wider:
