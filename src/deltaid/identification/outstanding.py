@@ -44,7 +44,7 @@ class Stretch:
         peak: when that was [s].
         z: task coordinates there.
         speed: of the drives there, as shares of their usual ones.
-        residual: torques there, mean over 9 ms [N m or N].
+        left: residual torques there, mean over 9 ms [N m or N].
         sharp: size of the torques of what the low-pass took off the motion there, as a share.
     """
 
