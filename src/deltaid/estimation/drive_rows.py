@@ -18,7 +18,7 @@ _MISFIT_FLOOR = 1e-5
 NOISE_FLOOR = 1e-6
 
 OfDrives = Float[np.ndarray, "dof samples"]
-ColumnsOfDrives = Float[np.ndarray, "dof samples columns"]
+ColumnsOfDrives = Float[np.ndarray, "dof samples _"]
 
 
 @dataclass(frozen=True, eq=False)

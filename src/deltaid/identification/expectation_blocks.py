@@ -70,7 +70,7 @@ class Blocks:
         """Whether some drive has enough blocks that count."""
         return bool(np.any(self.counts.sum(axis=1) >= _FEWEST * _SPEEDS))
 
-    def beside(self, p: Float[np.ndarray, " columns"]) -> ColumnsOfDrives:
+    def beside(self, p: Float[np.ndarray, " parameters"]) -> ColumnsOfDrives:
         """All nuisance columns, those of torques by parameters p."""
         of_torque = of_torques(self.Y @ p, self.rise @ p, self.speed)
         return np.concatenate([self.friction, of_own_drives(of_torque.transpose(0, 2, 1))], axis=2)
