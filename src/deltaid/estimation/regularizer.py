@@ -75,7 +75,7 @@ class SpectralTerm:
         """Values alone, at many points inside the cone."""
         total = np.zeros(len(x))
         for block, weight in zip(self.blocks, self.weights, strict=True):
-            inverse = np.linalg.inv(np.linalg.cholesky(block.prior))
+            inverse = _inverse_root(block)
             M = block.constant + np.where(block.index >= 0, x[:, block.index], 0.0)
             lam = np.linalg.eigvalsh(inverse @ M @ inverse.T)
             total += weight * self.divergence.values(lam).sum(axis=1)
@@ -178,6 +178,11 @@ def prior_root(scaled: Matrix) -> Matrix:
         ) from None
 
 
+def _inverse_root(block: Block) -> Float[np.ndarray, "size size"]:
+    """L⁻¹ with L Lᵀ = M_reg."""
+    return np.linalg.solve(np.linalg.cholesky(block.prior), np.eye(len(block.prior)))
+
+
 def _spectral_block(
     divergence: Divergence, block: Block, x: Vector, at: np.ndarray
 ) -> tuple[float, Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
@@ -187,7 +192,7 @@ def _spectral_block(
     V diag(φ′) Vᵀ, and its derivative along E is V (Γ ∘ VᵀEV) Vᵀ with the divided differences Γ of
     φ′ (Daleckii–Krein).
     """
-    L_inverse = np.linalg.solve(np.linalg.cholesky(block.prior), np.eye(len(block.prior)))
+    L_inverse = _inverse_root(block)
     lam, V = np.linalg.eigh(L_inverse @ block.matrix(x) @ L_inverse.T)
     if lam[0] <= 0:
         return np.inf, np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan)
