@@ -31,13 +31,14 @@ def main() -> int:
         for path in (given.before, given.after)
     )
     cases = [case for case in after if case in before]
-    print(f"{'row':24} {'n':>3} {'M':>13} {'friction':>13} {'time':>6} {'other words':>11}")
+    head = f"{'row':24} {'n':>3} {'M':>13} {'friction':>13} {'its shape':>13}"
+    print(f"{head} {'time':>6} {'other words':>11}")
     for row in dict.fromkeys(after[case]["row"] for case in cases):
         own = [(before[case], after[case]) for case in cases if after[case]["row"] == row]
         times = [b["seconds"] / a["seconds"] for a, b in own if a["seconds"] and b["seconds"]]
-        errors = [f"{ratio(own, kind)}" for kind in ("M", "friction")]
+        errors = [f"{ratio(own, kind)}" for kind in ("M", "friction", "friction_shape")]
         other = sum(is_other(*pair) for pair in own)
-        print(f"{row:24} {len(own):3} {errors[0]:>13} {errors[1]:>13} "
+        print(f"{row:24} {len(own):3} {errors[0]:>13} {errors[1]:>13} {errors[2]:>13} "
               f"{np.median(times) if times else np.nan:6.2f} {other:11}")  # fmt: skip
     for case in cases:
         if is_other(before[case], after[case]):
@@ -51,7 +52,7 @@ def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
     found = [
         max(b["errors"][kind], LEAST) / max(a["errors"][kind], LEAST)
         for a, b in own
-        if a["errors"] and b["errors"]
+        if kind in a["errors"] and kind in b["errors"]
     ]
     return f"{np.median(found):.3f}, {max(found):.2f}" if found else "–"
 

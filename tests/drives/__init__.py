@@ -5,7 +5,9 @@ of six kinds of robot. Bodies and mechanics come from the oracle (`plants.py`): 
 way of gear and friction to the motor (`happening.py`), and from there into a log (`sensors.py`).
 """
 
+from drives.cases import case
+from drives.causes import CAUSES
 from drives.robots import KINDS
-from drives.rows import ROWS, Case, case
+from drives.rows import ROWS, Case
 
-__all__ = ["KINDS", "ROWS", "Case", "case"]
+__all__ = ["CAUSES", "KINDS", "ROWS", "Case", "case"]

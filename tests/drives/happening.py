@@ -3,8 +3,8 @@
 The platform moves as planned whatever happens: a stiff control lets contact, load and friction show
 in the torques only. From the link to the motor:
 
-    τ_l = bodies + passive friction + load − Jᵀ F           what the gear carries
-    q_m = q + τ_l / s ± ½ backlash                          by the sign of τ_l
+    τ_l = bodies + passive friction + load − Jᵀ F + springs  what the gear carries
+    q_m = q + τ_l / s ± ½ backlash                           by the sign of τ_l
     τ   = τ_l + rotor q̈_m + friction(q̇_m, τ_l)
 """
 
@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from drives.pulls import Balancer, Hose
 from drives.robots import Machine
 from oracle.tree import Array
 from plants import Pace, Truth, paced
@@ -119,6 +120,7 @@ class Happening:
             an emergency stop where that is not within a span of rest.
         contacts: pushes.
         load, held: what the tool carries, and when: spans.
+        pulls: of hoses and balancers, all the time.
         stiffness, backlash: of the gears (N m/rad, rad; N/m, m); infinite and none.
         rhythm: pace of a motion that is not an even one.
     """
@@ -132,6 +134,7 @@ class Happening:
     contacts: Sequence[Contact] = ()
     load: Load | None = None
     held: Sequence[Span] = ()
+    pulls: Sequence[Hose | Balancer] = ()
     stiffness: Array | float = np.inf
     backlash: Array | float = 0.0
     rhythm: Callable[[Array], Pace] | None = None
@@ -195,8 +198,8 @@ class Happening:
         if self.load is not None:
             link = link + within(time, self.held)[:, None] * self.load.torque(
                 truth, plant.oracle.gravity)  # fmt: skip
-        for contact in self.contacts:
-            link = link + contact.torque(truth)
+        for force in (*self.contacts, *self.pulls):
+            link = link + force.torque(truth)
         return link
 
     def _motor(self, truth: Truth, link: Array) -> tuple[Array, ...]:

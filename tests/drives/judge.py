@@ -2,7 +2,9 @@
 
 Errors are shares of one: of the mass matrix the largest |ΔM_ij| / √(M_ii M_jj) over 40 poses, of
 friction the largest error of a drive's whole curve between 5 and 100 % of its speed as a share of
-the curve's largest value; under warm-up the true curve is the mean over the recording.
+the curve's largest value; under warm-up the true curve is the mean over the recording. A torque
+sensor's offset and a constant of friction are the same to a recording: friction's shape is its
+error after the constant that makes it smallest, one a drive.
 """
 
 from __future__ import annotations
@@ -63,7 +65,7 @@ class Judged:
     """An identification beside the truth.
 
     Attributes:
-        M, friction: errors.
+        M, friction, friction_shape: errors.
         friction_as_measured: of the curve with torque constants and offsets as recorded.
         curves: share of the points of each drive's friction curve that its intervals hold.
         lag: largest error of a drive's lag (s); None where no lag is told.
@@ -82,6 +84,7 @@ class Judged:
     M: float
     friction: float
     friction_as_measured: float
+    friction_shape: float
     curves: tuple[float, ...] = ()
     lag: float | None = None
     load: float | None = None
@@ -107,6 +110,7 @@ def judge(case: Case, result: Identified) -> Judged:
         M=mass_matrix_error(case, result),
         friction=friction_error(happening, model, link, 1.0, 0.0),
         friction_as_measured=friction_error(happening, model, link, sensors.gain, offset),
+        friction_shape=friction_shape_error(happening, model, link),
         curves=tuple(_curves_held(happening, model)),
         lag=_lag_error(case, told),
         load=_load_error(happening, told),
@@ -153,15 +157,37 @@ def friction_error(
     offset: Array | float,
 ) -> float:
     """Of the worst drive, where recorded torque is gain × true + offset."""
+    gaps = _friction_gaps(happening, model, link, gain, offset)
+    return max(float(np.max(np.abs(gap))) for gap in gaps)
+
+
+def friction_shape_error(happening: Happening, model: IdentifiedModel, link: Array) -> float:
+    """Of the worst drive, without the constant that makes its largest error smallest."""
+    return max(half_range(gap) for gap in _friction_gaps(happening, model, link, 1.0, 0.0))
+
+
+def half_range(gap: Array) -> float:
+    """The least of max |gap − c| over constants c."""
+    return 0.5 * float(np.ptp(gap))
+
+
+def _friction_gaps(
+    happening: Happening,
+    model: IdentifiedModel,
+    link: Array,
+    gain: Array | float,
+    offset: Array | float,
+) -> list[Array]:
+    """Each drive's curve less the true one, as a share of the true one's largest."""
     law = happening.friction
     warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
     v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
     true = gain * warm * law.curve(v, link) + offset
-    errors = []
-    for i, drive in enumerate(happening.machine.robot.drives):
-        found = friction_curve(model.robot, model.p, drive, v[:, i], float(link[i]))
-        errors.append(np.max(np.abs(found - true[:, i])) / np.max(np.abs(true[:, i])))
-    return float(max(errors))
+    found = [
+        friction_curve(model.robot, model.p, drive, v[:, i], float(link[i]))
+        for i, drive in enumerate(happening.machine.robot.drives)
+    ]
+    return [(f - t) / np.max(np.abs(t)) for f, t in zip(found, true.T, strict=True)]
 
 
 def _curves_held(happening: Happening, model: IdentifiedModel) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
-from drives.judge import SPEEDS
+from drives.judge import SPEEDS, half_range
 from drives.rows import Case
 from oracle.tree import Array
 
@@ -14,8 +14,8 @@ from oracle.tree import Array
 _EVERY, _SEEN, _STEP = 5, 1e-9, 1e-4
 
 
-def noise_limit(case: Case, draws: int = 100) -> tuple[float, float]:
-    """Errors of M and friction that the noise alone leaves in 90 % of recordings.
+def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
+    """Errors of M, friction and its shape that the noise alone leaves in 90 % of recordings.
 
     Of the best unbiased estimate (Cramér–Rao): its covariance along the motion, for whoever knows
     which terms the friction of the drives has, and that Stribeck's is Gauss's form, but neither
@@ -50,7 +50,8 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float]:
     size = np.sqrt(np.einsum("sii,sjj->sij", true, true))
     M = [np.max(np.abs(dynamics.mass_matrix(q, p + d[: len(p)]) - true) / size) for d in off]
     friction = [_friction(case, d[: len(p)], d[len(p) :].reshape(machine.dof, own)) for d in off]
-    return float(np.quantile(M, 0.9)), float(np.quantile(friction, 0.9))
+    of_M, of_friction, of_shape = np.quantile(np.column_stack([M, friction]), 0.9, axis=0)
+    return float(of_M), float(of_friction), float(of_shape)
 
 
 def _further(case: Case, i: int, v: Array, link: Array) -> Array:
@@ -71,15 +72,18 @@ def _further(case: Case, i: int, v: Array, link: Array) -> Array:
     return np.array(columns).reshape(len(columns), len(v))
 
 
-def _friction(case: Case, off: Array, further: Array) -> float:
-    """Error of the drives' curves for coefficients that are off."""
+def _friction(case: Case, off: Array, further: Array) -> tuple[float, float]:
+    """Error of the drives' curves, and of their shapes, for coefficients that are off."""
     machine, happening, names = case.machine, case.happenings[0], case.machine.layout.names
     v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * machine.largest_speed
     link = happening.carried
-    true, errors = happening.friction.curve(v, link), []
+    true = happening.friction.curve(v, link)
+    errors, shapes = list[float](), list[float]()
     for i, drive in enumerate(case.robot.drives):
         viscous, coulomb = (off[names.index(f"{kind}.{drive}")] for kind in ("viscous", "coulomb"))
         more = further[i] @ _further(case, i, v[:, i], np.full(len(v), link[i]))
         error = viscous * v[:, i] + coulomb * np.sign(v[:, i]) + more
-        errors.append(np.max(np.abs(error)) / np.max(np.abs(true[:, i])))
-    return float(max(errors))
+        error /= np.max(np.abs(true[:, i]))
+        errors.append(float(np.max(np.abs(error))))
+        shapes.append(half_range(error))
+    return max(errors), max(shapes)

@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 import polars as pl
 
 from deltaid.robot.description import RobotDescription
-from drives.closed_loop import followed
 from drives.happening import Contact, Happening, Law, Load
-from drives.production import held_spans, production_machine, rhythm
-from drives.robots import Machine, machine
+from drives.production import held_spans, rhythm
+from drives.robots import Machine
 from drives.sensors import Sensors
 from oracle.tree import Array
 
@@ -40,6 +38,7 @@ class Case:
         logs: tables, one a recording.
         tells: what of it an identification is told: 'gripper' for a column that tells the load's
             state, 'known' for a load that is known, 'tolerances' for those of lengths and homing.
+        drawn: the faults of a row of `causes.py` and their sizes, in words.
     """
 
     row: str
@@ -51,6 +50,7 @@ class Case:
     sensors: tuple[Sensors, ...]
     logs: tuple[pl.DataFrame, ...]
     tells: tuple[str, ...] = ()
+    drawn: tuple[str, ...] = ()
 
     @property
     def unit(self) -> float:
@@ -281,31 +281,6 @@ ROWS = {
     "closed-loop": Row(_clean, "noise that control feeds back"),
     "unlogged": Row(_clean, "the same, and drives give other torques than they log"),
 }  # fmt: skip
-
-
-def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
-    """The recordings of a row, of a kind of robot."""
-    made = ROWS[row]
-    rng = np.random.default_rng([seed, crc32(kind.encode()), crc32(row.encode())])
-    m = (production_machine(kind, seed) if row.startswith("production")
-         else machine(kind, seed, row == "poor-priors"))  # fmt: skip
-    h = Happening(m, float(rng.uniform(14, 20)), int(rng.integers(1 << 31)))
-    if row in ("closed-loop", "unlogged"):
-        h, log = followed(h, rng, 0.01 if row == "unlogged" else 0.0)
-        # A torque is held from its row to the next one: it comes half a row early.
-        sensors = Sensors(delay=-0.5 / m.rate)
-        return Case(row, kind, seed, m, m.robot, (h,), (sensors,), (log,))
-    if row == "gains":
-        gain = 1 + rng.uniform(-0.1, 0.1, m.dof)
-        loaded = replace(h, seed=h.seed + 1, duration=h.duration, load=load_of(m, rng),
-                         held=((-1.0, h.duration + 1),))  # fmt: skip
-        sensors = (Sensors(gain=gain),) * 2
-        both = (h, loaded)
-    else:
-        h, one = made.make(h, rng)
-        both, sensors = (h,), (one,)
-    logs = tuple(s.recorded(x) for s, x in zip(sensors, both, strict=True))
-    return Case(row, kind, seed, both[0].machine, m.robot, both, sensors, logs, made.tells)
 
 
 def _apart(

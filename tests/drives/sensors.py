@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +28,11 @@ class Sensors:
         velocity, velocity_lag: whether q̇ is recorded, and its filter's time constant (s).
         clip: torque columns end at this share of the largest.
         gain: of the torque constants: recorded is gain × true.
+        believed: recorded over true torque of the motors, both as shares of the largest true one.
         offset: of the torque columns, as a share of the largest.
-        ripple: over the angle, as a share of the largest, 12 waves a radian.
+        ripple: over the angle, as a share of the largest.
+        waves, phase: of the ripple: per radian or metre, and where it begins (rad).
+        scale: recorded angle over the true one.
         homing: error of q's zero (rad, m).
         stale: share of rows that repeat the one before.
         gripper: whether a column tells when a load is held.
@@ -41,8 +45,12 @@ class Sensors:
     velocity_lag: float = 0.0
     clip: float | None = None
     gain: Array | float = 1.0
+    believed: Callable[[Array], Array] | None = None
     offset: Array | float = 0.0
-    ripple: float = 0.0
+    ripple: Array | float = 0.0
+    waves: Array | float = 12.0
+    phase: Array | float = 0.0
+    scale: Array | float = 1.0
     homing: Array | float = 0.0
     stale: float = 0.0
     gripper: bool = False
@@ -59,13 +67,17 @@ class Sensors:
         rng, time = np.random.default_rng([happening.seed, 2]), happening.time
         step = np.where(machine.rotary, _STEP, _LEAD / 2**17)
         counts = np.round(truth.q / step + _DITHER * rng.standard_normal(truth.q.shape))
-        q = step * counts + self.homing
+        q = self.scale * (step * counts) + self.homing
         columns = {"t": time} | _named("q", q)
         if self.velocity:
-            columns |= _named("qd", _first_order(truth.qd, self.velocity_lag * machine.rate))
+            columns |= _named(
+                "qd", _first_order(self.scale * truth.qd, self.velocity_lag * machine.rate)
+            )
         tau = self._late(happening)
         scale = np.abs(replace(happening, contacts=()).truth.tau).max(axis=0)
-        tau = tau + scale * self.ripple * np.sin(12 * truth.q)
+        tau = tau + scale * self.ripple * np.sin(self.waves * truth.q + self.phase)
+        if self.believed is not None:
+            tau = scale * self.believed(tau / scale)
         if self.current_loop is not None:
             tau = _first_order(tau, machine.rate / (2 * np.pi * self.current_loop))
         tau = self.gain * tau + scale * self.offset

@@ -1,0 +1,53 @@
+"""Forces that act on a robot and that its description does not have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from oracle.tree import Array
+from plants import Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Hose:
+    """A hose, cable or spring at the platform: F = force − drag v/|v| − stiffness (r − rest).
+
+    Attributes:
+        force: (3,) in the world (N).
+        drag: against the platform's velocity (N); none at rest.
+        stiffness: N/m.
+        rest: (3,) where the spring does not pull (m).
+    """
+
+    force: Array
+    drag: float
+    stiffness: float
+    rest: Array
+
+    def pull(self, truth: Truth) -> Array:
+        """F on the platform, (samples, 3)."""
+        v = truth.zd[:, :3]
+        speed = np.linalg.norm(v, axis=1, keepdims=True)
+        way = np.divide(v, speed, out=np.zeros_like(v), where=speed > 0)
+        return self.force - self.drag * way - self.stiffness * (truth.z[:, :3] - self.rest)
+
+    def torque(self, truth: Truth) -> Array:
+        """−Jᵀ F: what the motors must add, (samples, drives)."""
+        return -np.einsum("szd,sz->sd", truth.hand[:, :3], self.pull(truth))
+
+
+@dataclass(frozen=True, eq=False)
+class Balancer:
+    """A spring at each drive, which gives −stiffness (q − rest); both (drives,).
+
+    In N m/rad and rad; N/m and m for a drive that slides.
+    """
+
+    stiffness: Array
+    rest: Array
+
+    def torque(self, truth: Truth) -> Array:
+        """What the motors must add, (samples, drives)."""
+        return self.stiffness * (truth.q - self.rest)

@@ -1,0 +1,157 @@
+"""Faults of recordings that nobody named (`tests/drives/causes.py`): they are what they say."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from drives import CAUSES, ROWS, Case, case
+from drives.causes import Made, falling_gain, saturation
+from drives.happening import Happening
+from drives.judge import half_range
+from drives.pulls import Balancer, Hose
+from drives.sensors import Sensors
+from oracle.tree import Array
+from plants import Truth
+
+# Where what is recorded is compared: samples far from one another.
+EVERY = 997
+
+
+@cache
+def made(row: str) -> Case:
+    return case(row, "linear", 1)
+
+
+def undisturbed(happening: Happening) -> Happening:
+    return replace(happening, pulls=())
+
+
+def recorded(of: Case, name: str) -> Array:
+    return of.logs[0].select(f"{name}{i + 1}" for i in range(of.machine.dof)).to_numpy()
+
+
+def through_drives(of: Case, truth: Truth, F: Array) -> Array:
+    """Jᵀ F with J = (∂q/∂r)⁻¹ by differences of the oracle's positions."""
+    oracle, h = of.machine.plant.oracle, 1e-6
+    tau = []
+    for z, one in zip(truth.z[::EVERY], F[::EVERY], strict=True):
+        steps = [oracle.positions(z + h * e) - oracle.positions(z - h * e) for e in np.eye(3)]
+        tau.append(np.linalg.solve(np.array(steps) / (2 * h), one))
+    return np.array(tau)
+
+
+def test_a_force_at_the_platform_is_in_the_torques_by_the_oracles_jacobian() -> None:
+    of = made("force")
+    happening, (pull,) = of.happenings[0], of.happenings[0].pulls
+    assert isinstance(pull, Hose)
+    np.testing.assert_allclose(np.linalg.norm(pull.force), 5 * of.unit)
+    more = happening.truth.tau - undisturbed(happening).truth.tau
+    F = np.broadcast_to(pull.force, (len(more), 3))
+    np.testing.assert_allclose(-more[::EVERY], through_drives(of, happening.truth, F), rtol=1e-6)
+
+
+def test_a_hose_takes_the_power_that_its_force_gives() -> None:
+    of = made("hose")
+    happening = of.happenings[0]
+    (pull,), truth = happening.pulls, happening.truth
+    assert isinstance(pull, Hose)
+    more = truth.tau - undisturbed(happening).truth.tau
+    v = truth.zd[:, :3]
+    away = truth.z[:, :3] - pull.rest
+    given = v @ pull.force - pull.drag * np.linalg.norm(v, axis=1)
+    given -= pull.stiffness * np.einsum("sk,sk->s", v, away)
+    np.testing.assert_allclose(-np.einsum("sd,sd->s", more, truth.qd), given,
+                               atol=1e-6 * np.abs(given).max())  # fmt: skip
+
+
+def test_a_balancer_is_a_spring_of_a_share_of_the_torque() -> None:
+    of = made("balancer")
+    happening, truth = of.happenings[0], of.happenings[0].truth
+    (spring,) = happening.pulls
+    assert isinstance(spring, Balancer)
+    more = truth.tau - undisturbed(happening).truth.tau
+    np.testing.assert_allclose(more, spring.stiffness * (truth.q - spring.rest), atol=1e-9)
+    share = np.abs(more).max(axis=0) / of.machine.largest_torque
+    assert np.all((share > 0.02) & (share < 0.11))
+
+
+@pytest.mark.parametrize("size", [0.03, 0.15])
+def test_true_torque_falls_behind_what_the_drive_believes(size: float) -> None:
+    start = Made(made("force").happenings[0], Sensors())
+    believed = falling_gain(start, np.random.default_rng(0), size).sensors.believed
+    assert believed is not None
+    true = np.linspace(-1.05, 1.05, 43)
+    r = believed(true)
+    np.testing.assert_allclose(r * (1 - size * (r / believed(np.ones(1))) ** 2), true, atol=1e-12)
+    assert np.all(np.diff(r) > 0)
+
+
+def test_motors_saturate_at_a_share_of_the_largest_that_is_recorded() -> None:
+    start = Made(made("force").happenings[0], Sensors())
+    believed = saturation(start, np.random.default_rng(0), 0.9).sensors.believed
+    assert believed is not None
+    true = np.linspace(-1, 1, 41)
+    limit = 0.9 * believed(np.ones(1))
+    np.testing.assert_allclose(limit * np.tanh(believed(true) / limit), true, atol=1e-12)
+
+
+def test_a_gear_ratio_that_is_off_scales_one_angle() -> None:
+    of = made("gear-ratio")
+    ratio = np.median(recorded(of, "q") / of.happenings[0].truth.q, axis=0)
+    np.testing.assert_allclose(np.sort(ratio), [1, 1, 1.01], atol=1e-5)
+
+
+def test_one_limb_is_longer_than_the_description_has_it() -> None:
+    of = made("long-limb")
+    limbs = of.machine.plant.oracle.limbs
+    longer = [
+        np.subtract((limb.arm or 0, limb.strut), (told.upper_arm or 0, told.strut)).sum()
+        for limb, told in zip(limbs, of.robot.limbs.geometry(), strict=True)
+    ]
+    np.testing.assert_allclose(np.sort(longer), [0, 0, 1e-3], atol=1e-12)
+    M = [of.machine.plant.oracle.mass_matrix(z) for z in of.machine.poses]
+    np.testing.assert_allclose(of.machine.M, M)
+
+
+def test_a_tilted_base_is_another_gravity() -> None:
+    of = made("tilt")
+    gravity, level = of.machine.plant.oracle.gravity, np.array(of.robot.gravity)
+    assert gravity @ level / (level @ level) == pytest.approx(np.cos(np.deg2rad(2)))
+    truth = of.happenings[0].truth
+    moving = np.all(truth.rates != 0, axis=1)
+    tilted = compiled(of.robot.model_copy(update={"gravity": tuple(gravity.tolist())}))
+    states = (x[moving][::EVERY] for x in (truth.q, truth.qd, truth.qdd))
+    tau = tilted.inverse_dynamics(*states, of.machine.plant.p)
+    np.testing.assert_allclose(tau, truth.tau[moving][::EVERY],
+                               atol=1e-5 * np.abs(truth.tau).max())  # fmt: skip
+
+
+def test_zeros_alone_are_off_and_nothing_says_so() -> None:
+    of = made("homing-0.5")
+    error = np.median(recorded(of, "q") - of.happenings[0].truth.q, axis=0)
+    np.testing.assert_allclose(error, of.sensors[0].homing, atol=1e-6)
+    assert of.machine.plant.oracle.limbs[0].strut == of.robot.limbs.geometry()[0].strut
+    assert of.tells == ()
+    assert np.all(error != 0)
+
+
+def test_ripple_is_a_share_of_the_largest_torque() -> None:
+    of = made("ripple")
+    quiet = replace(of.sensors[0], ripple=0.0).recorded(of.happenings[0])
+    wave = recorded(of, "tau") - quiet.select("tau1", "tau2", "tau3").to_numpy()
+    largest = np.abs(of.happenings[0].truth.tau).max(axis=0)
+    np.testing.assert_allclose(np.abs(wave).max(axis=0), 0.03 * largest, rtol=1e-3)
+
+
+def test_rows_of_the_second_table_have_names_of_their_own_and_words() -> None:
+    assert not ROWS.keys() & CAUSES.keys()
+    assert made("hose-tilted").drawn[1] == "tilt 1°"
+
+
+def test_a_curve_off_by_a_constant_has_the_right_shape() -> None:
+    curve = np.array([-2.0, -1.0, 1.0, 3.0])
+    assert half_range(curve + 0.3 - curve) == pytest.approx(0, abs=1e-12)
+    assert half_range(np.array([0.1, 0.3])) == pytest.approx(0.1)
