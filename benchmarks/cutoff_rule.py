@@ -23,7 +23,7 @@ from _table import leave
 
 from deltaid.model.record import Settings
 from drives import Case, case
-from drives.judge import friction_error, mass_matrix_error
+from drives.errors import friction_error, mass_matrix_error
 from drives.rows import lever
 from drives.told import identified
 

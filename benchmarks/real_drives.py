@@ -73,7 +73,7 @@ ASKED = {
 }
 # Asked of M and of friction without its constant, where a constant of friction and what nobody
 # described may be the same to a recording.
-ASKED_SHAPE = {
+ASKED_SHAPE: dict[str, tuple[float, float | None]] = {
     "ripple": (0.2, 0.5),
     "homing-0.3": (0.2, 0.5),
     "homing-0.5": (0.2, 0.5),
@@ -87,7 +87,11 @@ ASKED_SHAPE = {
     "long-limb": (0.3, 1.0),
     "tilt": (0.3, 1.0),
     "balancer": (0.3, 3.0),
+    "asymmetric": (0.7, None),
+    "mixture": (0.5, 2.0),
 }
+# Asked of the median of these, where it is asked for (%).
+ASKED_MEDIAN = {"mixture": (0.15, 0.6)}
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,10 @@ def line(row: str, own: Sequence[Result]) -> tuple[object, ...]:
     inside = [within(one) for one in own]
     limits = 100 * np.array([one.limit for one in own])
     bounds = ", ".join("–" if a is None else f"{a:g}" for a in asked(row)[:2])
-    bounds += f"; {asked(row)[2]:g} without its constant" if row in ASKED_SHAPE else ""
+    if asked(row)[2] is not None:
+        bounds += f"; {asked(row)[2]:g} without its constant"
+    if row in ASKED_MEDIAN:
+        bounds += "; medians {:g}, {:g}".format(*ASKED_MEDIAN[row])
     return (
         row,
         bounds,
@@ -185,7 +192,7 @@ def more(row: str, own: Sequence[Result], ok: Sequence[Judged]) -> Iterable[str]
     curves = [share for one in ok for share in one.curves]
     if curves:
         yield f"friction curves' intervals hold {np.mean(curves):.0%}"
-    if row in ("clean", "homing", "poor-priors", "closed-loop", "unlogged"):
+    if row in ("clean", "homing", "poor-priors", "closed-loop", "unlogged", *CAUSES):
         yield f"intervals of bodies hold {share(ok, lambda one: one.bodies)}"
         yield f"of base parameters {share(ok, lambda one: one.base)}"
     refused = Counter(one.error for one in own if one.error)

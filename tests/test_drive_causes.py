@@ -5,12 +5,16 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter1d
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.robot.inertia import pseudo_inertia
 from drives import CAUSES, ROWS, Case, case
-from drives.causes import Made, falling_gain, saturation
-from drives.happening import Happening
-from drives.judge import half_range
+from drives.errors import half_range
+from drives.happening import Happening, Law
+from drives.made import Made
+from drives.measured import falling_gain, gains, offsets, saturation
+from drives.mixture import MIXED
 from drives.pulls import Balancer, Hose
 from drives.sensors import Sensors
 from oracle.tree import Array
@@ -155,3 +159,85 @@ def test_a_curve_off_by_a_constant_has_the_right_shape() -> None:
     curve = np.array([-2.0, -1.0, 1.0, 3.0])
     assert half_range(curve + 0.3 - curve) == pytest.approx(0, abs=1e-12)
     assert half_range(np.array([0.1, 0.3])) == pytest.approx(0.1)
+
+
+def test_bodies_are_off_what_their_description_frees() -> None:
+    of, plain = made("asymmetric"), made("force").machine
+    layout, p = of.machine.layout, of.machine.plant.p
+    for body, off in (("S", 1e-3), ("C", 4e-3)):
+        part = layout.body(body)
+        moved = p[part][1:4] / p[part][0] - plain.plant.p[part][1:4] / plain.plant.p[part][0]
+        assert np.linalg.norm(moved) == pytest.approx(off)
+    S = layout.body("S")
+    assert p[S][1] == pytest.approx(plain.plant.p[S][1])  # along its axis nothing moves
+    J, straight = (pseudo_inertia(x[S]) for x in (p, plain.plant.p))
+    about = [x[:3, :3] - np.outer(x[:3, 3], x[:3, 3]) / x[3, 3] for x in (J, straight)]
+    np.testing.assert_allclose(*(np.linalg.eigvalsh(x) for x in about), rtol=1e-6)
+    assert abs(about[0][0, 1:]).max() > 1e-3 * about[0][0, 0]
+    assert not np.allclose(of.machine.M, plain.M, rtol=1e-6)
+
+
+def test_a_bodys_true_shape_is_in_its_torques() -> None:
+    of = made("asymmetric")
+    truth, p = of.happenings[0].truth, of.machine.plant.p
+    moving = np.all(truth.rates != 0, axis=1)
+    states = (x[moving][::EVERY] for x in (truth.q, truth.qd, truth.qdd))
+    tau = compiled(of.robot).inverse_dynamics(*states, p)
+    np.testing.assert_allclose(tau, truth.tau[moving][::EVERY],
+                               atol=1e-5 * np.abs(truth.tau).max())  # fmt: skip
+
+
+def test_a_mixture_is_drawn_by_its_seed_from_all_causes() -> None:
+    start = Made(made("force").happenings[0], Sensors())
+    found = [CAUSES["mixture"].make(start, np.random.default_rng(seed)) for seed in range(16)]
+    assert {len(one.words) for one in found} == {3, 4, 5}
+    again = CAUSES["mixture"].make(start, np.random.default_rng(3))
+    assert again.words == found[3].words
+    assert len({one.words for one in found}) == len(found)
+    of = made("mixture")
+    assert 3 <= len(of.drawn) <= 5
+    assert np.all(np.isfinite(of.logs[0].to_numpy()))
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_every_cause_of_a_mixture_changes_what_is_recorded(name: str) -> None:
+    happening = replace(undisturbed(made("force").happenings[0]), duration=6.0)
+    cause, _, largest = MIXED[name]
+    start = Made(happening, Sensors())
+    one = cause(start, np.random.default_rng(5), largest)
+    assert len(one.words) == 1
+    plain, changed = (x.sensors.recorded(x.happening).to_numpy() for x in (start, one))
+    assert np.all(np.isfinite(changed))
+    assert np.abs(changed - plain).max() > 0
+
+
+def test_hard_play_is_a_dead_zone_and_changes_its_side_at_once() -> None:
+    happening = undisturbed(made("force").happenings[0])
+    half = 5e-5
+    soft, hard = (
+        replace(happening, backlash=np.full(3, 2 * half), hard=is_hard) for is_hard in (False, True)
+    )
+    link = hard.link(hard.at(hard.time))
+    changes = np.diff(np.sign(link), axis=0, prepend=np.sign(link[:1])) != 0
+    away = ~maximum_filter1d(changes, 2 * round(8e-3 * happening.machine.rate) + 1, axis=0)
+    soft_gap, hard_gap = (np.abs(x.truth.q - x.at(x.time).q)[away] for x in (soft, hard))
+    np.testing.assert_allclose(hard_gap, half, rtol=1e-6)
+    assert soft_gap.min() < 0.9 * half
+
+
+def test_coulomb_friction_by_direction_alone_is_a_constant() -> None:
+    law = Law(np.full(2, 1.5), np.full(2, 5.0), bias=np.array([0.1, -0.1]))
+    v = np.array([[-2.0, -2.0], [2.0, 2.0]])
+    plain = replace(law, bias=0.0).curve(v)
+    np.testing.assert_allclose(law.curve(v) - plain, [[0.5, -0.5]] * 2)
+
+
+def test_gains_and_offsets_leave_the_scale_and_the_weight_alone() -> None:
+    start = Made(undisturbed(made("force").happenings[0]), Sensors())
+    rng = np.random.default_rng(2)
+    gain = gains(start, rng, 0.05).sensors.gain
+    assert np.prod(gain) == pytest.approx(1)
+    assert np.abs(np.log(gain)).max() == pytest.approx(np.log(1.05))
+    offset = np.asarray(offsets(start, rng, 0.02).sensors.offset)
+    assert np.sum(offset * start.machine.largest_torque) == pytest.approx(0, abs=1e-9)
+    assert np.abs(offset).max() == pytest.approx(0.02)

@@ -6,7 +6,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from drives import Case, case
-from drives.judge import friction_curve, outside
+from drives.errors import friction_curve
+from drives.judge import outside
 from drives.noise import noise_limit
 
 

@@ -7,9 +7,10 @@ from zlib import crc32
 
 import numpy as np
 
-from drives.causes import CAUSES, Made
+from drives.causes import CAUSES
 from drives.closed_loop import followed
 from drives.happening import Happening
+from drives.made import Made
 from drives.production import production_machine
 from drives.robots import machine
 from drives.rows import ROWS, Case, load_of

@@ -38,6 +38,7 @@ class Law:
     """Friction of the drives; each number (drives,).
 
     τ = (1 + d s)(viscous v + coulomb s) + stribeck coulomb exp(−(v/knee)²) s + load |τ_l| s
+        + bias coulomb
     times 1 + warm exp(−t / constant), s = sign(v); at rest, a random share of Coulomb's.
     """
 
@@ -46,6 +47,7 @@ class Law:
     stribeck: float = 0.0
     knee: Array | float = 1.0
     direction: Array | float = 0.0
+    bias: Array | float = 0.0
     load: float = 0.0
     warm: float = 0.0
     constant: float = 1.0
@@ -55,7 +57,7 @@ class Law:
         s = np.sign(v)
         base = (1 + self.direction * s) * (self.viscous * v + self.coulomb * s)
         near = self.stribeck * self.coulomb * np.exp(-((v / self.knee) ** 2)) * s
-        return base + near + self.load * np.abs(link) * s
+        return base + near + self.load * np.abs(link) * s + self.bias * self.coulomb
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +124,7 @@ class Happening:
         load, held: what the tool carries, and when: spans.
         pulls: of hoses and balancers, all the time.
         stiffness, backlash: of the gears (N m/rad, rad; N/m, m); infinite and none.
+        hard: whether backlash changes its side with the sign of τ_l; else with a tanh of it.
         rhythm: pace of a motion that is not an even one.
     """
 
@@ -137,6 +140,7 @@ class Happening:
     pulls: Sequence[Hose | Balancer] = ()
     stiffness: Array | float = np.inf
     backlash: Array | float = 0.0
+    hard: bool = False
     rhythm: Callable[[Array], Pace] | None = None
 
     @property
@@ -208,7 +212,8 @@ class Happening:
             return truth.q, truth.qd, truth.qdd
         step = truth.time[1] - truth.time[0]
         wound = gaussian_filter1d(link, _SMOOTH / step, axis=0) / self.stiffness
-        side = np.tanh(link / (_SIDE * np.abs(link).max(axis=0)))
+        share = link / (_SIDE * np.abs(link).max(axis=0))
+        side = np.sign(share) if self.hard else np.tanh(share)
         wound += 0.5 * self.backlash * gaussian_filter1d(side, 0.25 * _THROUGH / step, axis=0)
         rate = np.gradient(wound, step, axis=0)
         return truth.q + wound, truth.qd + rate, truth.qdd + np.gradient(rate, step, axis=0)

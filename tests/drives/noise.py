@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
-from drives.judge import SPEEDS, half_range
+from drives.errors import SPEEDS, half_range
 from drives.rows import Case
 from oracle.tree import Array
 
@@ -67,6 +67,8 @@ def _further(case: Case, i: int, v: Array, link: Array) -> Array:
         columns += [near(knee), (near(knee * (1 + _STEP)) - near(knee * (1 - _STEP))) / (2 * _STEP)]
     if np.any(law.direction):
         columns += [np.ones_like(v), np.abs(v)]
+    elif np.any(law.bias):
+        columns.append(np.ones_like(v))
     if law.load:
         columns.append(sign * np.abs(link))
     return np.array(columns).reshape(len(columns), len(v))

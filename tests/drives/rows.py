@@ -161,7 +161,7 @@ def _half(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
     return replace(h, load=load_of(h.machine, rng), held=held), Sensors(gripper=True)
 
 
-def _ways(m: Machine, rng: np.random.Generator) -> Array:
+def ways(m: Machine, rng: np.random.Generator) -> Array:
     """Which way friction of each drive is more.
 
     What all carriages on upright rails have in common is a constant force that weight might be, as
@@ -181,7 +181,7 @@ def _law(h: Happening, rng: np.random.Generator, names: str) -> Law:
     if "stribeck" in names:
         more |= {"stribeck": 0.4, "knee": rng.uniform(0.03, 0.1) * m.largest_speed}
     if "direction" in names:
-        more["direction"] = 0.1 * _ways(m, rng)
+        more["direction"] = 0.1 * ways(m, rng)
     if "load" in names:
         more["load"] = 0.05
     return Law(m.viscous, m.coulomb, **more)
@@ -198,10 +198,14 @@ def _backlash(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensor
     return replace(h, backlash=np.deg2rad(0.05) * lever(h.machine)), Sensors()
 
 
+def gear(m: Machine, stiffness: float) -> Array:
+    """Stiffness of each gear for one of the class that sizes are written for (N m/rad)."""
+    return stiffness * (m.largest_torque / _TORQUE / lever(m))
+
+
 def _gear(stiffness: float) -> Callable[..., tuple[Happening, Sensors]]:
     def make(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
-        share = h.machine.largest_torque / _TORQUE / lever(h.machine)
-        return replace(h, stiffness=stiffness * share), Sensors()
+        return replace(h, stiffness=gear(h.machine, stiffness)), Sensors()
 
     return make
 
@@ -229,7 +233,7 @@ def _realistic(h: Happening, rng: np.random.Generator) -> tuple[Happening, Senso
     m = h.machine
     h, homed = _homing(h, rng)
     law = replace(
-        _law(h, rng, "stribeck"), stribeck=0.3, direction=0.07 * _ways(m, rng),
+        _law(h, rng, "stribeck"), stribeck=0.3, direction=0.07 * ways(m, rng),
         warm=0.2, constant=0.4 * h.duration,
     )  # fmt: skip
     stop = rng.uniform(3, h.duration - 5)

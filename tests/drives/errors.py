@@ -1,0 +1,100 @@
+"""Errors of an identification.
+
+Errors are shares of one: of the mass matrix the largest |ΔM_ij| / √(M_ii M_jj) over 40 poses, of
+friction the largest error of a drive's whole curve between 5 and 100 % of its speed as a share of
+the curve's largest value; under warm-up the true curve is the mean over the recording. A torque
+sensor's offset and a constant of friction are the same to a recording: friction's shape is its
+error after the constant that makes it smallest, one a drive.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from deltaid.check.identified import Judged as Identified
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.kernel.batch import BatchKernel
+from deltaid.model.record import IdentifiedModel
+from deltaid.robot.description import RobotDescription
+from drives.happening import Happening
+from drives.rows import Case
+from oracle.tree import Array
+
+SPEEDS = np.linspace(0.05, 1.0, 40)
+
+
+def mass_matrix_error(case: Case, result: Identified) -> float:
+    """Over the poses of the machine; drive coordinates as the description has them."""
+    dynamics, machine = result.problem.dynamics, case.machine
+    q = dynamics.kinematics.inverse(machine.poses)
+    found, true = dynamics.mass_matrix(q, result.model.p), machine.M
+    scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
+    return float(np.max(np.abs(found - true) / scale))
+
+
+def friction_curve(robot: RobotDescription, p: Array, drive: str, v: Array, link: float) -> Array:
+    """A drive's friction over speed, with a torque behind its gear."""
+    speed, total = ca.SX.sym("v"), ca.SX(0)
+    coefficients = p[parameter_layout(robot).friction].tolist()
+    for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
+        if term.joint == drive:
+            total += coefficient * term.h(speed, ca.sign(speed), ca.SX(link))
+    return BatchKernel(speed, total)(v[None])[0]
+
+
+def friction_error(
+    happening: Happening,
+    model: IdentifiedModel,
+    link: Array,
+    gain: Array | float,
+    offset: Array | float,
+) -> float:
+    """Of the worst drive, where recorded torque is gain × true + offset."""
+    gaps = _friction_gaps(happening, model, link, gain, offset)
+    return max(float(np.max(np.abs(gap))) for gap in gaps)
+
+
+def friction_shape_error(happening: Happening, model: IdentifiedModel, link: Array) -> float:
+    """Of the worst drive, without the constant that makes its largest error smallest."""
+    return max(half_range(gap) for gap in _friction_gaps(happening, model, link, 1.0, 0.0))
+
+
+def half_range(gap: Array) -> float:
+    """The least of max |gap − c| over constants c."""
+    return 0.5 * float(np.ptp(gap))
+
+
+def _friction_gaps(
+    happening: Happening,
+    model: IdentifiedModel,
+    link: Array,
+    gain: Array | float,
+    offset: Array | float,
+) -> list[Array]:
+    """Each drive's curve less the true one, as a share of the true one's largest."""
+    law = happening.friction
+    warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
+    v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
+    true = gain * warm * law.curve(v, link) + offset
+    found = [
+        friction_curve(model.robot, model.p, drive, v[:, i], float(link[i]))
+        for i, drive in enumerate(happening.machine.robot.drives)
+    ]
+    return [(f - t) / np.max(np.abs(t)) for f, t in zip(found, true.T, strict=True)]
+
+
+def curves_held(happening: Happening, model: IdentifiedModel) -> list[float]:
+    """Of curves without what depends on load."""
+    law = happening.friction
+    warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
+    v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
+    true = warm * law.curve(v)
+    shares = []
+    for curve in model.friction_curves:
+        if curve.joint in happening.machine.robot.drives:
+            i = happening.machine.robot.drives.index(curve.joint)
+            seen = (v[:, i] >= curve.speed[0]) & (v[:, i] <= curve.speed[-1])
+            low, high = curve.band(v[seen, i])
+            shares.append(float(np.mean((low <= true[seen, i]) & (true[seen, i] <= high))))
+    return shares

@@ -1,0 +1,139 @@
+"""Forces that a description does not have, and robots that are not as described."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from drives.made import Made, log_uniform
+from drives.pulls import Balancer, Hose
+from drives.robots import Machine
+from drives.rows import unit
+from oracle.tree import Array
+from plants import bodies_of
+
+# Strut of the robot of the class that sizes are written for (m).
+_STRUT = 1.18
+# By how much the centre of a body is off its axis: of arms and tools, and of all others (m); by
+# which angles its axes of inertia are turned (degrees).
+_HEAVY, _SLENDER, _TURNED = 4e-3, 1e-3, (0.2, 2.0)
+
+
+def _way(rng: np.random.Generator) -> Array:
+    way = rng.standard_normal(3)
+    return way / np.linalg.norm(way)
+
+
+def force(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """A constant force at the platform (N), in a random direction."""
+    way = _way(rng)
+    pull = Hose(size * unit(made.machine) * way, 0.0, 0.0, np.zeros(3))
+    return made.but(f"{size:.2g} N along {np.round(way, 2).tolist()}",
+                    pulls=(*made.happening.pulls, pull))  # fmt: skip
+
+
+def _stiffness(m: Machine, size: float) -> float:
+    """Of a spring at the platform in proportion to the robot (N/m)."""
+    return size * unit(m) / (m.robot.limbs.geometry()[0].strut / _STRUT)
+
+
+def spring(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """A spring at the platform (N/m) which hangs from anywhere above the motion's middle."""
+    m = made.machine
+    path = m.plant.path[:, :3]
+    middle, half = path.mean(axis=0), 0.5 * np.ptp(path, axis=0)
+    rest = middle + half * rng.uniform(-1, 1, 3)
+    rest[2] = middle[2] * (1 - 0.5 * rng.uniform())
+    pull = Hose(np.zeros(3), 0.0, _stiffness(m, size), rest)
+    return made.but(f"spring {size:.2g} N/m", pulls=(*made.happening.pulls, pull))
+
+
+def hose(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """A constant force (N), a drag of 20 to 60 % of it, and a spring of ten times as many N/m."""
+    m, way, drag = made.machine, _way(rng), float(rng.uniform(0.2, 0.6) * size)
+    pull = Hose(size * unit(m) * way, drag * unit(m), _stiffness(m, 10 * size),
+                m.plant.path[:, :3].mean(axis=0))  # fmt: skip
+    words = f"hose {size:.2g} N along {np.round(way, 2).tolist()}, drag {drag:.2g} N"
+    return made.but(words, pulls=(*made.happening.pulls, pull))
+
+
+def balancer(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """A spring at every drive, of at most a share of its largest torque."""
+    m = made.machine
+    q = m.plant.oracle.positions(m.plant.path[::8])
+    middle, half = 0.5 * (q.max(axis=0) + q.min(axis=0)), 0.5 * np.ptp(q, axis=0)
+    rest = middle + half * rng.uniform(-1, 1, m.dof)
+    stiffness = size * m.largest_torque / np.abs(q - rest).max(axis=0)
+    pulls = (*made.happening.pulls, Balancer(stiffness, rest))
+    return made.but(f"balancers of {size:.1%} of the torque", pulls=pulls)
+
+
+def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """The arm or the strut of one limb is longer (m)."""
+    oracle = made.machine.plant.oracle
+    limbs, k = list(oracle.limbs), int(rng.integers(len(oracle.limbs)))
+    arm = limbs[k].arm
+    if arm is not None and rng.uniform() < 0.5:
+        limbs[k], part = replace(limbs[k], arm=arm + size), "arm"
+    else:
+        limbs[k], part = replace(limbs[k], strut=limbs[k].strut + size), "strut"
+    words = f"{part} of limb {k + 1} {1e3 * size:.2g} mm longer"
+    return made.of(words, replace(oracle, limbs=tuple(limbs)))
+
+
+def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """The base is not level, by an angle in degrees about a random horizontal axis."""
+    oracle, about = made.machine.plant.oracle, rng.uniform(0, 2 * np.pi)
+    axis = np.array([np.cos(about), np.sin(about), 0.0])
+    gravity = Rotation.from_rotvec(np.deg2rad(size) * axis).apply(oracle.gravity)
+    return made.of(f"tilt {size:.2g}°", replace(oracle, gravity=gravity))
+
+
+def lengths(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """Arms and struts of all limbs off by normal errors of this standard deviation (m)."""
+    oracle = made.machine.plant.oracle
+    limbs = tuple(
+        replace(
+            limb,
+            arm=None if limb.arm is None else limb.arm + size * rng.standard_normal(),
+            strut=limb.strut + size * rng.standard_normal(),
+        )
+        for limb in oracle.limbs
+    )
+    return made.of(f"lengths {1e3 * size:.2g} mm off", replace(oracle, limbs=limbs))
+
+
+def asymmetric(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """Bodies off the shape that `free` allows, `size` times what such bodies are.
+
+    Centres are off the bodies' long axes, axes of inertia are turned about the centre.
+    """
+    m = made.machine
+    robot, layout, p = m.robot, parameter_layout(m.robot), m.plant.p.copy()
+    prior = prior_parameters(robot)
+    for body in layout.bodies:
+        part = layout.body(body)
+        axis = int(np.argmax(np.diag(pseudo_inertia(prior[part]))[:3]))
+        way = np.delete(np.eye(3), axis, axis=0).T @ _around(rng)
+        shift = size * (_HEAVY if body in ("U", "C", "EE") else _SLENDER) * way
+        angle = np.deg2rad(size * log_uniform(rng, *_TURNED))
+        p[part] = inertia_parameters(_displaced(pseudo_inertia(p[part]), angle * _way(rng), shift))
+    oracle = replace(m.plant.oracle, bodies=bodies_of(robot, p))
+    return made.of("bodies not symmetric", oracle, p)
+
+
+def _around(rng: np.random.Generator) -> Array:
+    angle = rng.uniform(0, 2 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _displaced(inertia: Array, turn: Array, shift: Array) -> Array:
+    """A body's pseudo-inertia (4, 4), turned about its centre by a rotation vector and shifted."""
+    R, centre = Rotation.from_rotvec(turn).as_matrix(), inertia[:3, 3] / inertia[3, 3]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, centre + shift - R @ centre
+    return T @ inertia @ T.T
