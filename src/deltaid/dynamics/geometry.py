@@ -125,6 +125,11 @@ class TorqueSlopes:
         """dτ/dq_i at the same speeds and accelerations [N m/rad]."""
         return (self._torque(self._places.with_zero(drive)) - self._described) / STEP
 
+    def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
+        """By a change of the drives' positions, speeds and accelerations, per unit of it."""
+        rates = self.rates + STEP * np.hstack([qd, qdd])
+        return (self._torque(self._places.with_drives(q), rates=rates) - self._described) / STEP
+
     @cached_property
     def _places(self) -> "Places":
         return Places(self.grown.position, self.z, self.grown.symbols)
@@ -139,10 +144,12 @@ class TorqueSlopes:
         z: Samples,
         grown: Float[np.ndarray, " growth"] | None = None,
         gravity: Float[np.ndarray, " 3"] | None = None,
+        rates: Float[np.ndarray, "samples rates"] | None = None,
     ) -> Shown:
         growth = np.zeros(self.grown.symbols) if grown is None else grown
         g = self.gravity if gravity is None else gravity
-        return np.array(self.grown.torque(z.T, self.rates.T, self.p, growth, g))
+        u = self.rates if rates is None else rates
+        return np.array(self.grown.torque(z.T, u.T, self.p, growth, g))
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:

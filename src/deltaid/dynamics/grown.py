@@ -45,9 +45,12 @@ class Places:
 
     def with_zero(self, drive: int) -> Samples:
         """z."""
+        return self.with_drives(np.eye(self.z.shape[1])[[drive]])
+
+    def with_drives(self, q: Samples) -> Samples:
+        """z where drives are `STEP` times q further."""
         _, J = self._described
-        along = np.linalg.solve(J, np.eye(J.shape[1])[:, [drive]])[:, :, 0]
-        return self.z + STEP * along
+        return self.z + STEP * np.linalg.solve(J, q[:, :, None])[:, :, 0]
 
     @cached_property
     def _described(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:

@@ -6,10 +6,9 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaincc, gammaln
 
 from deltaid.effects.rigid_fit import Candidate
-from deltaid.estimation.problem import level_along
+from deltaid.estimation.problem import level_along, surprise
 from deltaid.estimation.span import Columns, Rows, Span, independent, lengths
 
 # A candidate is detected where chance gives one like it once in so many decades of recordings.
@@ -191,12 +190,3 @@ def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained
             if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
                 best = explained
     return best
-
-
-def surprise(x: float, freedom: int) -> float:
-    """−log₁₀ of the probability that χ² exceeds x, also where that is too small for a number."""
-    a, half = 0.5 * freedom, 0.5 * x
-    tail = float(gammaincc(a, half))
-    if tail > 1e-280:
-        return -float(np.log10(tail)) if a > 0 else 0.0
-    return float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))

@@ -6,9 +6,39 @@ import numpy as np
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
+from deltaid.effects.geometry import of_each_drive
+from deltaid.effects.point import Point
 from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
+from deltaid.model.corrections import Correction
 from deltaid.model.words import percent
+from deltaid.robot.description import RobotDescription
+
+# Standard deviation of the shares that joints lack, before any recording.
+_LACKING = 0.05
+
+
+class Saturation(Unknown):
+    """β_2, β_4 of each drive as of `Readings`, with the columns τ³/τ_max² and τ⁵/τ_max⁴."""
+
+    name = "torque-constant"
+
+    def columns(self, point: Point) -> ColumnsOfDrives:
+        squared = (point.model / point.largest[:, None]) ** 2
+        return of_own_drives(np.stack([point.model * squared, point.model * squared**2], axis=2))
+
+    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+        return np.full(columns.shape[2], _LACKING)
+
+    def corrections(
+        self, robot: RobotDescription, values: Deviations, half: Deviations
+    ) -> tuple[Correction, ...]:
+        lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
+        text = "its torque constant falls with current: the joint lacks this at its largest torque"
+        units = ["%"] * len(lacking)
+        return of_each_drive("torque-constant", robot, 100 * lacking, 100 * wide, units, text)
 
 
 class FallingGain(Effect):

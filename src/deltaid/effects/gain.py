@@ -4,10 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import null_space
 
 from deltaid.effects.cause import Cause
 from deltaid.effects.effect import Effect
+from deltaid.effects.point import Point
 from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
 from deltaid.model.words import listed, percent
 
@@ -16,6 +20,26 @@ from deltaid.model.words import listed, percent
 _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 # Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
+
+# Standard deviation of the ratios of torque constants before any recording.
+_RATIO = 0.03
+
+
+class Ratios(Unknown):
+    """τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to all is not
+    identifiable."""
+
+    name = "gain"
+
+    def columns(self, point: Point) -> ColumnsOfDrives:
+        limbs = point.dynamics.robot.limbs
+        count = limbs.count if limbs is not None and limbs.identical else 1
+        ratios = np.zeros((point.dof, count - 1))
+        ratios[:count] = null_space(np.ones((1, count)))
+        return of_own_drives(point.model[:, :, None]) @ ratios
+
+    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+        return np.full(columns.shape[2], _RATIO)
 
 
 class Gain(Effect):

@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.effects.contest import surprise
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.problem import surprise
 from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants

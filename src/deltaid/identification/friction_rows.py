@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.contest import surprise
 from deltaid.effects.joint import (
     Joint,
     Shape,
@@ -32,7 +31,7 @@ from deltaid.effects.lag_columns import LagColumns, alone
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import DriveRows
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import level_along
+from deltaid.estimation.problem import level_along, surprise
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace

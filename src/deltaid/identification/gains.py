@@ -26,7 +26,6 @@ from deltaid.estimation.additions import Addition, Own, Values, extended
 from deltaid.estimation.free_body import Free
 from deltaid.identification.fit import fit
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import Study
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -36,8 +35,6 @@ from deltaid.robot.parameter import Parameter
 # Relative standard deviation of torque constants before any recording, and the share of it below
 # which a gain counts as identified.
 SPREAD, _TOLD = 0.1, 0.5
-# Zeros that are off look like gains; where it is gains, they explain less than this share as much.
-_ZEROS = 0.5
 # Rounds at most, and the step below which gains have settled.
 _ROUNDS, _SETTLED = 8, 1e-5
 
@@ -190,26 +187,12 @@ def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
 
 
 def _alike(setup: Setup) -> tuple[int, ...]:
-    """Drives of identical limbs, where their gains explain most of a recording."""
+    """Drives of identical limbs, where the contest of causes finds their gains uneven."""
     limbs = setup.robot.limbs
     if limbs is None or not limbs.identical:
         return ()
-    drives = setup.robot.drives[: limbs.count]
-    uneven = any(study is not None and _by_gains(study, drives) for study in setup.studies)
+    uneven = setup.outcome is not None and "gain" in setup.outcome.kept
     return tuple(range(limbs.count)) if uneven else ()
-
-
-def _by_gains(study: Study, drives: Sequence[str]) -> bool:
-    """Whether gains of some drives explain most, and zeros much less than they do."""
-    largest = study.largest
-    if largest is None or largest.kind != "drive-gain" or largest.subject not in ("", *drives):
-        return False
-    alone = [(trial.candidate.kind, trial.gain) for trial in study.account.first]
-    zeros, gains = (
-        max((gain for kind, gain in alone if kind == cause), default=0.0)
-        for cause in ("homing-or-tilt", "drive-gain")
-    )
-    return zeros < _ZEROS * gains
 
 
 def _with(setup: Setup, c: Float[np.ndarray, " dof"]) -> tuple[Recording, ...]:

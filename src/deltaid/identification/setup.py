@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition
@@ -14,6 +14,9 @@ from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import Repairs
 from deltaid.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from deltaid.identification.contest_stage import Outcome
 
 Progress = Callable[[str], None]
 
@@ -36,6 +39,7 @@ class Setup:
     # what each recording looks like before anything in it is corrected that was not declared; none
     # before they have been studied
     studies: tuple[Study | None, ...] = ()
+    outcome: "Outcome | None" = None  # of the contest of causes
 
     def is_disturbed(self, k: int) -> bool:
         """Whether an undeclared load comes and goes in the k-th recording."""

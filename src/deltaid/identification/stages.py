@@ -2,6 +2,7 @@
 
 from deltaid.errors import RecordingError
 from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import without_events
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_rows import cutoff_of
@@ -50,6 +51,7 @@ STAGES: tuple[Stage, ...] = (
     declared_loads,
     without_events,
     recordings_studied,
+    contested,
     gains,
     lags_corrected,
     gears_turned_back,

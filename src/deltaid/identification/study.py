@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
-from deltaid.effects.contest import SEEN, Account, account, surprise
+from deltaid.effects.contest import SEEN, Account, account
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.rigid_fit import Candidate, RigidFit
@@ -22,6 +22,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.information import active_columns
+from deltaid.estimation.problem import surprise
 from deltaid.estimation.span import Rows, Span
 from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording

@@ -11,6 +11,7 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.delay import Shift, delayed
 from deltaid.recording.gears import Gears
 from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.readings import Readings
 
 Rows = Float[np.ndarray, "_ _"]
 
@@ -68,6 +69,7 @@ class Repairs:
     """What is known to be wrong with a recording, and is put right in every pass over it.
 
     Attributes:
+        readings: what positions and torques are that drives read otherwise; None if they do not.
         gain: what torques of each drive are to be multiplied by; empty for 1.
         delay: torques of each drive are recorded so much late [s]; empty for none.
         left_out: stretches that do not count, beside what the survey masks.
@@ -77,6 +79,7 @@ class Repairs:
             none.
     """
 
+    readings: Readings | None = None
     gain: tuple[float, ...] = ()
     delay: tuple[float, ...] = ()
     left_out: tuple[LeftSpan, ...] = ()
@@ -95,6 +98,8 @@ class Repairs:
             return segment
         if self.left_out:  # as recorded, so that a delay takes weights along with torques
             segment = (self._weighed(rows, columns) for rows in segment)
+        if (readings := self.readings) is not None:
+            segment = (readings.corrected(rows, columns) for rows in segment)
         if any(self.delay):
             segment = delayed(segment, columns, self.delay, rate)
         if self.gain:

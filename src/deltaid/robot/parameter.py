@@ -13,6 +13,7 @@ ParameterKind = Literal[
     "temperature",
     "gain",
     "constant",
+    "effect",
     "sensor",
 ]
 # What is fitted beside a robot and is not of it; loads are named as bodies are.
@@ -22,6 +23,7 @@ ADDED: tuple[ParameterKind, ...] = (
     "temperature",
     "gain",
     "constant",
+    "effect",
     "sensor",
 )
 _OF_BODIES = ("inertia", "load")

@@ -1,0 +1,149 @@
+"""Forces at the platform that a description lacks: what a hose pulls, a cable drags, a spring holds.
+
+    F = f − K (x − x_0) − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
+
+with the place x of the platform, its velocity v, and its home x_0.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.additions import Addition, Own, Values
+from deltaid.model.corrections import Correction, Kind
+from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
+from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
+
+# Velocities below this share of the largest have no direction yet.
+_STILL = 0.01
+
+InWorld = Float[np.ndarray, "samples 3"]
+Forces = Float[np.ndarray, "columns samples 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class AtPlatform(Addition):
+    """A force at the platform, linear in its coefficients.
+
+    Attributes:
+        dynamics: of the robot.
+        deviation: prior standard deviation of the coefficients, whose mean is zero.
+        fastest: largest speed of the platform [m/s].
+    """
+
+    dynamics: Dynamics
+    deviation: tuple[float, ...]
+    fastest: float
+
+    kind: ClassVar[Kind] = "platform-force"
+    name: ClassVar[str]
+    symbols: ClassVar[tuple[str, ...]]
+    units: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        """F for a coefficient of 1, one after the other."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        rows = zip(self.symbols, self.units, self.deviation, strict=True)
+        return tuple(
+            Parameter("effect", "platform", symbol, unit, -np.inf, np.inf, 0.0, size / PRIOR_SPREAD)
+            for symbol, unit, size in rows
+        )
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        drives, count = np.arange(self.dynamics.dof), len(self.symbols)
+        return np.tile(drives, count), np.repeat(np.arange(count), len(drives))
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        T = np.linalg.inv(self.dynamics.kinematics.jacobian(w.z))[:, :3]  # ∂x/∂q
+        x, v = w.z[:, :3] - self.dynamics.kinematics.home[:3], np.einsum("sij,sj->si", T, w.qd)
+        torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
+        return torques.reshape(-1, len(w.time))
+
+    def on(self, dynamics: Dynamics) -> "AtPlatform":
+        return type(self)(dynamics, self.deviation, self.fastest)
+
+    def correction(
+        self, value: float, judged: Sequence[Judged], unit: str, text: str
+    ) -> tuple[Correction, ...]:
+        """Its size, with the largest half width of an interval."""
+        half = max(
+            (entry.high - entry.low) / 2
+            for entry in judged
+            if entry.low is not None and entry.high is not None
+        )
+        return (
+            Correction(kind=self.kind, subject="platform", value=value, low=value - half,
+                       high=value + half, unit=unit,
+                       text=f"{text}; the model is of the robot without it"),
+        )  # fmt: skip
+
+
+class ConstantForce(AtPlatform):
+    """f: a force that is the same everywhere."""
+
+    name = "platform-force"
+    symbols = ("Fx", "Fy", "Fz")
+    units = ("N",) * 3
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        return np.eye(3)[:, None, :] * np.ones((len(x), 1))
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        f = np.array([entry.value for entry in judged])
+        way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
+        text = f"a constant force pulls at the platform along ({way}), as a hose or cable does"
+        return self.correction(float(np.linalg.norm(f)), judged, "N", text)
+
+
+class Spring(AtPlatform):
+    """K: a force that grows with the way from home, in any direction."""
+
+    name = "platform-spring"
+    symbols = tuple(f"K{i}{j}" for i in "xyz" for j in "xyz")
+    units = ("N/m",) * 9
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        columns = np.zeros((3, 3, len(x), 3))
+        for i in range(3):
+            columns[i, :, :, i] = -x.T
+        return columns.reshape(9, len(x), 3)
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        K = np.array([entry.value for entry in judged]).reshape(3, 3)
+        text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
+        return self.correction(float(np.trace(K)) / 3, judged, "N/m", text)
+
+
+class Drag(AtPlatform):
+    """d, c: a force against the velocity, constant or in proportion to it."""
+
+    name = "platform-drag"
+    symbols = ("d", "c")
+    units = ("N", "N s/m")
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        speed = np.hypot(np.linalg.norm(v, axis=1), _STILL * self.fastest)
+        return -np.stack([v / speed[:, None], v])
+
+    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+        text = "something drags at the platform against its motion, as a hose or cable does"
+        return self.correction(judged[0].value, judged[:1], "N", text)
+
+
+FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, Spring, Drag)
+
+
+def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
+    """Each force with a prior of 1 in its units."""
+    return tuple(force(dynamics, (1.0,) * len(force.symbols), fastest) for force in FORCES)

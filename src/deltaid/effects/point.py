@@ -1,0 +1,101 @@
+"""A recording at some parameters: what slopes of its torques are taken of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.geometry import TorqueSlopes
+from deltaid.dynamics.grown import grown_torques
+from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives
+from deltaid.estimation.traces import Trace
+from deltaid.recording.windows import Samples
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Rows of a recording and the robot's parameters there."""
+
+    trace: Trace
+    p: Parameters
+
+    @property
+    def dynamics(self) -> Dynamics:
+        return self.trace.dynamics
+
+    @property
+    def dof(self) -> int:
+        return self.dynamics.dof
+
+    @cached_property
+    def w(self) -> Samples:
+        """The motion at the filtered samples."""
+        return self.trace.motion()
+
+    @cached_property
+    def q(self) -> Float[np.ndarray, "samples dof"]:
+        return self.dynamics.kinematics.inverse(self.w.z)
+
+    @cached_property
+    def platform(self) -> Float[np.ndarray, "samples 3"]:
+        """Velocity of the platform."""
+        J = self.dynamics.kinematics.jacobian(self.w.z)
+        return np.linalg.solve(J, self.w.qd[:, :, None])[:, :3, 0]
+
+    @cached_property
+    def model(self) -> OfDrives:
+        return self.trace.model(self.p)
+
+    @cached_property
+    def largest(self) -> Float[np.ndarray, " dof"]:
+        """Largest torque of each drive."""
+        return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """Joints with friction that move."""
+        entries = self.trace.entries(self.w)
+        speeds = ((joint, float(joint.speed(entries).max())) for joint in joints_of(self.dynamics))
+        return tuple(replace(joint, fastest=fastest) for joint, fastest in speeds if fastest > 0)
+
+    @cached_property
+    def slopes(self) -> TorqueSlopes:
+        """Of torques without friction's steps, which have none."""
+        smooth, layout, robot = self.p.copy(), self.dynamics.layout, self.dynamics.robot
+        smooth[layout.friction] = 0.0
+        smooth[layout.viscous] = self.p[layout.viscous]
+        rates, gravity = np.hstack([self.w.qd, self.w.qdd]), np.array(robot.gravity)
+        return TorqueSlopes(grown_torques(robot), self.w.z, rates, smooth, gravity)
+
+    def coefficient(self, term: str, joint: Joint) -> float:
+        """Size of a joint's friction."""
+        return float(abs(self.p[self.dynamics.layout.names.index(f"{term}.{joint.name}")]))
+
+    def weighted(self, slopes: Sequence[np.ndarray]) -> ColumnsOfDrives:
+        """Columns of slopes at the filtered samples."""
+        weights = self.w.weights.T
+        columns = [slope * weights for slope in slopes]
+        return np.stack(columns, axis=2) if columns else np.zeros((*weights.shape, 0))
+
+    def of_joints(self, shapes: Sequence[tuple[Joint, Shape]]) -> ColumnsOfDrives:
+        """A column for each shape of a joint."""
+        if not shapes:
+            return np.zeros((*self.model.shape, 0))
+        return joint_columns(self.trace, self.p, shapes)
+
+    def added(self, addition: Addition) -> ColumnsOfDrives:
+        """Columns of an addition that does not need the robot's."""
+        (rows, columns), recording = addition.pattern, self.trace.recording
+
+        def entries(w: Samples) -> Float[np.ndarray, "entries samples"]:
+            return addition.entries(w, np.zeros((0, len(w.time))), recording)
+
+        filtered = self.trace.filtered(entries, rows)
+        out = np.zeros((self.dof, filtered.shape[1], len(addition.parameters)))
+        out[rows, :, columns] = filtered
+        return out

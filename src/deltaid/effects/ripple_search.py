@@ -1,0 +1,76 @@
+"""Orders of ripples in the residual of a contest: the largest of each drive, again and again."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.point import Point
+from deltaid.estimation.problem import surprise
+
+# Waves over the stroke from which torque over the position is a ripple, not a spring; and how far
+# apart orders are that are searched, in waves over the stroke.
+_LEAST, _APART = 3.0, 0.25
+# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
+_PASSED = 0.1
+
+Residuals = Sequence[Float[np.ndarray, "dof samples"]]
+
+
+def largest_ripples(
+    points: Sequence[Point], residuals: Residuals, least: float
+) -> list[tuple[int, float]]:
+    """The order of the largest ripple of each drive that has one beyond chance.
+
+    Args:
+        residuals: of each recording, in units of each drive's noise.
+        least: how unlikely by chance [decades].
+    """
+    ripples = list[tuple[int, float]]()
+    for i in range(points[0].dof):
+        orders = _orders(points, i)
+        if not len(orders):
+            continue
+        power, scale = np.zeros(len(orders)), np.zeros(len(orders))
+        for point, residual in zip(points, residuals, strict=True):
+            waves = np.exp(1j * np.outer(orders, point.q[:, i])) * _size(point, i, orders)
+            power += np.abs(waves @ residual[i]) ** 2
+            scale += np.sum(np.abs(waves) ** 2, axis=1)
+        explained = 2 * power / np.maximum(scale, 1e-300)
+        best = int(np.argmax(explained))
+        if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
+            ripples.append((i, float(orders[best])))
+    return ripples
+
+
+def with_ripples(
+    ripples: Sequence[tuple[int, float]], point: Point, deviation: float = 1.0
+) -> RippleColumns:
+    drives, orders = zip(*ripples, strict=True)
+    return RippleColumns(point.dynamics, drives, (deviation,) * (2 * len(drives)), orders)
+
+
+def _orders(points: Sequence[Point], i: int) -> Float[np.ndarray, " orders"]:
+    """That are searched [1/rad or 1/m]."""
+    low = min(point.q[:, i].min() for point in points)
+    stroke = max(point.q[:, i].max() for point in points) - low
+    usual = max(float(np.sqrt(np.mean(point.w.qd[:, i] ** 2))) for point in points)
+    if stroke <= 0 or usual <= 0:
+        return np.zeros(0)
+    wave = 2 * np.pi / stroke
+    fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
+    orders = np.arange(_LEAST, fastest / wave, _APART) * wave
+    passed = [np.sqrt(np.mean(_size(point, i, orders) ** 2, axis=1)) for point in points]
+    return orders[np.max(passed, axis=0) > _PASSED]
+
+
+def _size(
+    point: Point, i: int, orders: Float[np.ndarray, " orders"]
+) -> Float[np.ndarray, "orders samples"]:
+    """What the low-pass leaves of ripples of size 1: at the frequency n q̇ / 2π."""
+    low_pass = point.trace.low_pass
+    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
+    response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
+    speeds = np.abs(np.outer(orders, point.w.qd[:, i])) / (2 * np.pi)
+    return np.interp(speeds, frequency, response) * point.w.weights[:, i]

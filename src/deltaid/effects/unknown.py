@@ -1,0 +1,60 @@
+"""What takes part in the contest of causes: an effect with unknown coefficients."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.effects.point import Point
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.drive_rows import ColumnsOfDrives
+from deltaid.model.corrections import Correction
+from deltaid.robot.description import RobotDescription
+
+# What nobody described makes some such share of a drive's torque, before any recording [rms].
+SIZE = 0.05
+
+Deviations = Float[np.ndarray, " coefficients"]
+
+
+class Unknown(ABC):
+    """An effect in the contest.
+
+    Attributes:
+        name: of the effect.
+        is_candidate: whether it is named and corrected where rows need it; else it only keeps
+            others from explaining what it may be, and stages of their own correct it.
+        is_own: whether each recording has its own.
+    """
+
+    name: str
+    is_candidate: ClassVar[bool] = True
+    is_own: ClassVar[bool] = False
+
+    @abstractmethod
+    def columns(self, point: Point) -> ColumnsOfDrives:
+        """Slopes of the torques by its coefficients."""
+
+    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+        """Standard deviations of its coefficients before any recording; by default those that make
+        `SIZE` of the drives' largest torques."""
+        own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
+        return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
+
+    def corrections(
+        self, robot: RobotDescription, values: Deviations, half: Deviations
+    ) -> tuple[Correction, ...]:
+        """What was corrected, for coefficients and half widths of their 95 % intervals; none where
+        other stages say it."""
+        return ()
+
+
+class Added(Unknown):
+    """An effect whose columns are an addition to the fit."""
+
+    def __init__(self, name: str, addition: Addition) -> None:
+        self.name, self.addition = name, addition
+
+    def columns(self, point: Point) -> ColumnsOfDrives:
+        return point.added(self.addition)

@@ -1,0 +1,265 @@
+"""Least squares over groups of columns, each shrunk by its prior as far as data does not need it.
+
+    min Σ_i ‖A_i x − b_i‖²/σ_i² + ‖D x − d‖² + Σ_g ‖x_g / (α_g s_g)‖²
+
+over blocks of rows i, such as those of a drive, and groups of columns g with prior standard
+deviations s_g. σ_i and α_g maximise the evidence (MacKay, Neural Computation 4, 1992): with γ_g the
+well-determined directions of a group, α_g² ← (‖x_g/s_g‖² + ε) / (γ_g + 1), so that a group which
+data does not ask for vanishes. The price of a group is by how much the minimum grows without it.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+from deltaid.estimation.problem import group_sums, surprise
+from deltaid.estimation.span import Columns, Rows
+
+# Sweeps of evidence at most, and the change of a logarithm of α below which they end.
+_SWEEPS, _SETTLED = 40, 0.02
+# Scales of priors: a group that is not needed shrinks towards the lowest, none exceeds the highest.
+_LOW, _HIGH = 1e-2, 10.0
+# Pull of a scale towards zero where data says nothing, as a share of one direction.
+_PULL = 1e-2
+# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
+_SLOW, _REDDEST = 8, 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Columns that one cause has.
+
+    Attributes:
+        deviation: prior standard deviation of each coefficient.
+        mean: of the prior, minus what has been applied already.
+        is_candidate: whether it may be dropped; else it stays whatever its evidence is.
+    """
+
+    name: str
+    columns: Int[np.ndarray, " k"]
+    deviation: Float[np.ndarray, " k"]
+    mean: Float[np.ndarray, " k"]
+    is_candidate: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows A x = b of one noise level, and the stretch of time of each."""
+
+    A: Columns
+    b: Rows
+    stretches: Int[np.ndarray, " rows"]
+
+    @cached_property
+    def normal(self) -> Float[np.ndarray, "n n"]:
+        return self.A.T @ self.A
+
+    @cached_property
+    def right(self) -> Float[np.ndarray, " n"]:
+        return self.A.T @ self.b
+
+
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """The minimiser with its scales of priors and noise.
+
+    Attributes:
+        blocks: rows, each block with a noise level of its own.
+        D, d: rows of what is known.
+        groups: of columns that are shrunk; other columns have the prior D only.
+        alpha: of each group.
+        sigma: noise of each block.
+    """
+
+    blocks: tuple[Block, ...]
+    D: Columns
+    d: Rows
+    groups: tuple[Group, ...]
+    alpha: Float[np.ndarray, " groups"]
+    sigma: Float[np.ndarray, " blocks"]
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block], D: Columns, d: Rows, groups: Sequence[Group]) -> "Shrunk":
+        """The maximum of evidence, from scales of 1 and the noise of all columns free."""
+        sigma = np.ones(len(blocks))
+        start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), sigma)
+        return start._settled()
+
+    def _settled(self, *, noise: bool = True) -> "Shrunk":
+        """With scales, and the noise unless that is kept, at their fixed point."""
+        now = self
+        for _ in range(_SWEEPS):
+            after = replace(now, alpha=now._scales, sigma=now._noise if noise else now.sigma)
+            change = np.abs(np.log(after.alpha / now.alpha)).max(initial=0.0)
+            change = max(change, float(np.abs(np.log(after.sigma / now.sigma)).max()))
+            now = after
+            if change < _SETTLED:
+                break
+        return now
+
+    @property
+    def _scales(self) -> Float[np.ndarray, " groups"]:
+        alpha = self.alpha.copy()
+        for k, group in enumerate(self.groups):
+            u = (self.x[group.columns] - group.mean) / group.deviation
+            variance = np.diag(self.covariance)[group.columns] / group.deviation**2
+            gamma = max(float(np.sum(1.0 - variance / self.alpha[k] ** 2)), 0.0)
+            alpha[k] = np.sqrt((u @ u + _PULL) / (gamma + 1.0))
+        return np.clip(alpha, _LOW, _HIGH)
+
+    @property
+    def _noise(self) -> Float[np.ndarray, " blocks"]:
+        return np.array([_noise_of(block, self.residual(block)) for block in self.blocks])
+
+    def residual(self, block: Block) -> Rows:
+        return block.b - block.A @ self.x
+
+    @cached_property
+    def _size(self) -> Float[np.ndarray, " n"]:
+        return 1.0 / np.sqrt(np.diag(self._precision))
+
+    @cached_property
+    def _factor(self) -> tuple[np.ndarray, bool]:
+        return cho_factor(self._precision * np.outer(self._size, self._size), lower=True)
+
+    def _solved(self, right: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
+        return self._size * cho_solve(self._factor, self._size * right)
+
+    @cached_property
+    def _precision(self) -> Float[np.ndarray, "n n"]:
+        K = self.D.T @ self.D
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            K = K + block.normal / sigma**2
+        for group, alpha in zip(self.groups, self.alpha, strict=True):
+            K[group.columns, group.columns] += (alpha * group.deviation) ** -2.0
+        return K
+
+    @cached_property
+    def x(self) -> Float[np.ndarray, " n"]:
+        right = self.D.T @ self.d
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            right = right + block.right / sigma**2
+        for group, alpha in zip(self.groups, self.alpha, strict=True):
+            right[group.columns] += group.mean * (alpha * group.deviation) ** -2.0
+        return self._solved(right)
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        inverse = cho_solve(self._factor, np.diag(self._size))
+        return self._size[:, None] * inverse
+
+    def deviation(self, group: Group) -> Float[np.ndarray, " k"]:
+        """Standard deviations of a group's coefficients, by scatter where that is larger."""
+        own = np.sqrt(np.diag(self.covariance)[group.columns])
+        return own * np.sqrt(self._level(group))
+
+    def surprise(self, group: Group) -> float:
+        """Of what the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g [decades]."""
+        own = self.covariance[np.ix_(group.columns, group.columns)]
+        x = self.x[group.columns] - group.mean
+        price = float(x @ np.linalg.solve(own, x)) / self._level(group)
+        return surprise(price, len(x))
+
+    def _level(self, group: Group) -> float:
+        """Variance of the noise along a group's columns by its scatter between stretches, as a
+        multiple of the white noise's, and at least that."""
+        scatter = white = 0.0
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            influence = block.A @ self.covariance[:, group.columns] / sigma
+            e = self.residual(block) / sigma
+            sums = group_sums(influence * e[:, None], block.stretches)
+            size = np.sqrt(np.diag(self.covariance)[group.columns])
+            scatter += float(np.sum((sums / size) ** 2)) * len(sums) / max(len(sums) - 1, 1)
+            white += float(np.sum((influence / size) ** 2))
+        return max(scatter / max(white, 1e-300), 1.0)
+
+    def without(self, names: Collection[str]) -> "Shrunk":
+        """The same where the coefficients of some groups are the means of their priors."""
+        kept = [k for k, group in enumerate(self.groups) if group.name not in names]
+        dropped = [group for group in self.groups if group.name in names]
+        if not dropped:
+            return self
+        gone = np.concatenate([group.columns for group in dropped])
+        held = np.concatenate([group.mean for group in dropped])
+        stay = np.setdiff1d(np.arange(len(self._size)), gone)
+        groups = tuple(
+            replace(self.groups[k], columns=np.searchsorted(stay, self.groups[k].columns))
+            for k in kept
+        )
+        blocks = tuple(
+            Block(block.A[:, stay], block.b - block.A[:, gone] @ held, block.stretches)
+            for block in self.blocks
+        )
+        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], self.sigma)
+
+    def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
+        """The same with columns of one more candidate, given for each block."""
+        places = np.arange(len(self._size), len(self._size) + len(deviation))
+        group = Group(name, places, deviation, np.zeros(len(deviation)))
+        blocks = tuple(
+            Block(np.hstack([block.A, more]), block.b, block.stretches)
+            for block, more in zip(self.blocks, columns, strict=True)
+        )
+        D = np.pad(self.D, ((0, 0), (0, len(deviation))))
+        alpha = np.append(self.alpha, 1.0)
+        return Shrunk(blocks, D, self.d, (*self.groups, group), alpha, self.sigma)._settled()
+
+    @cached_property
+    def evidence(self) -> float:
+        """Logarithm of the probability of the rows, but for a constant."""
+        cost = float(np.sum((self.D @ self.x - self.d) ** 2))
+        volume = 2.0 * float(np.sum(np.log(np.diag(self._factor[0]) / self._size)))
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            cost += float(np.sum(self.residual(block) ** 2)) / sigma**2
+        for group, alpha in zip(self.groups, self.alpha, strict=True):
+            u = (self.x[group.columns] - group.mean) / (alpha * group.deviation)
+            cost += float(u @ u)
+            volume += 2.0 * float(np.sum(np.log(alpha * group.deviation)))
+        return -0.5 * (cost + volume)
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        return tuple(group.name for group in self.groups if group.is_candidate)
+
+    def of_candidates(self, names: Collection[str]) -> "Shrunk":
+        """The same with some candidates only, and the noise that all of them leave."""
+        out = [name for name in self.candidates if name not in names]
+        return self.without(out)._settled(noise=False)
+
+    def reduced(self, least: float) -> "Shrunk":
+        """The same with the candidates that rows need beside all others.
+
+        The least surprising is dropped first, until all exceed `least` [decades]; then others take
+        the places of what is kept, one for one, where rows are more probable so.
+        """
+        now = self
+        while now.candidates:
+            groups = [group for group in now.groups if group.is_candidate]
+            prices = {group.name: now.surprise(group) for group in groups}
+            cheapest = min(prices, key=lambda name: prices[name])
+            if prices[cheapest] >= least:
+                break
+            now = self.of_candidates([name for name in prices if name != cheapest])
+        return self._exchanged(now)
+
+    def _exchanged(self, now: "Shrunk") -> "Shrunk":
+        dropped = [name for name in self.candidates if name not in now.candidates]
+        trials = [
+            self.of_candidates([other, *(name for name in now.candidates if name != kept)])
+            for kept in now.candidates for other in dropped
+        ]  # fmt: skip
+        best = max(trials, key=lambda trial: trial.evidence, default=now)
+        return self._exchanged(best) if best.evidence > now.evidence else now
+
+
+def _noise_of(block: Block, residual: Rows) -> float:
+    """Standard deviation of the noise of a block; slow errors of the model count as noise."""
+    count = len(residual) // _SLOW * _SLOW
+    variance = float(np.mean(residual**2))
+    slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
+    red = np.clip(slow / max(variance, 1e-300), 1.0, _REDDEST)
+    return float(np.sqrt(max(variance * red, 1e-300)))

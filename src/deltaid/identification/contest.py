@@ -1,0 +1,151 @@
+"""One contest of causes: bodies, friction and all effects fitted at once to rows in memory.
+
+Each effect has columns, slopes of the torques at the present estimate, and a prior. All are shrunk
+together (`estimation.shrinkage`); what rows do not need beside all others is dropped once, at the
+end of a sweep. What is kept is applied exactly, and slopes are taken again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.contest import SEEN
+from deltaid.effects.point import Point
+from deltaid.effects.ripple_search import largest_ripples, with_ripples
+from deltaid.effects.unknown import Added, Unknown
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, stretch_numbers
+from deltaid.estimation.problem import KNOWN
+from deltaid.estimation.shrinkage import Block, Group, Shrunk
+from deltaid.estimation.trace_rows import TraceRows
+from deltaid.estimation.traces import Trace
+
+# Orders of ripples that a drive has at most.
+_RIPPLES = 6
+
+Applied = dict[str, Float[np.ndarray, " coefficients"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All effects at some rows.
+
+    Attributes:
+        rows: over the free parameters of the robot and of what is declared.
+        points: recordings at the parameters of the sweep before.
+        unknowns: effects.
+        shrunk: the fit; its first columns are the free parameters.
+    """
+
+    rows: TraceRows
+    points: tuple[Point, ...]
+    unknowns: tuple[Unknown, ...]
+    shrunk: Shrunk
+
+    @property
+    def p(self) -> Parameters:
+        """Of the robot."""
+        return self.rows.parameters(self.shrunk.x)[: len(self.rows.dynamics.layout.names)]
+
+    def group(self, name: str) -> Group:
+        return next(group for group in self.shrunk.groups if group.name == name)
+
+    def unknown(self, name: str) -> Unknown:
+        return next(unknown for unknown in self.unknowns if unknown.name == name)
+
+    @property
+    def residuals(self) -> list[OfDrives]:
+        """Of each recording, in units of the noise."""
+        shrunk, dof = self.shrunk, self.points[0].dof
+        rows = [
+            shrunk.residual(block) / sigma
+            for block, sigma in zip(shrunk.blocks, shrunk.sigma, strict=True)
+        ]
+        return [np.array(rows[k : k + dof]) for k in range(0, len(rows), dof)]
+
+    def with_ripples(self) -> "Contest":
+        """With columns of ripples, the largest of each drive, and again, until none is beyond
+        chance."""
+        contest, ripples = self, list[tuple[int, float]]()
+        while len(ripples) < _RIPPLES * self.points[0].dof:
+            more = [
+                ripple for ripple in largest_ripples(self.points, contest.residuals, SEEN)
+                if ripple not in ripples
+            ]  # fmt: skip
+            if not more:
+                break
+            ripples += more
+            contest = self._with(Added("ripple", with_ripples(ripples, self.points[0])))
+        return contest
+
+    def _with(self, unknown: Unknown) -> "Contest":
+        own = [unknown.columns(point) for point in self.points]
+        deviation = unknown.deviations(self.points[0], own[0])
+        columns = [drive for recording in own for drive in recording]
+        shrunk = self.shrunk.with_group(unknown.name, columns, deviation)
+        return replace(self, unknowns=(*self.unknowns, unknown), shrunk=shrunk)
+
+    def reduced(self) -> "Contest":
+        """With what rows need beside all others."""
+        return replace(self, shrunk=self.shrunk.reduced(SEEN))
+
+
+def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
+    """Parameters of the robot alone."""
+    problem = rows.problem([rows.of_trace(trace) for trace in traces])
+    return rows.parameters(problem.x)[: len(rows.dynamics.layout.names)]
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def contest(
+    rows: TraceRows,
+    points: Sequence[Point],
+    unknowns: Sequence[Unknown],
+    applied: Applied,
+) -> Contest:
+    """One sweep.
+
+    Args:
+        points: recordings at the parameters at which slopes are taken.
+        applied: coefficients that recordings and robot have been corrected by.
+    """
+    parts = [rows.of_trace(point.trace) for point in points]
+    columns, groups, first = [part.A for part in parts], list[Group](), rows.size
+    for unknown in unknowns:
+        own = [unknown.columns(point) for point in points]
+        width = own[0].shape[2]
+        if not width:
+            continue
+        deviation = unknown.deviations(points[0], own[0])
+        mean = -applied.get(unknown.name, np.zeros(width))
+        if unknown.is_own:
+            own, copies = _side_by_side(own), len(own)
+            deviation, mean, width = (
+                np.tile(deviation, copies),
+                np.zeros(width * copies),
+                width * copies,
+            )
+        columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
+        places = np.arange(first, first + width)
+        groups.append(
+            Group(unknown.name, places, deviation, mean, unknown.is_candidate)
+        )
+        first += width
+    blocks = [
+        Block(A[i], part.tau[i], stretch_numbers(A.shape[1]))
+        for A, part in zip(columns, parts, strict=True) for i in range(len(A))
+    ]  # fmt: skip
+    known = rows.problem([replace(part, A=A) for part, A in zip(parts, columns, strict=True)])
+    prior = known.groups == KNOWN
+    shrunk = Shrunk.of(blocks, known.A[prior], known.b[prior], groups)
+    return Contest(rows, tuple(points), tuple(unknowns), shrunk)
+
+
+def _side_by_side(own: Sequence[ColumnsOfDrives]) -> list[ColumnsOfDrives]:
+    """Columns that each recording has of its own."""
+    width = own[0].shape[2]
+    ends = [(k * width, (len(own) - 1 - k) * width) for k in range(len(own))]
+    return [np.pad(A, ((0, 0), (0, 0), end)) for A, end in zip(own, ends, strict=True)]

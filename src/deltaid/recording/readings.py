@@ -1,0 +1,48 @@
+"""What a drive's encoder and amplifier say, and what its position and torque are.
+
+    q = (1 + r) q_m + q_0,    τ = τ_m (1 − β_2 u² − β_4 u⁴),   u = τ_m / τ_max
+
+with a gear ratio that is off by r, a zero that is off by q_0, and a torque constant that falls with
+current, so that the joint lacks the share β_2 + β_4 at τ_max.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.recording.columns import Columns
+
+Rows = Float[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of all drives; empty tuples where nothing is off.
+
+    Attributes:
+        zero: q_0 [rad or m].
+        ratio: r.
+        falling: β_2 and β_4.
+        largest: τ_max [N m or N].
+    """
+
+    zero: tuple[float, ...] = ()
+    ratio: tuple[float, ...] = ()
+    falling: tuple[tuple[float, float], ...] = ()
+    largest: tuple[float, ...] = ()
+
+    def corrected(self, rows: Rows, columns: Columns) -> Rows:
+        """Rows with positions and torques as they are."""
+        rows = rows.copy()
+        if self.ratio:
+            motion = rows[:, columns.motion_places]
+            motion *= np.tile(1.0 + np.array(self.ratio), motion.shape[1] // len(self.ratio))
+        if self.zero:
+            rows[:, 1 : 1 + len(self.zero)] += self.zero
+        if self.falling:
+            torque = rows[:, columns.torque_places]
+            squared = (torque / np.array(self.largest)) ** 2
+            second, fourth = np.array(self.falling).T
+            torque *= 1.0 - second * squared - fourth * squared**2
+        return rows
