@@ -88,6 +88,7 @@ ASKED_SHAPE: dict[str, tuple[float, float | None]] = {
     "tilt": (0.3, 1.0),
     "balancer": (0.3, 3.0),
     "asymmetric": (0.7, None),
+    "askew": (0.7, None),
     "mixture": (0.5, 2.0),
 }
 # Asked of the median of these, where it is asked for (%).

@@ -177,6 +177,14 @@ def test_bodies_are_off_what_their_description_frees() -> None:
     assert not np.allclose(of.machine.M, plain.M, rtol=1e-6)
 
 
+def test_a_body_askew_is_turned_about_its_joint() -> None:
+    both = (made("askew").machine, made("force").machine)
+    S = both[0].layout.body("S")
+    turned, plain = (m.plant.p[S][1:4] / m.plant.p[S][0] for m in both)
+    assert np.linalg.norm(turned - plain) > 2e-3
+    assert abs(np.linalg.norm(turned) - np.linalg.norm(plain)) < 1e-3
+
+
 def test_a_bodys_true_shape_is_in_its_torques() -> None:
     of = made("asymmetric")
     truth, p = of.happenings[0].truth, of.machine.plant.p

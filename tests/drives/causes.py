@@ -8,7 +8,7 @@ from drives.made import Faults
 from drives.measured import falling_gain, gear_ratio, ripple, saturation, zeros
 from drives.mixture import Mixture
 from drives.rows import LENGTHS
-from drives.undescribed import asymmetric, balancer, force, hose, long_limb, spring, tilt
+from drives.undescribed import askew, asymmetric, balancer, force, hose, long_limb, spring, tilt
 
 CAUSES: dict[str, Faults | Mixture] = {
     "ripple": Faults("ripple of 3 %", ((ripple, 0.03),)),
@@ -27,5 +27,6 @@ CAUSES: dict[str, Faults | Mixture] = {
                        ((balancer, (0.03, 0.1)),)),
     "tilt": Faults("base tilted by 2°", ((tilt, 2.0),)),
     "asymmetric": Faults("centres 1 and 4 mm off, axes turned by 0.2 to 2°", ((asymmetric, 1.0),)),
+    "askew": Faults("the same, turned about their joints", ((askew, 1.0),)),
     "mixture": Mixture("3 to 5 faults of random sizes"),
 }  # fmt: skip

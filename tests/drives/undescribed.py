@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
-from drives.made import Made, log_uniform
+from drives.made import Made
 from drives.pulls import Balancer, Hose
 from drives.robots import Machine
 from drives.rows import unit
@@ -57,7 +57,8 @@ def hose(made: Made, rng: np.random.Generator, size: float) -> Made:
     m, way, drag = made.machine, _way(rng), float(rng.uniform(0.2, 0.6) * size)
     pull = Hose(size * unit(m) * way, drag * unit(m), _stiffness(m, 10 * size),
                 m.plant.path[:, :3].mean(axis=0))  # fmt: skip
-    words = f"hose {size:.2g} N along {np.round(way, 2).tolist()}, drag {drag:.2g} N"
+    words = (f"hose {size:.2g} N along {np.round(way, 2).tolist()}, drag {drag:.2g} N, "
+             f"{10 * size:.2g} N/m")  # fmt: skip
     return made.but(words, pulls=(*made.happening.pulls, pull))
 
 
@@ -112,28 +113,35 @@ def asymmetric(made: Made, rng: np.random.Generator, size: float) -> Made:
 
     Centres are off the bodies' long axes, axes of inertia are turned about the centre.
     """
+    return _off_shape(made, rng, size, about_centre=True)
+
+
+def askew(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """The same, but whole bodies are turned about their joints: centres move with the axes."""
+    return _off_shape(made, rng, size, about_centre=False)
+
+
+def _off_shape(made: Made, rng: np.random.Generator, size: float, about_centre: bool) -> Made:
     m = made.machine
-    robot, layout, p = m.robot, parameter_layout(m.robot), m.plant.p.copy()
-    prior = prior_parameters(robot)
+    layout, prior, p = parameter_layout(m.robot), prior_parameters(m.robot), m.plant.p.copy()
+    turned = list[str]()
     for body in layout.bodies:
         part = layout.body(body)
         axis = int(np.argmax(np.diag(pseudo_inertia(prior[part]))[:3]))
-        way = np.delete(np.eye(3), axis, axis=0).T @ _around(rng)
-        shift = size * (_HEAVY if body in ("U", "C", "EE") else _SLENDER) * way
-        angle = np.deg2rad(size * log_uniform(rng, *_TURNED))
-        p[part] = inertia_parameters(_displaced(pseudo_inertia(p[part]), angle * _way(rng), shift))
-    oracle = replace(m.plant.oracle, bodies=bodies_of(robot, p))
-    return made.of("bodies not symmetric", oracle, p)
+        across = np.delete(np.eye(3), axis, axis=0).T @ _around(rng)
+        shift = size * (_HEAVY if body in ("U", "C", "EE") else _SLENDER) * across
+        angle = size * float(rng.uniform(*_TURNED))
+        pivot = p[part][1:4] / p[part][0] if about_centre else np.zeros(3)
+        turn = Rotation.from_rotvec(np.deg2rad(angle) * _way(rng)).as_matrix()
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = turn, pivot + shift - turn @ pivot
+        p[part] = inertia_parameters(T @ pseudo_inertia(p[part]) @ T.T)
+        turned.append(f"{body} {angle:.1f}°")
+    oracle = replace(m.plant.oracle, bodies=bodies_of(m.robot, p))
+    about = "centre" if about_centre else "joint"
+    return made.of(f"bodies turned about their {about}: {', '.join(turned)}", oracle, p)
 
 
 def _around(rng: np.random.Generator) -> Array:
     angle = rng.uniform(0, 2 * np.pi)
     return np.array([np.cos(angle), np.sin(angle)])
-
-
-def _displaced(inertia: Array, turn: Array, shift: Array) -> Array:
-    """A body's pseudo-inertia (4, 4), turned about its centre by a rotation vector and shifted."""
-    R, centre = Rotation.from_rotvec(turn).as_matrix(), inertia[:3, 3] / inertia[3, 3]
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, centre + shift - R @ centre
-    return T @ inertia @ T.T
