@@ -12,7 +12,6 @@ from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
-from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import ColumnMapping
@@ -112,8 +111,8 @@ class Evidence:
             return None
         if self.problem is None:
             return studied(self.dynamics, self.surveyed)
-        warming = tuple(term for term in self.problem.additions if isinstance(term, Warmth))
-        return studied(self.dynamics, self.surveyed, self.problem.p, warming)
+        corrected = tuple(term for term in self.problem.additions if term.is_corrected)
+        return studied(self.dynamics, self.surveyed, self.problem.p, corrected)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:

@@ -70,6 +70,10 @@ class AtDrives(Addition):
         q = self.dynamics.kinematics.inverse(w.z)
         return np.vstack([self.of_drive(k, q[:, i]) for k, i in enumerate(self.drives)])
 
+    @property
+    def is_corrected(self) -> bool:
+        return True
+
     def on(self, dynamics: Dynamics) -> "AtDrives":
         return replace(self, dynamics=dynamics)
 

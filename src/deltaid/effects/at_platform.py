@@ -1,4 +1,4 @@
-"""Forces at the platform that a description lacks: what a hose pulls, a cable drags, a spring holds.
+"""Forces at the platform that a description lacks, of a hose, a cable or a spring.
 
     F = f − K (x − x_0) − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
 
@@ -65,10 +65,14 @@ class AtPlatform(Addition):
         return np.tile(drives, count), np.repeat(np.arange(count), len(drives))
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        T = np.linalg.inv(self.dynamics.kinematics.jacobian(w.z))[:, :3]  # ∂x/∂q
+        T = self.dynamics.kinematics.platform_jacobian(w.z)
         x, v = w.z[:, :3] - self.dynamics.kinematics.home[:3], np.einsum("sij,sj->si", T, w.qd)
         torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
         return torques.reshape(-1, len(w.time))
+
+    @property
+    def is_corrected(self) -> bool:
+        return True
 
     def on(self, dynamics: Dynamics) -> "AtPlatform":
         return type(self)(dynamics, self.deviation, self.fastest)

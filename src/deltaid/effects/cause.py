@@ -7,11 +7,12 @@ from jaxtyping import Float
 
 from deltaid.effects.contest import Account, Explained
 from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.span import Span
 
-# A cause counts if it explains this share of all that is explained, and this share of the largest
-# torque; smaller ones may be what the first-order columns of another one leave.
-_SHARE, _LEAST = 0.15, 3e-4
+# A cause counts if it explains this share of all that is explained; smaller ones may be what the
+# first-order columns of another one leave.
+_SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,8 @@ def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
         parts = tuple(part for part in account.found if part.candidate.kind == kind)
         added = np.sum([part.directions @ (part.directions.T @ fit.tau) for part in parts], axis=0)
         rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
-        if sum(part.gain for part in parts) > _SHARE * total and np.any(rms > _LEAST * largest):
+        if sum(part.gain for part in parts) > _SHARE * total and np.any(
+            rms > POSITION_ERROR * largest
+        ):
             causes.append(Cause(kind, fit, account, parts, rms))
     return causes

@@ -44,8 +44,8 @@ class Point:
     @cached_property
     def platform(self) -> Float[np.ndarray, "samples 3"]:
         """Velocity of the platform."""
-        J = self.dynamics.kinematics.jacobian(self.w.z)
-        return np.linalg.solve(J, self.w.qd[:, :, None])[:, :3, 0]
+        J_x = self.dynamics.kinematics.platform_jacobian(self.w.z)
+        return np.einsum("sij,sj->si", J_x, self.w.qd)
 
     @cached_property
     def model(self) -> OfDrives:

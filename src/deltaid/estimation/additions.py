@@ -73,6 +73,11 @@ class Addition(ABC):
         return False
 
     @property
+    def is_corrected(self) -> bool:
+        """Whether it is an effect that the fit corrects, which no study of the residual finds."""
+        return False
+
+    @property
     def is_absolute(self) -> bool:
         """Whether it is known in kg or N m, so that it determines the scale of torques."""
         return False

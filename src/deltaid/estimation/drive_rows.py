@@ -16,6 +16,8 @@ STRETCHES = 40
 _MISFIT_FLOOR = 1e-5
 # Noise of torques is at least this share of the largest one.
 NOISE_FLOOR = 1e-6
+# What makes less of a drive's largest torque may be the error of differentiated positions.
+POSITION_ERROR = 3e-4
 
 OfDrives = Float[np.ndarray, "dof samples"]
 ColumnsOfDrives = Float[np.ndarray, "dof samples _"]

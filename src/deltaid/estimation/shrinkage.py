@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
+from deltaid.estimation.drive_rows import NOISE_FLOOR, POSITION_ERROR
 from deltaid.estimation.problem import group_sums, surprise
 from deltaid.estimation.span import Columns, Rows
 
@@ -25,6 +26,8 @@ _SWEEPS, _SETTLED = 40, 0.02
 _LOW, _HIGH = 1e-2, 10.0
 # Pull of a scale towards zero where data says nothing, as a share of one direction.
 _PULL = 1e-2
+# Columns of unit length that others explain up to this share of their square are dependent.
+_DEPENDENT = 1e-12
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
 _SLOW, _REDDEST = 8, 30.0
 
@@ -48,11 +51,17 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows A x = b of one noise level, and the stretch of time of each."""
+    """Rows A x = b of one noise level, the stretch of time of each, and the largest measured value
+    beside them."""
 
     A: Columns
     b: Rows
     stretches: Int[np.ndarray, " rows"]
+    largest: float
+
+    def over(self, A: Columns, b: Rows) -> "Block":
+        """The same with other columns."""
+        return replace(self, A=A, b=b)
 
     @cached_property
     def normal(self) -> Float[np.ndarray, "n n"]:
@@ -113,7 +122,8 @@ class Shrunk:
 
     @property
     def _noise(self) -> Float[np.ndarray, " blocks"]:
-        return np.array([_noise_of(block, self.residual(block)) for block in self.blocks])
+        noise = [_noise_of(block, self.residual(block)) for block in self.blocks]
+        return np.maximum(noise, [NOISE_FLOOR * block.largest for block in self.blocks])
 
     def residual(self, block: Block) -> Rows:
         return block.b - block.A @ self.x
@@ -124,7 +134,8 @@ class Shrunk:
 
     @cached_property
     def _factor(self) -> tuple[np.ndarray, bool]:
-        return cho_factor(self._precision * np.outer(self._size, self._size), lower=True)
+        scaled = self._precision * np.outer(self._size, self._size)
+        return cho_factor(scaled + _DEPENDENT * np.eye(len(scaled)), lower=True)
 
     def _solved(self, right: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
         return self._size * cho_solve(self._factor, self._size * right)
@@ -164,6 +175,13 @@ class Shrunk:
         price = float(x @ np.linalg.solve(own, x)) / self._level(group)
         return surprise(price, len(x))
 
+    def size(self, group: Group) -> float:
+        """What a group makes of the largest value of a block, in the block where it makes most."""
+        x = self.x[group.columns] - group.mean
+        made = (np.sqrt(np.mean((block.A[:, group.columns] @ x) ** 2)) / block.largest
+                for block in self.blocks)  # fmt: skip
+        return float(max(made))
+
     def _level(self, group: Group) -> float:
         """Variance of the noise along a group's columns by its scatter between stretches, as a
         multiple of the white noise's, and at least that."""
@@ -191,8 +209,7 @@ class Shrunk:
             for k in kept
         )
         blocks = tuple(
-            Block(block.A[:, stay], block.b - block.A[:, gone] @ held, block.stretches)
-            for block in self.blocks
+            block.over(block.A[:, stay], block.b - block.A[:, gone] @ held) for block in self.blocks
         )
         return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], self.sigma)
 
@@ -201,7 +218,7 @@ class Shrunk:
         places = np.arange(len(self._size), len(self._size) + len(deviation))
         group = Group(name, places, deviation, np.zeros(len(deviation)))
         blocks = tuple(
-            Block(np.hstack([block.A, more]), block.b, block.stretches)
+            block.over(np.hstack([block.A, more]), block.b)
             for block, more in zip(self.blocks, columns, strict=True)
         )
         D = np.pad(self.D, ((0, 0), (0, len(deviation))))
@@ -239,7 +256,10 @@ class Shrunk:
         now = self
         while now.candidates:
             groups = [group for group in now.groups if group.is_candidate]
-            prices = {group.name: now.surprise(group) for group in groups}
+            prices = {
+                group.name: now.surprise(group) if now.size(group) > POSITION_ERROR else 0.0
+                for group in groups
+            }
             cheapest = min(prices, key=lambda name: prices[name])
             if prices[cheapest] >= least:
                 break

@@ -11,7 +11,7 @@ from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import Study, studied
+from deltaid.identification.study import Study
 from deltaid.recording.recording import Recording
 
 # Windows of a recording at least that are used.
@@ -51,10 +51,10 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
             motors = motors_of(bare.robot, gears.p, recording.low_pass.cutoff, rate)
             motors = replace(motors, compliance=tuple(gears.values.tolist()))
             bare = bare.repaired(recording, gears=motors)
-    studies = tuple(studied(bare.dynamics, recording) for recording in bare.recordings)
-    if searched.any() and not _better_than_loads(setup, studies):
+    bare = bare.studied()
+    if searched.any() and not _better_than_loads(setup, bare.studies):
         return _turned_back(setup, progress, search=False)
-    bare = bare.changed(studies=studies).reported(gears.corrections(bare.robot))
+    bare = bare.reported(gears.corrections(bare.robot))
     return lags_corrected(bare, progress)
 
 

@@ -130,13 +130,11 @@ def contest(
             )
         columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
         places = np.arange(first, first + width)
-        groups.append(
-            Group(unknown.name, places, deviation, mean, unknown.is_candidate)
-        )
+        groups.append(Group(unknown.name, places, deviation, mean, unknown.is_candidate))
         first += width
     blocks = [
-        Block(A[i], part.tau[i], stretch_numbers(A.shape[1]))
-        for A, part in zip(columns, parts, strict=True) for i in range(len(A))
+        Block(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
+        for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
     ]  # fmt: skip
     known = rows.problem([replace(part, A=A) for part, A in zip(parts, columns, strict=True)])
     prior = known.groups == KNOWN

@@ -1,26 +1,28 @@
-"""Effects that win the contest of causes, corrected in recordings and robot or fitted as columns."""
+"""Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.at_drives import AtDrives, DriveSpring
 from deltaid.effects.at_platform import AtPlatform, platform_forces
-from deltaid.effects.beside import BESIDE
+from deltaid.effects.beside import BESIDE, WindUp
+from deltaid.effects.contest import SEEN
 from deltaid.effects.falling_gain import Saturation
 from deltaid.effects.gain import Ratios as Gains
 from deltaid.effects.geometry import Lengths, Ratios, Tilt, Zeros, reshaped
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Added, Unknown
-from deltaid.estimation.additions import Addition
+from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
+from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.contest import Contest, contest, start
-from deltaid.identification.lag_stage import traced, without_lags
-from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import Study, studied
+from deltaid.identification.gains import gains
+from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
+from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.model.corrections import Kind
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
@@ -35,8 +37,15 @@ _HALF = 1.96
 ZEROS, RATIOS, TILT, LENGTHS, SATURATION, GAINS = (
     Zeros(), Ratios(), Tilt(), Lengths(), Saturation(), Gains()
 )  # fmt: skip
-_EXACT: tuple[Unknown, ...] = (ZEROS, RATIOS, TILT, LENGTHS, SATURATION)
+WIND_UP = WindUp()
+# Applied to recordings in every sweep, and to the robot at the end, which is compiled anew.
+_READ: tuple[Unknown, ...] = (ZEROS, RATIOS, SATURATION)
+_SHAPED: tuple[Unknown, ...] = (TILT, LENGTHS)
+_EXACT = (*_READ, *_SHAPED)
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant")
+
+# What other effects hide or look like is estimated anew once these are known.
+_ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
 
 Coefficients = Float[np.ndarray, " coefficients"]
 
@@ -56,6 +65,12 @@ class Outcome:
     values: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
     deviations: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
 
+    @property
+    def read(self) -> dict[str, Coefficients]:
+        """Those that recordings have been corrected by."""
+        names = [unknown.name for unknown in (*_READ, WIND_UP)]
+        return {name: values for name, values in self.values.items() if name in names}
+
     def of(self, unknown: Unknown) -> tuple[float, ...]:
         return tuple(self.values.get(unknown.name, np.zeros(0)).tolist())
 
@@ -68,19 +83,29 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not traces:
         return setup
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    now, before, p = bare, Outcome(bare.robot), None
-    for _ in range(_SWEEPS):
+    now, before, p, sweep = bare, _begun(bare), None, 0
+    while True:
         rows = TraceRows.of(now.dynamics, without_lags(bare.additions), bare.settings.prior_spread)
-        p = start(rows, traces) if p is None else p
-        points = [Point(trace, p) for trace in traces]
-        full = contest(rows, points, _unknowns(points[0]), before.values).with_ripples()
-        last, p = full.reduced(), full.p
-        after = _outcome(before, last)
-        now = _applied(bare, after, largest)
-        if _is_settled(before, after):
-            break
+        points = [Point(trace, start(rows, traces) if p is None else p) for trace in traces]
+        full = contest(rows, points, _unknowns(points[0]), before.read).with_ripples()
+        last = full.reduced()
+        after, sweep = _outcome(before, last), sweep + 1
+        now = _read(bare, after, largest, last.p)
+        if sweep == _SWEEPS or _is_settled(before, after):
+            if not after.kept:
+                return bare
+            # Other effects hide lags and gears that wind up, or look like them.
+            return gears_turned_back(
+                lags_corrected(_finished(now, after, last), progress), progress
+            )
         before, p, traces = after, last.p, _traces(now)
-    return _finished(now, after, last) if after.kept else bare
+
+
+def _begun(bare: Setup) -> Outcome:
+    """Nothing but gears that wind up, as far as they have been turned back."""
+    gears = [r.repairs.gears for r in bare.recordings if r.repairs.gears is not None]
+    wound = {WIND_UP.name: np.array(gears[0].compliance)} if gears else {}
+    return Outcome(bare.robot, values=wound)
 
 
 def _bare(setup: Setup) -> Setup:
@@ -116,8 +141,10 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
 def _outcome(before: Outcome, last: Contest) -> Outcome:
     """What is kept, with what had been applied before."""
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
-    for unknown in _EXACT:
-        if unknown.name not in kept:
+    winds_up = last.shrunk.surprise(last.group(WIND_UP.name)) > SEEN
+    exact = (*kept, WIND_UP.name) if winds_up else kept
+    for unknown in (*_EXACT, WIND_UP):
+        if unknown.name not in exact:
             values.pop(unknown.name, None)
             continue
         group = last.group(unknown.name)
@@ -127,33 +154,37 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
 
 
 def _is_settled(before: Outcome, after: Outcome) -> bool:
-    return before.kept == after.kept and all(
+    same = before.kept == after.kept and before.values.keys() == after.values.keys()
+    return same and all(
         np.all(np.abs(values - before.values[name]) <= _SETTLED * after.deviations[name])
         for name, values in after.values.items()
     )
 
 
-def _applied(bare: Setup, outcome: Outcome, largest: Coefficients) -> Setup:
-    """The robot as it is and recordings as drives moved, by exact corrections."""
-    robot = reshaped(outcome.described, outcome.of(LENGTHS), outcome.of(TILT))
-    same = {"limbs": robot.limbs, "gravity": robot.gravity}
-    setup = bare.with_robot(bare.robot.model_copy(update=same))
+def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -> Setup:
+    """Recordings as links moved and torques acted."""
     pairs = np.reshape(outcome.of(SATURATION), (-1, 2)).tolist()
-    readings = Readings(
-        zero=outcome.of(ZEROS),
-        ratio=outcome.of(RATIOS),
-        falling=tuple((a, b) for a, b in pairs),
-        largest=tuple(largest.tolist()),
-    )
-    if any(unknown.name in outcome.values for unknown in (ZEROS, RATIOS, SATURATION)):
-        for recording in setup.recordings:
-            setup = setup.repaired(recording, readings=readings)
+    falling = tuple((a, b) for a, b in pairs)
+    readings = Readings(outcome.of(ZEROS), outcome.of(RATIOS), falling, tuple(largest.tolist()))
+    if readings.are_right:
+        readings = None
+    setup, wound = bare, np.maximum(outcome.of(WIND_UP), 0.0)
+    for recording in bare.recordings:
+        gears = None
+        if wound.any() and recording.low_pass is not None:
+            gears = motors_of(bare.robot, p, recording.low_pass.cutoff, recording.log.rate)
+            gears = replace(gears, compliance=tuple(wound.tolist()))
+        setup = setup.repaired(recording, readings=readings, gears=gears)
     return setup
 
 
 def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
-    """With columns of the fit, reports, and studies of what is left."""
-    additions = list(now.additions)
+    """With the robot as it is, columns of the fit, reports, and studies of what is left."""
+    if any(unknown.name in outcome.values for unknown in _SHAPED):
+        robot = reshaped(outcome.described, outcome.of(LENGTHS), outcome.of(TILT))
+        same = {"limbs": robot.limbs, "gravity": robot.gravity}
+        now = now.with_robot(now.robot.model_copy(update=same))
+    additions = list(without_lags(now.additions))
     for name in outcome.kept:
         unknown = last.unknown(name)
         if isinstance(unknown, Added):
@@ -172,12 +203,4 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
         )
     ]
     now = now.changed(additions=tuple(additions), outcome=outcome).reported(corrections)
-    return now.changed(studies=_studies(now, additions))
-
-
-def _studies(setup: Setup, additions: Sequence[Addition]) -> tuple[Study | None, ...]:
-    """Of recordings as corrected."""
-    beside = [addition for addition in additions if isinstance(addition, AtPlatform | AtDrives)]
-    return tuple(
-        studied(setup.dynamics, recording, beside=beside) for recording in setup.recordings
-    )
+    return now.studied()

@@ -29,7 +29,7 @@ from deltaid.effects.joint import (
 )
 from deltaid.effects.lag_columns import LagColumns, alone
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import DriveRows
+from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import level_along, surprise
 from deltaid.estimation.span import Columns, Rows, Span
@@ -47,8 +47,6 @@ _WINDOWS, _SECONDS = 6, 20.0
 # Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
 # in quick motions that is above what masses need.
 _CUTOFF = 50.0
-# Less of a drive's largest torque is the error of differentiated positions.
-_LEAST = 3e-4
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
@@ -177,7 +175,7 @@ class FrictionRows:
             times=float(np.sqrt(gain / level)),
             surprise=surprise(gain / level, U.shape[1] + constants),
             error=self.share(after),
-            is_large=self.share(explained) > _LEAST,
+            is_large=self.share(explained) > POSITION_ERROR,
         )
 
     @cached_property

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
-from deltaid.identification.study import Study
+from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.friction_record import FrictionChoice
 from deltaid.model.record import Settings
@@ -45,6 +45,12 @@ class Setup:
         """Whether an undeclared load comes and goes in the k-th recording."""
         study = self.studies[k] if self.studies else None
         return study is not None and study.is_disturbed
+
+    def studied(self) -> "Setup":
+        """The same with studies of what its recordings leave beside corrected effects."""
+        corrected = tuple(addition for addition in self.additions if addition.is_corrected)
+        studies = (studied(self.dynamics, r, beside=corrected) for r in self.recordings)
+        return self.changed(studies=tuple(studies))
 
     @property
     def dynamics(self) -> Dynamics:

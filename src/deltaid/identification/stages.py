@@ -11,7 +11,6 @@ from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.study import studied
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
 
@@ -19,8 +18,7 @@ from deltaid.identification.warmth import changing_friction
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
     """Which causes the residual of each recording has, before lags and friction are corrected."""
     progress("looking at what the description leaves")
-    studies = tuple(studied(setup.dynamics, recording) for recording in setup.recordings)
-    return setup.changed(studies=studies)
+    return setup.studied()
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
@@ -51,10 +49,10 @@ STAGES: tuple[Stage, ...] = (
     declared_loads,
     without_events,
     recordings_studied,
-    contested,
     gains,
     lags_corrected,
     gears_turned_back,
+    contested,
     changing_friction,
     chosen_friction,
     changing_friction,

@@ -113,6 +113,10 @@ class Warmth(Addition):
                 return own[entries] * course.of(w)
         return np.zeros((len(entries), own.shape[1]))
 
+    @property
+    def is_corrected(self) -> bool:
+        return True
+
     def on(self, dynamics: Dynamics) -> "Warmth":
         return replace(self, dynamics=dynamics)
 

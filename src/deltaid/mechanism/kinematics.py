@@ -137,6 +137,11 @@ class Kinematics(WithJointStates, Shown, Plotted):
         out = self._jacobian_kernel(z.T)
         return _matrices(out, self.dof)
 
+    @one_or_many("z")
+    def platform_jacobian(self, z: Samples) -> Float[np.ndarray, "samples 3 dof"]:
+        """∂x/∂q of the platform point x in the world, so that ẋ = (∂x/∂q) q̇."""
+        return self._platform_kernel(z.T).T.reshape(-1, self.dof, 3).swapaxes(1, 2)
+
     @one_or_many("z", "zd")
     def jacobian_rate(self, z: Samples, zd: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J̇, so that q̈ = J z̈ + J̇ ż."""
@@ -257,6 +262,11 @@ class Kinematics(WithJointStates, Shown, Plotted):
     def _jacobian_kernel(self) -> BatchKernel:
         m = self.mechanism
         return BatchKernel(m.z, m.speeds.jacobian)
+
+    @cached_property
+    def _platform_kernel(self) -> BatchKernel:
+        m = self.mechanism
+        return BatchKernel(m.z, ca.vec(ca.densify(m.speeds.inverse_jacobian[:3, :])))
 
     @cached_property
     def _motion_kernel(self) -> BatchKernel:

@@ -32,6 +32,11 @@ class Readings:
     falling: tuple[tuple[float, float], ...] = ()
     largest: tuple[float, ...] = ()
 
+    @property
+    def are_right(self) -> bool:
+        """Whether nothing is off."""
+        return not (self.zero or self.ratio or self.falling)
+
     def corrected(self, rows: Rows, columns: Columns) -> Rows:
         """Rows with positions and torques as they are."""
         rows = rows.copy()
