@@ -12,7 +12,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.convolution import apply
-from deltaid.recording.delay import Shift
+from deltaid.recording.delay import Growth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.runs import least_about
 from deltaid.recording.recording import Recording
@@ -74,10 +74,20 @@ class Trace:
         own = entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
         return np.vstack([own, *(more.entries(w, own, self.recording) for more in additions)])
 
-    def shifted(self, delay: Delay) -> "Trace":
-        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it."""
-        shift = Shift.of(delay.tolist(), self.low_pass.rate)
-        parts = (_shifted(run, shift, self.low_pass.rate) for run in self.stretches)
+    def shifted(
+        self, delay: Delay, constants: Delay | None = None, growth: Growth | None = None
+    ) -> "Trace":
+        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it.
+
+        Args:
+            constants: of filters that torques passed [s]; none if not given.
+            growth: of delays with time.
+        """
+        rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
+        parts = (
+            _shifted(run, Shift.of(delay.tolist(), rate, filters, growth), rate)
+            for run in self.stretches
+        )
         long = tuple(run for run in parts if _outputs(self.low_pass, len(run.time)) > 0)
         return replace(self, stretches=long)
 
