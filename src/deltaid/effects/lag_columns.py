@@ -57,14 +57,14 @@ class LagGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class LagColumns(Addition):
-    """The lags of one recording's torques, each of one drive or of several that have the same.
+class TimingColumns(Addition):
+    """How the torques of one recording are sampled, as columns of derivatives of the model's.
 
     Attributes:
-        dynamics, beside: the robot and the additions whose torques lag.
+        dynamics, beside: the robot and the additions whose torques these are.
         p: the parameters of both, in their order.
-        recording: which has these lags.
-        groups: drives that lag; others do not.
+        recording: which is sampled so.
+        groups: drives that are; others are not.
         several: whether the fit has other recordings.
     """
 
@@ -75,12 +75,44 @@ class LagColumns(Addition):
     groups: tuple[LagGroup, ...]
     several: bool = False
 
+    def is_of(self, recording: Recording) -> bool:
+        return recording.log.sha256 == self.recording.log.sha256
+
+    def slopes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """−τ̇ of each drive."""
+        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
+        rows, columns = extended(self.dynamics, self.beside).regressor_pattern
+        tau = w.carried.T.copy()  # of loads, which lag with all else
+        for i in range(len(tau)):
+            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
+        return -recording.log.rate * slope(tau, self.reversals(own))
+
+    def curvature(self, slopes: Values, own: Own) -> Values:
+        """½ τ̈ of each drive, from −τ̇."""
+        return -0.5 * self.recording.log.rate * slope(slopes, self.reversals(own))
+
+    def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
+        """Whether a joint with friction turns round between a sample and the next, in whose row."""
+        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
+        turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
+        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
+            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
+        return turned
+
+    def name(self, drives: str = "torques") -> str:
+        """Of a parameter, with the recording where there are several."""
+        return drives + (f"@{self.recording.path}" if self.several else "")
+
+
+@dataclass(frozen=True, eq=False)
+class LagColumns(TimingColumns):
+    """The lags of one recording's torques, each of one drive or of several that have the same."""
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """One lag a group that is free."""
-        where = f"@{self.recording.path}" if self.several else ""
         return tuple(
-            Parameter("lag", ("+".join(group.subjects(self.dynamics)) or "torques") + where,
+            Parameter("lag", self.name("+".join(group.subjects(self.dynamics)) or "torques"),
                       "lag", "s", -np.inf, np.inf, group.beside,
                       min(group.deviation / PRIOR_SPREAD, _SIZE))
             for group in self._free
@@ -93,20 +125,12 @@ class LagColumns(Addition):
         drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
         return drives, columns
 
-    def is_of(self, recording: Recording) -> bool:
-        return recording.log.sha256 == self.recording.log.sha256
-
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """−τ̇ of each drive that lags."""
         drives, _ = self.pattern
         if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
-        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
-        rows, columns = extended(self.dynamics, self.beside).regressor_pattern
-        tau = w.carried.T.copy()  # of loads, which lag with all else
-        for i in range(len(tau)):
-            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
-        return -recording.log.rate * slope(tau, self._reversals(own))[drives]
+        return self.slopes(w, own, recording)[drives]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
@@ -127,14 +151,6 @@ class LagColumns(Addition):
             )  # fmt: skip
             corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
         return tuple(corrections)
-
-    def _reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
-        """Whether a joint with friction turns round between a sample and the next, in whose row."""
-        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
-        turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
-        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
-            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
-        return turned
 
     @property
     def _free(self) -> tuple[LagGroup, ...]:
@@ -172,6 +188,24 @@ def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> O
     return trace.filtered(
         lambda w: lags.entries(w, by_p.entries(w), trace.recording), np.arange(dof), 1
     )
+
+
+def timing_slopes(
+    trace: Trace, p: Parameters, additions: Sequence[Addition], about: float
+) -> tuple[OfDrives, OfDrives, OfDrives]:
+    """−τ̇, ½ τ̈ and −(t − t_0) τ̇ of the torques of p, filtered: by what a drive's torque changes
+    for each second that it comes late, each second squared that it is spread by, and each second
+    that it comes later a second, t_0 = `about`."""
+    dof, by_p = trace.dynamics.dof, replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(dof))
+
+    def derivatives(w: Samples) -> Values:
+        own = by_p.entries(w)
+        slopes = columns.slopes(w, own, trace.recording)
+        return np.vstack([slopes, columns.curvature(slopes, own), (w.time - about) * slopes])
+
+    found = trace.filtered(derivatives, np.tile(np.arange(dof), 3), 2)
+    return found[:dof], found[dof : 2 * dof], found[2 * dof :]
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:

@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.lag_columns import LagColumns, LagGroup, UnknownLag, alone
+from deltaid.effects.lag_columns import LagColumns, LagGroup, TimingColumns, UnknownLag, alone
 from deltaid.effects.lags import estimate_lags
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition
@@ -99,8 +99,8 @@ def _doubtful(lags: Sequence[Correction]) -> bool:
 
 
 def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions that are none of lags."""
-    return tuple(addition for addition in additions if not isinstance(addition, LagColumns))
+    """Additions that are none of lags, filters and clocks."""
+    return tuple(addition for addition in additions if not isinstance(addition, TimingColumns))
 
 
 def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int) -> Trace | None:

@@ -46,9 +46,9 @@ def _period(updates: np.ndarray) -> float:
     """The period of updates in groups (groups, updates), if there is one [rows]."""
     if len(updates) < _GROUPS:
         return 0.0
-    length = np.ptp(updates, axis=1)
+    length = np.diff(updates[:, 0])
     usual = length[np.abs(length - np.median(length)) <= 1.0]
-    period = float(np.mean(usual)) / (_GROUP - 1) if usual.size else 0.0
+    period = float(np.mean(usual)) / _GROUP if usual.size else 0.0
     if period < _SHORTEST:
         return 0.0
     off = updates - period * np.arange(_GROUP)
