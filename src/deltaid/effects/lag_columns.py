@@ -80,16 +80,16 @@ class TimingColumns(Addition):
 
     def slopes(self, w: Samples, own: Own, recording: Recording) -> Values:
         """−τ̇ of each drive."""
+        return -recording.log.rate * slope(self.torques(w, own, recording), self.reversals(own))
+
+    def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """τ of each drive."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
         rows, columns = extended(self.dynamics, self.beside).regressor_pattern
         tau = w.carried.T.copy()  # of loads, which lag with all else
         for i in range(len(tau)):
             tau[i] += self.p[columns[rows == i]] @ values[rows == i]
-        return -recording.log.rate * slope(tau, self.reversals(own))
-
-    def curvature(self, slopes: Values, own: Own) -> Values:
-        """½ τ̈ of each drive, from −τ̇."""
-        return -0.5 * self.recording.log.rate * slope(slopes, self.reversals(own))
+        return tau
 
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
         """Whether a joint with friction turns round between a sample and the next, in whose row."""
@@ -193,19 +193,29 @@ def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> O
 def timing_slopes(
     trace: Trace, p: Parameters, additions: Sequence[Addition], about: float
 ) -> tuple[OfDrives, OfDrives, OfDrives]:
-    """−τ̇, ½ τ̈ and −(t − t_0) τ̇ of the torques of p, filtered: by what a drive's torque changes
-    for each second that it comes late, each second squared that it is spread by, and each second
-    that it comes later a second, t_0 = `about`."""
-    dof, by_p = trace.dynamics.dof, replace(trace, load=p[: len(trace.dynamics.layout.names)])
-    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(dof))
+    """By what a drive's torque of p changes, filtered, for each second that it comes late, each
+    second that its filter's time constant is longer and its dead time shorter, and each second
+    that it comes later a second, t_0 = `about`:
+
+        −ẏ,    d(y − y′)/dt,    −(t − t_0) ẏ,
+
+    y the torque behind the filter that the trace has, y′ that behind it twice."""
+    drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
+    by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    columns = LagColumns(
+        trace.dynamics, tuple(additions), p, trace.recording, alone(len(drives))
+    )
+    sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
 
     def derivatives(w: Samples) -> Values:
         own = by_p.entries(w)
-        slopes = columns.slopes(w, own, trace.recording)
-        return np.vstack([slopes, columns.curvature(slopes, own), (w.time - about) * slopes])
+        once = trace.behind(columns.torques(w, own, trace.recording), drives)
+        twice = trace.behind(once.copy(), drives)
+        late = -rate * slope(once, columns.reversals(own) & sharp[:, None])
+        return np.vstack([late, rate * slope(once - twice), (w.time - about) * late])
 
-    found = trace.filtered(derivatives, np.tile(np.arange(dof), 3), 2)
-    return found[:dof], found[dof : 2 * dof], found[2 * dof :]
+    found = trace.filtered(derivatives, np.tile(drives, 3), trace.settling)
+    return found[: len(drives)], found[len(drives) : 2 * len(drives)], found[2 * len(drives) :]
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
