@@ -119,6 +119,7 @@ def estimate_lags(
     *,
     spread: float,
     start: Delays | None = None,
+    turning: Sequence[Trace] = (),
 ) -> Lags:
     """One lag a drive and recording, with covariances.
 
@@ -129,6 +130,8 @@ def estimate_lags(
         additions: extra columns.
         spread: relative standard deviation of the prior.
         start: lags to begin with [s]; none if not given.
+        turning: of the same recordings with positions of motors, which have the friction; traces
+            themselves if not given.
     """
     rows = TraceRows.of(traces[0].dynamics, additions, spread)
     nothing = np.zeros((len(traces), rows.dynamics.dof))
@@ -136,7 +139,7 @@ def estimate_lags(
     values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))
     reversals = [
         lags_of_reversals(trace, additions, p, lags)
-        for trace, lags in zip(traces, values, strict=True)
+        for trace, lags in zip(turning or traces, values, strict=True)
     ]
     steps, step_std = np.array([(lag.values, lag.deviation) for lag in reversals]).swapaxes(0, 1)
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))

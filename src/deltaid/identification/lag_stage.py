@@ -60,6 +60,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
         [record for _, record in traces],
         setup.additions,
         spread=setup.settings.prior_spread,
+        turning=[_of_motors(setup, record) for _, record in traces],
         start=np.array([recording.repairs.lag or np.zeros(dof) for recording, _ in traces]),
     )
     additions = setup.additions
@@ -148,6 +149,15 @@ def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int)
         return trace(setup.dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:
         return None  # with recorded velocities and accelerations it can still be fitted
+
+
+def _of_motors(setup: Setup, record: Trace) -> Trace:
+    """A trace with positions of motors where it has those of links."""
+    recording = record.recording
+    if recording.repairs.gears is None:
+        return record
+    motors = replace(recording, repairs=replace(recording.repairs, gears=None))
+    return traced(setup, motors, recording.cutoff, _WINDOWS) or record
 
 
 def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
