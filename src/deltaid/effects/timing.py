@@ -46,8 +46,11 @@ _TAIL = 5.0
 # clocks of drives are alike, that rows far from reversals agree with the tails, that a lag there
 # is no filter's.
 _SELDOM = 1e-3
-# Lags by which a time constant may exceed a lag, for torques may be ahead by a sample [samples].
-_AHEAD = 1.0
+# Share of a time constant to which it and a lag must be known to say that they are equal.
+_KNOWN = 0.25
+# Standard deviations by which a time constant may exceed a lag, beside the sample by which torques
+# may be ahead.
+_SURE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +258,9 @@ def _filtered(
     """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
     dof, errors, row = len(found.lags), found.covariance, 1.0 / trace.low_pass.rate
     kept = free.filters & (found.constants > row)
-    kept &= found.constants - found.lags < _AHEAD * row
+    S = np.hstack([-np.eye(dof), np.eye(dof), np.zeros((dof, 1))])
+    beyond = row + _SURE * np.sqrt(np.diag(S @ errors @ S.T))
+    kept &= found.constants - found.lags < beyond
     kept &= _seen(found.constants, errors[dof:-1, dof:-1], kept)
     if not kept.any():
         return kept
@@ -273,8 +278,11 @@ def _filtered(
     # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
     width, slope = T**2 + 2 * T * step, np.diag(2 * T)
     wide = exceeded(width, slope @ errors @ slope, _SELDOM)
-    dead = found.lags[kept] + problem.x[of_lags] - T
-    pure = np.all(np.abs(dead) < _AHEAD * row)
+    # A lag that is the T of the tails is a coincidence for anything but a filter.
+    dead, at = found.lags[kept] + problem.x[of_lags] - T, np.flatnonzero(kept)
+    variances = covariance[np.ix_(at, at)] + found.covariance[np.ix_(dof + at, dof + at)]
+    known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
+    pure = known and not exceeded(dead, variances, _SELDOM)
     return kept if wide or pure else np.zeros(dof, bool)
 
 
