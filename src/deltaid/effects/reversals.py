@@ -111,7 +111,7 @@ def lags_of_reversals(
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
     lags = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period
-    held = trace.recording.repairs.hold or (0.0,) * len(known)  # interpolated, so no step is left
+    held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
     for i, start in enumerate(known.tolist()):
         rough = located(_about_reversals(trace, modelled, i, start, far), start, far)

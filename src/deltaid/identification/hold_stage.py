@@ -2,11 +2,11 @@
 
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
-from deltaid.recording.hold import held_rows
+from deltaid.recording.held import holds
 
 _TEXT = (
-    "the drive updates its torque every so many seconds and repeats it in the rows between, which "
-    "come late by half as much in the mean: torques there are interpolated between updates"
+    "drives update their torques so seldom and hold them in the rows between, which come late: "
+    "torques there are interpolated between updates"
 )
 
 
@@ -20,14 +20,15 @@ def holds_filled(setup: Setup, progress: Progress) -> Setup:
         log = recording.brief.log
         if not log.columns.torque:
             continue
-        hold = held_rows(log.segments(recording.motion_cutoff), log.columns)
+        hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
         if not any(hold):
             continue
         setup = setup.repaired(recording, hold=hold)
+        alike = len({one.rows for one in hold}) == 1
         corrections += (
-            Correction(kind="hold", subject="" if len(set(hold)) == 1 else drive,
-                       log=recording.path.name, value=rows / log.rate, unit="s", text=_TEXT)
-            for drive, rows in zip(setup.robot.drives, hold, strict=True)
-            if rows
+            Correction(kind="hold", subject="" if alike else drive,
+                       log=recording.path.name, value=one.rows / log.rate, unit="s", text=_TEXT)
+            for drive, one in zip(setup.robot.drives, hold, strict=True)
+            if one
         )  # fmt: skip
     return setup.reported(list(dict.fromkeys(corrections)), "hold")

@@ -1,23 +1,20 @@
-"""Torques that drives update now and then and hold between two updates.
+"""Torques that drives update now and then and hold between two updates: interpolated between these.
 
 A held torque is known at its updates only: rows in which it changes, and further ones where it has
-not changed for longer than an update takes. Rows between are interpolated from the two updates
-before and after, by a polynomial, so nothing comes late that was not.
+not changed for longer than an update takes. Where a log adds noise to each row, these are every
+so-manieth row, and noise of the rows between averages out (`held` detects both). All rows are
+interpolated from the two updates before and after, so nothing comes late that was not.
 """
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.table import recut
 
-# Updates that lie on one line in time, such groups at least, and the share of groups that do:
-# repeated numbers that are due to a coarse unit come at irregular times.
-_GROUP, _GROUPS, _MOST = 16, 6, 0.8
-# A torque held for fewer rows is late by less than an eighth of one.
-_SHORTEST = 1.25
 # Updates on either side that a value is interpolated from; rows put right at once.
 _HALF, _AT_ONCE = 2, 8000
 # The row of an update before the first one that is observed.
@@ -26,42 +23,31 @@ _NEVER = -(1 << 60)
 Rows = Float[np.ndarray, "_ _"]
 
 
-def held_rows(stretches: Iterable[Iterable[Rows]], columns: Columns) -> tuple[float, ...]:
-    """For how many rows each drive's torque is held; 0 where it is not.
+@dataclass(frozen=True)
+class Hold:
+    """How a drive holds its torque.
 
-    Args:
-        stretches: of evenly spaced rows in blocks.
-        columns: what stands where.
+    Attributes:
+        rows: between two updates; 0 where it is not held.
+        phase: number of an update's row, counted from time 0 on, modulo `rows`; None where rows
+            that change are updates.
     """
-    gaps = [list[np.ndarray]() for _ in columns.torque]
-    for stretch in stretches:
-        tau = np.concatenate([rows[:, columns.torque_places] for rows in stretch])
-        for own, x in zip(gaps, tau.T, strict=True):
-            updates = np.flatnonzero(np.diff(x) != 0)
-            own.append(updates[: len(updates) // _GROUP * _GROUP].reshape(-1, _GROUP))
-    return tuple(_period(np.concatenate(own)) if own else 0.0 for own in gaps)
+
+    rows: float
+    phase: int | None = None
+
+    @property
+    def spread(self) -> int:
+        """Over how many rows to either side a torque is spread."""
+        return _HALF * int(np.ceil(self.rows))
+
+    def __bool__(self) -> bool:
+        return self.rows > 0
 
 
-def _period(updates: np.ndarray) -> float:
-    """The period of updates in groups (groups, updates), if there is one [rows]."""
-    if len(updates) < _GROUPS:
-        return 0.0
-    length = np.diff(updates[:, 0])
-    usual = length[np.abs(length - np.median(length)) <= 1.0]
-    period = float(np.mean(usual)) / _GROUP if usual.size else 0.0
-    if period < _SHORTEST:
-        return 0.0
-    off = updates - period * np.arange(_GROUP)
-    regular = np.ptp(off, axis=1) <= 1.0 + 1e-9
-    return period if np.mean(regular) > _MOST else 0.0
-
-
-def spread(rows: float) -> int:
-    """Over how many rows to either side a torque is spread that is held for so many."""
-    return _HALF * int(np.ceil(rows))
-
-
-def filled(segment: Iterable[Rows], columns: Columns, hold: tuple[float, ...]) -> Iterator[Rows]:
+def filled(
+    segment: Iterable[Rows], columns: Columns, hold: tuple[Hold, ...], rate: float
+) -> Iterator[Rows]:
     """Rows of a segment with torques interpolated between their updates, in constant memory.
 
     Nothing depends on how the rows are cut into blocks.
@@ -69,18 +55,23 @@ def filled(segment: Iterable[Rows], columns: Columns, hold: tuple[float, ...]) -
     Args:
         segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
         columns: what stands where.
-        hold: rows between two updates of each drive's torque; 0 for one that is not held.
+        hold: of each drive.
+        rate: rows per second.
     """
-    margin, drives = max(map(spread, hold)) + 1, len(hold)
-    marked = _padded(_marked(segment, columns, hold), margin, drives)
+    margin, drives = 2 * max(one.spread for one in hold) + 1, len(hold)
+    marked = _padded(_marked(segment, columns, hold, rate), margin, drives)
     for wide in recut(marked, _AT_ONCE, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
-        for i, rows in enumerate(hold):
-            if rows:
-                tau, weight = columns.torque_places.start + i, out.shape[1] - drives + i
-                knots = np.flatnonzero(wide[:, i - drives] > 0)
-                out[:, tau], least = _between(wide[:, tau], wide[:, weight], knots, inner)
+        for i, one in enumerate(hold):
+            if one:
+                place, weight = columns.torque_places.start + i, out.shape[1] - drives + i
+                knots, tau = np.flatnonzero(wide[:, i - drives] > 0), wide[:, place]
+                if one.phase is not None:  # means of an update's rows
+                    sums = np.append(0.0, np.cumsum(tau))
+                    ends = np.minimum(np.arange(len(tau)) + round(one.rows), len(tau))
+                    tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
+                out[:, place], least = _between(tau, wide[:, weight], knots, inner)
                 out[:, weight] = np.minimum(out[:, weight], least)
         yield out
 
@@ -106,11 +97,11 @@ def _between(
 
 
 def _marked(
-    segment: Iterable[Rows], columns: Columns, hold: tuple[float, ...]
+    segment: Iterable[Rows], columns: Columns, hold: tuple[Hold, ...], rate: float
 ) -> Iterator[Rows]:
     """Rows with a further column a drive: 1 where its torque has been updated."""
     before, since = None, np.full(len(hold), _NEVER)
-    longest = np.maximum(np.ceil(hold).astype(int), 1)
+    longest = np.array([max(1, int(np.ceil(one.rows))) for one in hold])
     for rows in segment:
         if not len(rows):
             continue
@@ -119,8 +110,17 @@ def _marked(
         changed = np.diff(tau, axis=0, prepend=before) != 0
         number = np.arange(len(rows))[:, None]
         last = np.maximum.accumulate(np.where(changed, number, since), axis=0)
-        yield np.hstack([rows, ((number - last) % longest == 0) & (last > _NEVER // 2)])
+        marks = ((number - last) % longest == 0) & (last > _NEVER // 2)
+        for i, one in enumerate(hold):
+            if one.phase is not None:
+                marks[:, i] = row_numbers(rows, rate) % round(one.rows) == one.phase
+        yield np.hstack([rows, marks])
         before, since = tau[-1:], np.where(last[-1] > _NEVER // 2, last[-1] - len(rows), _NEVER)
+
+
+def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:
+    """Numbers of rows counted from time 0 on."""
+    return np.round(np.nan_to_num(rows[:, 0]) * rate).astype(int)
 
 
 def _padded(segment: Iterable[Rows], margin: int, drives: int) -> Iterator[Rows]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from deltaid.recording.columns import Columns
 from deltaid.recording.delay import Growth, Shift, delayed
 from deltaid.recording.gears import Gears
-from deltaid.recording.hold import filled, spread
+from deltaid.recording.hold import Hold, filled
 from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.readings import Readings
 
@@ -72,8 +72,7 @@ class Repairs:
     Attributes:
         readings: what positions and torques are that drives read otherwise; None if they do not.
         gain: what torques of each drive are to be multiplied by; empty for 1.
-        hold: torques of each drive are updated every so many rows and held; 0 for none, empty for
-            no drive.
+        hold: how drives hold their torques between two updates; empty for none.
         delay: torques of each drive are recorded so much late [s]; empty for none.
         constants: of the first-order filter that each drive's torques passed [s]; empty for none.
         growth: how delays grow with time; None for clocks that agree.
@@ -86,7 +85,7 @@ class Repairs:
 
     readings: Readings | None = None
     gain: tuple[float, ...] = ()
-    hold: tuple[float, ...] = ()
+    hold: tuple[Hold, ...] = ()
     delay: tuple[float, ...] = ()
     constants: tuple[float, ...] = ()
     growth: Growth | None = None
@@ -107,7 +106,7 @@ class Repairs:
         if self.left_out:  # as recorded, so that a delay takes weights along with torques
             segment = (self._weighed(rows, columns) for rows in segment)
         if any(self.hold):
-            segment = filled(segment, columns, self.hold)
+            segment = filled(segment, columns, self.hold, rate)
         if (readings := self.readings) is not None:
             segment = (readings.corrected(rows, columns) for rows in segment)
         if any(self.delay) or any(self.constants) or self.growth:
@@ -142,7 +141,7 @@ class Repairs:
         if not any(self.hold):
             return smear
         smear = smear or (0,) * len(self.hold)
-        return tuple(a + spread(rows) for a, rows in zip(smear, self.hold, strict=True))
+        return tuple(a + hold.spread for a, hold in zip(smear, self.hold, strict=True))
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
         """Weights of zero in all stretches that are left out; few of many are near a block.
