@@ -28,6 +28,7 @@ from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # What a lag may be about the one that has been applied already: a standard deviation of half [s].
 _SIZE = 0.02
+_UNSURE = "; a first-order filter of this time constant would look the same here"
 # Lags that differ by more [s] are reported to do so; half a 95 % interval in standard deviations.
 _APART, _NORMAL = 3e-4, 1.96
 
@@ -106,7 +107,13 @@ class TimingColumns(Addition):
 
 @dataclass(frozen=True, eq=False)
 class LagColumns(TimingColumns):
-    """The lags of one recording's torques, each of one drive or of several that have the same."""
+    """The lags of one recording's torques, each of one drive or of several that have the same.
+
+    Attributes:
+        unsure: drives whose lag may be that of a filter as well as a delay.
+    """
+
+    unsure: tuple[int, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -147,7 +154,8 @@ class LagColumns(TimingColumns):
             value = group.delay + remaining
             common = Correction(
                 kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
-                text=_sentence(value, spread, held=not group.free),
+                text=_sentence(value, spread, held=not group.free)
+                + _UNSURE * bool(set(group.drives) & set(self.unsure)),
             )  # fmt: skip
             corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
         return tuple(corrections)
@@ -155,6 +163,39 @@ class LagColumns(TimingColumns):
     @property
     def _free(self) -> tuple[LagGroup, ...]:
         return tuple(group for group in self.groups if group.free)
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownFilter(TimingColumns):
+    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+
+    @property
+    def is_held(self) -> bool:
+        return True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """By how much a response is wider than that of a delay, T², one a group."""
+        return tuple(
+            Parameter("lag", self.name("filter." + "+".join(group.subjects(self.dynamics))), "lag",
+                      "s²", -np.inf, np.inf, 0.0, 0.5 * group.delay**2 / PRIOR_SPREAD)
+            for group in self.groups
+        )  # fmt: skip
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """One entry a drive."""
+        entries = [(drive, k) for k, group in enumerate(self.groups) for drive in group.drives]
+        drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
+        return drives, columns
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """½ τ̈."""
+        drives, _ = self.pattern
+        if not self.is_of(recording):
+            return np.zeros((len(drives), own.shape[1]))
+        slopes = self.slopes(w, own, recording)
+        return -0.5 * recording.log.rate * slope(slopes, self.reversals(own))[drives]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,9 +243,7 @@ def timing_slopes(
     y the torque behind the filter that the trace has, y′ that behind it twice."""
     drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
     by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
-    columns = LagColumns(
-        trace.dynamics, tuple(additions), p, trace.recording, alone(len(drives))
-    )
+    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(len(drives)))
     sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
 
     def derivatives(w: Samples) -> Values:

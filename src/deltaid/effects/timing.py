@@ -1,4 +1,4 @@
-"""How torques of a recording are sampled beside a delay: a filter of each drive, a clock of its own.
+"""How a recording's torques are sampled beside a delay: behind a filter, on a clock of their own.
 
 A filter 1/(1 + T s) is to first order a delay of T. With the lag L = δ + T of a drive, δ its dead
 time, and the rate ρ by which lags grow,
@@ -46,6 +46,8 @@ _TAIL = 5.0
 # clocks of drives are alike, that rows far from reversals agree with the tails, that a lag there
 # is no filter's.
 _SELDOM = 1e-3
+# Standard deviations within which a time constant lies mostly.
+_LIKELY = 2.0
 # Share of a time constant to which it and a lag must be known to say that they are equal.
 _KNOWN = 0.25
 # Standard deviations by which a time constant may exceed a lag, beside the sample by which torques
@@ -134,8 +136,9 @@ class Free:
 
 def other_than_delays(
     rows: TraceRows, trace: Trace, lags: Delay, abrupt: Bool[np.ndarray, " dof"], p: Parameters
-) -> Timing | None:
-    """Filters or a clock that a recording's torques have; None where there is neither.
+) -> tuple[Timing | None, Bool[np.ndarray, " dof"]]:
+    """Filters or a clock that a recording's torques have, None where there is neither; and whose
+    lags may be those of filters as well as delays.
 
     Args:
         rows: what rows are over.
@@ -150,6 +153,7 @@ def other_than_delays(
     # Steps at once, all over a recording, leave no room for a clock.
     clock = 2 * np.count_nonzero(abrupt) < dof and _may_be_clock(rows, trace, none)
     free = Free((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
+    unsure = np.zeros(dof, bool)
     while free.filters.any() or free.clock:
         start = replace(none, constants=np.where(free.filters, 0.5 * lags, 0.0))
         found = _swept(rows, trace, start, free)
@@ -157,9 +161,11 @@ def other_than_delays(
             _filtered(rows, trace, found, free), free.clock and _is_clock(rows, trace, found)
         )
         if np.array_equal(kept.columns, free.columns):
-            return _simplest(rows, trace, found, free)
+            return _simplest(rows, trace, found, free), unsure & ~free.filters
+        long = found.constants + _LIKELY * found.deviation > 0.5 * found.lags
+        unsure |= free.filters & ~kept.filters & long
         free = kept
-    return None
+    return None, unsure
 
 
 def _simplest(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Timing:
@@ -252,9 +258,7 @@ def _sizes(columns: ColumnsOfDrives, tau: OfDrives) -> Float[np.ndarray, " colum
     return size / np.maximum(rms, np.finfo(float).tiny)
 
 
-def _filtered(
-    rows: TraceRows, trace: Trace, found: Timing, free: Free
-) -> Bool[np.ndarray, " dof"]:
+def _filtered(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Bool[np.ndarray, " dof"]:
     """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
     dof, errors, row = len(found.lags), found.covariance, 1.0 / trace.low_pass.rate
     kept = free.filters & (found.constants > row)

@@ -63,8 +63,9 @@ class Trace:
         """The active columns of Y, filtered; those of additions follow those of the robot."""
         regressor = extended(self.dynamics, additions)
         (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
+        margin = self.settling if self.constants else 1
         entries = self.filtered(
-            lambda w: self.behind(self.entries(w, additions), rows), rows, self.settling if self.constants else 1
+            lambda w: self.behind(self.entries(w, additions), rows), rows, margin
         )
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
         Y[rows, :, np.searchsorted(active, columns)] = entries

@@ -8,7 +8,14 @@ import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.clock_rate import ClockColumn
-from deltaid.effects.lag_columns import LagColumns, LagGroup, TimingColumns, UnknownLag, alone
+from deltaid.effects.lag_columns import (
+    LagColumns,
+    LagGroup,
+    TimingColumns,
+    UnknownFilter,
+    UnknownLag,
+    alone,
+)
 from deltaid.effects.lags import chosen_groups, estimate_lags
 from deltaid.effects.timing import Timing, other_than_delays
 from deltaid.effects.torque_filter import FilterColumns
@@ -66,7 +73,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     additions = setup.additions
     rows = TraceRows.of(setup.dynamics, additions, setup.settings.prior_spread)
     for k, (recording, record) in enumerate(traces):
-        timing = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
+        timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
         if timing is not None:
             setup = _timed(setup, recording, record, timing, additions)
             continue
@@ -78,9 +85,22 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
         if not groups and lags.common(k).deviation[0] > _HARDLY:
             kind, groups = UnknownLag, (LagGroup(tuple(range(dof)), 0.0),)
         if groups:
-            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several)
+            which = tuple(np.flatnonzero(unsure).tolist())
+            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several, which)
             setup = setup.changed(additions=(*setup.additions, columns))
+            setup = _allowed(setup, columns)
     return setup
+
+
+def _allowed(setup: Setup, lags: LagColumns) -> Setup:
+    """With intervals that allow for filters, where lags may be theirs."""
+    groups = tuple(group for group in lags.groups if set(group.drives) & set(lags.unsure))
+    if not groups or not all(group.delay for group in groups):
+        return setup
+    columns = UnknownFilter(
+        lags.dynamics, lags.beside, lags.p, lags.recording, groups, lags.several
+    )
+    return setup.changed(additions=(*setup.additions, columns))
 
 
 def _timed(
@@ -121,7 +141,11 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
         repairs = [x.repairs for x in setup.recordings if addition.is_of(x)]
         if any(repair.constants or repair.growth for repair in repairs):
             continue  # beyond chance, and so are their lags
-        kept = tuple(other for other in setup.additions if other is not addition)
+        kept = tuple(
+            other
+            for other in setup.additions
+            if not isinstance(other, TimingColumns) or not other.is_of(addition.recording)
+        )
         setup = setup.changed(additions=kept)
         for recording in setup.recordings:
             if addition.is_of(recording):

@@ -164,9 +164,7 @@ class Shift:
         return np.clip(grown, 1 - self.grown, self.grown - 1)
 
 
-def delayed(
-    segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float
-) -> Iterator[Rows]:
+def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float) -> Iterator[Rows]:
     """Rows of a segment with τ(t + δ) beside the motion at t, in constant memory.
 
     A torque's weight becomes the least of its row and of those that it is made of; what would come

@@ -33,9 +33,7 @@ Rows = Float[np.ndarray, "_ _"]
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
 
 
-def holds(
-    stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float
-) -> tuple[Hold, ...]:
+def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) -> tuple[Hold, ...]:
     """How each drive holds its torque.
 
     Args:
