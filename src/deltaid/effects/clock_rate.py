@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.effects.lag_columns import TimingColumns
-from deltaid.effects.timing import Timing
+from deltaid.effects.sampling import Timing
 from deltaid.estimation.additions import Own, Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged

@@ -17,7 +17,7 @@ where what is found can be one: no filter delays by more than the torque is late
 have the same clock.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,16 +26,14 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.contest import SEEN
 from deltaid.effects.hotelling import exceeded
 from deltaid.effects.lag_columns import timing_slopes
+from deltaid.effects.sampling import Free, Timing
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Delay, Trace
-from deltaid.recording.delay import Growth
 from deltaid.recording.masks.runs import least_about
 from deltaid.recording.windows import Samples
 
-# Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
-_LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
 # Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.
 _MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
 # Sweeps at most, and steps of a lag and a time constant that are small enough [s].
@@ -55,85 +53,6 @@ _KNOWN = 0.25
 _SURE = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class Timing:
-    """How a recording's torques are sampled.
-
-    Attributes:
-        lags: L of each drive [s].
-        constants: T of each drive's filter [s]; 0 where there is none.
-        rate, about: ρ and t_0 [s]; a rate of 0 where clocks agree.
-        covariance: of lags, constants and rate; zero for what is none.
-        p: the parameters that go with them.
-    """
-
-    lags: Delay
-    constants: Delay
-    rate: float
-    about: float
-    covariance: Float[np.ndarray, "all all"]
-    p: Parameters
-
-    @property
-    def pure(self) -> bool:
-        """Whether filters are all that makes torques late that passed one."""
-        filters = self.constants > 0
-        return bool(np.all(self.lags[filters] == self.constants[filters]))
-
-    @property
-    def of_lags(self) -> Float[np.ndarray, "dof dof"]:
-        """Covariance of lags [s²]."""
-        return self.covariance[: len(self.lags), : len(self.lags)]
-
-    @property
-    def deviation(self) -> Delay:
-        """Standard deviations of time constants [s]."""
-        return np.sqrt(np.diag(self.covariance)[len(self.lags) : -1])
-
-    def growth(self, trace: Trace) -> Growth | None:
-        """Of lags in all of a trace's recording."""
-        if not self.rate:
-            return None
-        ends = [run.time[k] for run in trace.stretches for k in (0, -1)]
-        log = trace.recording.log
-        reach = max(abs(end - self.about) for end in ends) + log.samples / log.rate
-        return Growth(self.rate, self.about, float(reach))
-
-    def beside(self, trace: Trace) -> Trace:
-        """A trace as it came with torques beside their motion, the model's filtered as they are."""
-        constants = tuple(self.constants.tolist()) if np.any(self.constants) else ()
-        trace = replace(trace, constants=constants)
-        delays = self.lags - self.constants
-        if not self.rate and not np.any(delays):
-            return trace
-        return trace.shifted(delays, growth=self.growth(trace))
-
-
-@dataclass(frozen=True, eq=False)
-class Free:
-    """What of a timing is estimated.
-
-    Attributes:
-        filters: whose torques may have passed a filter.
-        clock: whether torques may have a clock of their own.
-        pure: whether filters are all that makes torques late, L = T.
-    """
-
-    filters: Bool[np.ndarray, " dof"]
-    clock: bool
-    pure: bool = False
-
-    @property
-    def columns(self) -> Bool[np.ndarray, " all"]:
-        lags, constants = np.ones(len(self.filters), bool), self.filters & (not self.pure)
-        return np.concatenate([lags, constants, [self.clock]])
-
-    @property
-    def deviation(self) -> Float[np.ndarray, " free"]:
-        dof = len(self.filters)
-        return np.repeat([_LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
-
-
 def other_than_delays(
     rows: TraceRows, trace: Trace, lags: Delay, abrupt: Bool[np.ndarray, " dof"], p: Parameters
 ) -> tuple[Timing | None, Bool[np.ndarray, " dof"]]:
@@ -151,7 +70,7 @@ def other_than_delays(
     about = float(np.concatenate([run.time for run in trace.stretches]).mean())
     none = Timing(lags, np.zeros(dof), 0.0, about, np.zeros((2 * dof + 1,) * 2), p)
     # Steps at once, all over a recording, leave no room for a clock.
-    clock = 2 * np.count_nonzero(abrupt) < dof and _may_be_clock(rows, trace, none)
+    clock = 2 * int(np.count_nonzero(abrupt)) < dof and _may_be_clock(rows, trace, none)
     free = Free((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
     unsure = np.zeros(dof, bool)
     while free.filters.any() or free.clock:
@@ -226,7 +145,7 @@ def _linear(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> LinearP
         late = late + longer * free.filters[:, None]
     own = np.concatenate([of_own_drives(x[:, :, None]) for x in (late, longer)], axis=2)
     steps = np.concatenate([own, growing[:, :, None]], axis=2)[:, :, free.columns]
-    warm = _warm(rows, trace, found) if free.clock else np.zeros((*late.shape, 0))
+    warm = _warm(rows, trace, found) if free.clock else own[:, :, :0]
     part = rows.of_trace(trace)
     now = np.concatenate([found.lags, found.constants, [found.rate]])[free.columns]
     return rows.problem(

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.effects.lag_columns import TimingColumns, slope
-from deltaid.effects.timing import Timing
+from deltaid.effects.lags import common_lag
+from deltaid.effects.sampling import Timing
 from deltaid.estimation.additions import Own, Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
@@ -23,6 +24,8 @@ _TEXT = (
     "torques passed a first-order filter of this time constant, which is inverted: steps of "
     "friction at reversals have its tails"
 )
+# Half a 95 % interval in standard deviations.
+_HALF = 1.96
 _PURE = "; it is all that makes them late"
 
 
@@ -57,20 +60,29 @@ class FilterColumns(TimingColumns):
         return (self.timing.constants[:, None] * bend)[self._free]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        rest = dict(zip(self._free.tolist(), judged, strict=True))
-        found = list[Correction]()
-        for i in np.flatnonzero(self.timing.constants).tolist():
-            value, half = float(self.timing.constants[i]), 2.0 * float(self.timing.deviation[i])
-            low, high = value - half, value + half
-            if i in rest and rest[i].low is not None and rest[i].high is not None:
-                low, high = value + rest[i].low, value + rest[i].high
-                value += rest[i].value
-            found.append(
-                Correction(kind="filter", subject=self.dynamics.robot.drives[i],
-                           log=self.recording.path.name, value=value, low=low, high=high, unit="s",
-                           text=_TEXT + _PURE * self.timing.pure)
-            )  # fmt: skip
+        found, rest = list[Correction](), dict(zip(self._free.tolist(), judged, strict=True))
+        for group in self.groups:
+            drives = [i for i in group.drives if self.timing.constants[i] > 0]
+            if self.timing.pure and drives:
+                own = np.ix_(drives, drives)
+                value, deviation = common_lag(self.timing.lags[drives], self.timing.of_lags[own])
+                ends = value - _HALF * deviation, value + _HALF * deviation
+                subjects = group.subjects(self.dynamics) if len(drives) == len(group.drives) else [
+                    self.dynamics.robot.drives[i] for i in drives
+                ]  # fmt: skip
+                found += (self._correction(name, value, ends, _TEXT + _PURE) for name in subjects)
+        for i, one in rest.items():
+            value, name = float(self.timing.constants[i]), self.dynamics.robot.drives[i]
+            ends = tuple(None if end is None else value + end for end in (one.low, one.high))
+            found.append(self._correction(name, value + one.value, ends, _TEXT))
         return tuple(found)
+
+    def _correction(
+        self, subject: str, value: float, ends: tuple[float | None, ...], text: str
+    ) -> Correction:
+        low, high = ends
+        return Correction(kind="filter", subject=subject, log=self.recording.path.name,
+                          value=value, low=low, high=high, unit="s", text=text)  # fmt: skip
 
     @property
     def _free(self) -> np.ndarray:

@@ -17,7 +17,8 @@ from deltaid.effects.lag_columns import (
     alone,
 )
 from deltaid.effects.lags import chosen_groups, estimate_lags
-from deltaid.effects.timing import Timing, other_than_delays
+from deltaid.effects.sampling import Timing
+from deltaid.effects.timing import other_than_delays
 from deltaid.effects.torque_filter import FilterColumns
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition
