@@ -36,7 +36,9 @@ def _clocks(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]
 
 
 def _late_gear(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
-    return replace(h, stiffness=gear(h.machine, _STIFFNESS)), Sensors(delay=np.full(h.machine.dof, _LATE))
+    return replace(h, stiffness=gear(h.machine, _STIFFNESS)), Sensors(
+        delay=np.full(h.machine.dof, _LATE)
+    )
 
 
 def _held_delays(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
