@@ -29,7 +29,7 @@ import numpy as np
 from _table import leave
 
 from deltaid.errors import DeltaidError
-from drives import CAUSES, KINDS, ROWS, case
+from drives import CAUSES, KINDS, ROWS, TIMING, case
 from drives.judge import Judged, judge
 from drives.noise import noise_limit
 from drives.told import identified
@@ -59,6 +59,12 @@ ASKED = {
     "contacts": (0.2, 0.5),
     "load-cycles": (0.3, 0.5),
     "load-half": (0.3, 0.5),
+    "filter-5ms": (0.3, 1.0),
+    "hold-2ms": (0.3, 1.0),
+    "noisy-hold": (0.3, 1.0),
+    "clocks": (0.3, 1.0),
+    "late-gear": (0.3, 1.0),
+    "held-delays": (0.3, 1.0),
     "gains": (1.0, None),
     "stribeck": (0.2, 1.0),
     "direction": (0.2, 1.0),
@@ -266,7 +272,7 @@ def kept(one: Result) -> dict[str, object]:
 def main() -> int:
     """Make, identify, judge, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--rows", default=",".join((*ROWS, *CAUSES)),
+    parser.add_argument("--rows", default=",".join((*ROWS, *TIMING, *CAUSES)),
                         help="of rows.py and causes.py; all of both by default")  # fmt: skip
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--seeds", type=int, default=5)

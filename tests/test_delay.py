@@ -33,7 +33,7 @@ def waves(rate: float, late: np.ndarray, seconds: float = 2.0) -> np.ndarray:
 def put_right(rows: np.ndarray, late: np.ndarray, rate: float, cuts: list[int]) -> np.ndarray:
     blocks = iter(np.split(rows, cuts))
     kinds = columns(len(late), velocity=True)
-    return np.vstack([*delayed(blocks, kinds, tuple(late.tolist()), rate)])
+    return np.vstack([*delayed(blocks, kinds, Shift.of(late.tolist(), rate), rate)])
 
 
 @pytest.mark.parametrize("rate", [100.0, 1000.0, 10_000.0])
@@ -103,4 +103,4 @@ def test_a_segment_shorter_than_the_lag_counts_for_nothing() -> None:
     out = put_right(rows, np.full(2, 9.5e-3), 1000.0, [1])
     assert len(out) == 4
     assert np.all(out[:, -2:] == 0)
-    assert [*delayed(iter([]), columns(2), (1e-3, 1e-3), 1000.0)] == []
+    assert [*delayed(iter([]), columns(2), Shift.of((1e-3, 1e-3), 1000.0), 1000.0)] == []

@@ -9,5 +9,6 @@ from drives.cases import case
 from drives.causes import CAUSES
 from drives.robots import KINDS
 from drives.rows import ROWS, Case
+from drives.timing import TIMING
 
-__all__ = ["CAUSES", "KINDS", "ROWS", "Case", "case"]
+__all__ = ["CAUSES", "KINDS", "ROWS", "TIMING", "Case", "case"]

@@ -1,4 +1,4 @@
-"""The recordings of a row of either table, of `rows.py` or of `causes.py`."""
+"""The recordings of a row of all tables, of `rows.py`, `timing.py` or of `causes.py`."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from drives.production import production_machine
 from drives.robots import machine
 from drives.rows import ROWS, Case, load_of
 from drives.sensors import Sensors
+from drives.timing import TIMING
 
 
 def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
-    """The recordings of a row of either table, of a kind of robot."""
+    """The recordings of a row of all tables, of a kind of robot."""
     rng = np.random.default_rng([seed, crc32(kind.encode()), crc32(row.encode())])
     m = (production_machine(kind, seed) if row.startswith("production")
          else machine(kind, seed, row == "poor-priors"))  # fmt: skip
@@ -40,8 +41,8 @@ def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
         sensors = (Sensors(gain=gain),) * 2
         both = (h, loaded)
     else:
-        h, one = ROWS[row].make(h, rng)
+        h, one = (ROWS | TIMING)[row].make(h, rng)
         both, sensors = (h,), (one,)
     logs = tuple(s.recorded(x) for s, x in zip(sensors, both, strict=True))
     return Case(row, kind, seed, both[0].machine, m.robot, both, sensors, logs,
-                ROWS[row].tells)  # fmt: skip
+                (ROWS | TIMING)[row].tells)  # fmt: skip

@@ -35,6 +35,10 @@ class Sensors:
         scale: recorded angle over the true one.
         homing: error of q's zero (rad, m).
         stale: share of rows that repeat the one before.
+        hold: time between two updates of a torque column, which is held from one to the next (s);
+            by whole multiples of it, whatever the delay.
+        held_noise: whether the noise is that of the drive, which is held as well; else the log's.
+        clocks: by how much the clock of the torques runs fast.
         gripper: whether a column tells when a load is held.
     """
 
@@ -53,6 +57,9 @@ class Sensors:
     scale: Array | float = 1.0
     homing: Array | float = 0.0
     stale: float = 0.0
+    hold: float = 0.0
+    held_noise: bool = True
+    clocks: float = 0.0
     gripper: bool = False
 
     @property
@@ -81,7 +88,11 @@ class Sensors:
         if self.current_loop is not None:
             tau = _first_order(tau, machine.rate / (2 * np.pi * self.current_loop))
         tau = self.gain * tau + scale * self.offset
+        if not self.held_noise:
+            tau = self._held(tau, machine.rate)
         tau = tau + self.noise * scale * rng.standard_normal(tau.shape)
+        if self.held_noise:
+            tau = self._held(tau, machine.rate)
         if self.clip is not None:
             tau = np.clip(tau, -self.clip * scale, self.clip * scale)
         columns |= _named("tau", tau)
@@ -94,8 +105,18 @@ class Sensors:
         row = np.maximum.accumulate(np.where(stale, 0, np.arange(len(time))))
         return table[row].with_columns(pl.Series("t", time))
 
+    def _held(self, tau: Array, rate: float) -> Array:
+        """Each update's torque until the next one."""
+        if not self.hold:
+            return tau
+        every = round(self.hold * rate)
+        return tau[np.arange(len(tau)) // every * every]
+
     def _late(self, happening: Happening) -> Array:
         delay = np.broadcast_to(self.delay, happening.machine.dof)
+        if self.clocks:
+            time = happening.time * (1 + self.clocks)
+            return happening.moved(time - float(np.mean(delay))).tau
         tau = happening.truth.tau.copy()
         for late in np.unique(delay[delay != 0]):
             tau[:, delay == late] = happening.moved(happening.time - late).tau[:, delay == late]

@@ -248,7 +248,7 @@ def _lag(study: Study, *, unknown: bool = False) -> Verdict:
 def _agreement(study: Study) -> str:
     """Text for torques and positions that agree in time, after a correction if there was one."""
     lag = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
-    applied = study.fit.trace.recording.repairs.delay
+    applied = study.fit.trace.recording.repairs.lag
     if not any(applied):
         return f"torques and positions agree in time: {lag}"
     corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]

@@ -28,6 +28,7 @@ from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # What a lag may be about the one that has been applied already: a standard deviation of half [s].
 _SIZE = 0.02
+_UNSURE = "; a first-order filter of this time constant would look the same here"
 # Lags that differ by more [s] are reported to do so; half a 95 % interval in standard deviations.
 _APART, _NORMAL = 3e-4, 1.96
 
@@ -57,14 +58,14 @@ class LagGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class LagColumns(Addition):
-    """The lags of one recording's torques, each of one drive or of several that have the same.
+class TimingColumns(Addition):
+    """How the torques of one recording are sampled, as columns of derivatives of the model's.
 
     Attributes:
-        dynamics, beside: the robot and the additions whose torques lag.
+        dynamics, beside: the robot and the additions whose torques these are.
         p: the parameters of both, in their order.
-        recording: which has these lags.
-        groups: drives that lag; others do not.
+        recording: which is sampled so.
+        groups: drives that are; others are not.
         several: whether the fit has other recordings.
     """
 
@@ -75,12 +76,50 @@ class LagColumns(Addition):
     groups: tuple[LagGroup, ...]
     several: bool = False
 
+    def is_of(self, recording: Recording) -> bool:
+        return recording.log.sha256 == self.recording.log.sha256
+
+    def slopes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """−τ̇ of each drive."""
+        return -recording.log.rate * slope(self.torques(w, own, recording), self.reversals(own))
+
+    def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """τ of each drive."""
+        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
+        rows, columns = extended(self.dynamics, self.beside).regressor_pattern
+        tau = w.carried.T.copy()  # of loads, which lag with all else
+        for i in range(len(tau)):
+            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
+        return tau
+
+    def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
+        """Whether a joint with friction turns round between a sample and the next, in whose row."""
+        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
+        turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
+        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
+            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
+        return turned
+
+    def name(self, drives: str = "torques") -> str:
+        """Of a parameter, with the recording where there are several."""
+        return drives + (f"@{self.recording.path}" if self.several else "")
+
+
+@dataclass(frozen=True, eq=False)
+class LagColumns(TimingColumns):
+    """The lags of one recording's torques, each of one drive or of several that have the same.
+
+    Attributes:
+        unsure: drives whose lag may be that of a filter as well as a delay.
+    """
+
+    unsure: tuple[int, ...] = ()
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """One lag a group that is free."""
-        where = f"@{self.recording.path}" if self.several else ""
         return tuple(
-            Parameter("lag", ("+".join(group.subjects(self.dynamics)) or "torques") + where,
+            Parameter("lag", self.name("+".join(group.subjects(self.dynamics)) or "torques"),
                       "lag", "s", -np.inf, np.inf, group.beside,
                       min(group.deviation / PRIOR_SPREAD, _SIZE))
             for group in self._free
@@ -93,20 +132,12 @@ class LagColumns(Addition):
         drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
         return drives, columns
 
-    def is_of(self, recording: Recording) -> bool:
-        return recording.log.sha256 == self.recording.log.sha256
-
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """−τ̇ of each drive that lags."""
         drives, _ = self.pattern
         if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
-        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
-        rows, columns = extended(self.dynamics, self.beside).regressor_pattern
-        tau = w.carried.T.copy()  # of loads, which lag with all else
-        for i in range(len(tau)):
-            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
-        return -recording.log.rate * slope(tau, self._reversals(own))[drives]
+        return self.slopes(w, own, recording)[drives]
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
@@ -123,22 +154,48 @@ class LagColumns(Addition):
             value = group.delay + remaining
             common = Correction(
                 kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
-                text=_sentence(value, spread, held=not group.free),
+                text=_sentence(value, spread, held=not group.free)
+                + _UNSURE * bool(set(group.drives) & set(self.unsure)),
             )  # fmt: skip
             corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
         return tuple(corrections)
 
-    def _reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
-        """Whether a joint with friction turns round between a sample and the next, in whose row."""
-        layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
-        turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
-        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
-            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
-        return turned
-
     @property
     def _free(self) -> tuple[LagGroup, ...]:
         return tuple(group for group in self.groups if group.free)
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownFilter(TimingColumns):
+    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+
+    @property
+    def is_held(self) -> bool:
+        return True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """By how much a response is wider than that of a delay, T², one a group."""
+        return tuple(
+            Parameter("lag", self.name("filter." + "+".join(group.subjects(self.dynamics))), "lag",
+                      "s²", -np.inf, np.inf, 0.0, 0.5 * group.delay**2 / PRIOR_SPREAD)
+            for group in self.groups
+        )  # fmt: skip
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """One entry a drive."""
+        entries = [(drive, k) for k, group in enumerate(self.groups) for drive in group.drives]
+        drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
+        return drives, columns
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """½ τ̈."""
+        drives, _ = self.pattern
+        if not self.is_of(recording):
+            return np.zeros((len(drives), own.shape[1]))
+        slopes = self.slopes(w, own, recording)
+        return -0.5 * recording.log.rate * slope(slopes, self.reversals(own))[drives]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +229,32 @@ def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> O
     return trace.filtered(
         lambda w: lags.entries(w, by_p.entries(w), trace.recording), np.arange(dof), 1
     )
+
+
+def timing_slopes(
+    trace: Trace, p: Parameters, additions: Sequence[Addition], about: float
+) -> tuple[OfDrives, OfDrives, OfDrives]:
+    """By what a drive's torque of p changes, filtered, for each second that it comes late, each
+    second that its filter's time constant is longer and its dead time shorter, and each second
+    that it comes later a second, t_0 = `about`:
+
+        −ẏ,    d(y − y′)/dt,    −(t − t_0) ẏ,
+
+    y the torque behind the filter that the trace has, y′ that behind it twice."""
+    drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
+    by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(len(drives)))
+    sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
+
+    def derivatives(w: Samples) -> Values:
+        own = by_p.entries(w)
+        once = trace.behind(columns.torques(w, own, trace.recording), drives)
+        twice = trace.behind(once.copy(), drives)
+        late = -rate * slope(once, columns.reversals(own) & sharp[:, None])
+        return np.vstack([late, rate * slope(once - twice), (w.time - about) * late])
+
+    found = trace.filtered(derivatives, np.tile(drives, 3), trace.settling)
+    return found[: len(drives)], found[len(drives) : 2 * len(drives)], found[2 * len(drives) :]
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:

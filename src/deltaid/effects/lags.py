@@ -19,10 +19,10 @@ from itertools import groupby
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import fdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.hotelling import limit
 from deltaid.effects.lag_columns import LagGroup, slopes
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.estimation.additions import Addition
@@ -75,6 +75,7 @@ class Lags:
         covariance: of each recording's [s²].
         steps, told: those that reversals show, and standard deviations, infinite for others [s].
         agrees: whether the other rows agree; where they do not, something else is wrong.
+        abrupt: whether reversals show steps at once, which no filter lets through.
         p: the parameters that go with them, of the robot and of additions.
     """
 
@@ -83,6 +84,7 @@ class Lags:
     steps: Delays
     told: Delays
     agrees: Bool[np.ndarray, "recordings dof"]
+    abrupt: Bool[np.ndarray, "recordings dof"]
     p: Parameters
 
     def each(self, k: int) -> Lag:
@@ -117,6 +119,7 @@ def estimate_lags(
     *,
     spread: float,
     start: Delays | None = None,
+    turning: Sequence[Trace] = (),
 ) -> Lags:
     """One lag a drive and recording, with covariances.
 
@@ -127,6 +130,8 @@ def estimate_lags(
         additions: extra columns.
         spread: relative standard deviation of the prior.
         start: lags to begin with [s]; none if not given.
+        turning: of the same recordings with positions of motors, which have the friction; traces
+            themselves if not given.
     """
     rows = TraceRows.of(traces[0].dynamics, additions, spread)
     nothing = np.zeros((len(traces), rows.dynamics.dof))
@@ -134,7 +139,7 @@ def estimate_lags(
     values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))
     reversals = [
         lags_of_reversals(trace, additions, p, lags)
-        for trace, lags in zip(traces, values, strict=True)
+        for trace, lags in zip(turning or traces, values, strict=True)
     ]
     steps, step_std = np.array([(lag.values, lag.deviation) for lag in reversals]).swapaxes(0, 1)
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -142,6 +147,7 @@ def estimate_lags(
     # A filter and friction that yields look alike; one that no other rows confirm does not count.
     yields = np.array([lag.filtered for lag in reversals]) & ~agrees
     step_std = np.where(yields, np.inf, step_std)
+    abrupt = np.isfinite(step_std) & ~np.array([lag.filtered for lag in reversals])
     known = np.isfinite(step_std)
     agrees |= ~known
     if known.any():
@@ -156,7 +162,7 @@ def estimate_lags(
     # Where steps contradict a drive's friction law, other rows are not trusted.
     doubtful = (np.array([lag.doubtful for lag in reversals]) | yields) & ~known
     covariance = covariance + _DOUBTFUL**2 * _diagonal(doubtful)
-    return Lags(values, covariance, steps, step_std, agrees, p)
+    return Lags(values, covariance, steps, step_std, agrees, abrupt, p)
 
 
 def _diagonal(entries: np.ndarray) -> Covariances:
@@ -236,7 +242,7 @@ def chosen_groups(values: Delay, covariance: Covariance) -> Choice:
 def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
     """Whether estimates do not contradict that all are of the same size."""
     _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
-    return distance <= _limit(len(values) - 1, _SELDOM)
+    return distance <= limit(len(values) - 1, _SELDOM)
 
 
 def common_lag(values: Delay, covariance: Covariance) -> tuple[float, float]:
@@ -273,16 +279,10 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
     """
     free = len(labels) - max(labels)
     if not any(labels):
-        common = distance - together > _limit(1, 0.5 * _REJECTED)
-        return common or distance > _limit(free, 0.5 * _REJECTED)
+        common = distance - together > limit(1, 0.5 * _REJECTED)
+        return common or distance > limit(free, 0.5 * _REJECTED)
     share = _REJECTED if len(set(labels)) == 1 else _UNLIKELY
-    return free > 0 and distance > _limit(free, share)
-
-
-def _limit(free: int, rejected: float) -> float:
-    """What T² with so many directions exceeds by chance in this share of cases."""
-    nu = STRETCHES - 1
-    return free * nu / (nu - free + 1) * float(fdtri(free, nu - free + 1, 1 - rejected))
+    return free > 0 and distance > limit(free, share)
 
 
 def _hypotheses(dof: int) -> list[tuple[int, ...]]:

@@ -111,10 +111,11 @@ def lags_of_reversals(
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
     lags = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period
+    held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
     for i, start in enumerate(known.tolist()):
         rough = located(_about_reversals(trace, modelled, i, start, far), start, far)
-        if rough is None:
+        if held[i] or rough is None:
             continue
         steps = _about_reversals(trace, modelled, i, rough[0], near)
         place = located(steps, rough[0], near)

@@ -6,13 +6,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.signal import lfilter
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.convolution import apply
-from deltaid.recording.delay import Shift
+from deltaid.recording.delay import Growth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.runs import least_about
 from deltaid.recording.recording import Recording
@@ -20,6 +21,8 @@ from deltaid.recording.windows import WINDOW, Samples
 
 # Windows that are kept at most: 256 s at 1 kHz.
 _MOST = 32
+# Time constants after which a filter has forgotten its beginning.
+_FORGOTTEN = 10.0
 # A time step this much longer than the usual one ends a stretch.
 _GAP = 1.5
 
@@ -37,6 +40,8 @@ class Trace:
     stretches: tuple[Samples, ...]
     low_pass: LowPass
     recording: Recording
+    # of first-order filters that torques of the model go through, as those of drives [s]
+    constants: tuple[float, ...] = ()
 
     def filtered(
         self,
@@ -58,7 +63,10 @@ class Trace:
         """The active columns of Y, filtered; those of additions follow those of the robot."""
         regressor = extended(self.dynamics, additions)
         (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
-        entries = self.filtered(lambda w: self.entries(w, additions), rows, 1)
+        margin = self.settling if self.constants else 1
+        entries = self.filtered(
+            lambda w: self.behind(self.entries(w, additions), rows), rows, margin
+        )
         Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
         Y[rows, :, np.searchsorted(active, columns)] = entries
         return Y
@@ -74,10 +82,37 @@ class Trace:
         own = entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
         return np.vstack([own, *(more.entries(w, own, self.recording) for more in additions)])
 
-    def shifted(self, delay: Delay) -> "Trace":
-        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it."""
-        shift = Shift.of(delay.tolist(), self.low_pass.rate)
-        parts = (_shifted(run, shift, self.low_pass.rate) for run in self.stretches)
+    def behind(self, x: Values, drives: Int[np.ndarray, " channels"]) -> Values:
+        """Channels of drives behind the filters of these, 1 / (1 + T s), from a steady state on."""
+        for i, constant in enumerate(self.constants):
+            if constant:
+                own = drives == i
+                x = x if x.flags.owndata else x.copy()
+                T = constant * self.low_pass.rate
+                a, pole = 1 / (1 + 2 * T), (2 * T - 1) / (2 * T + 1)
+                first = x[own, :1]
+                x[own] = lfilter([a, a], [1.0, -pole], x[own] - first) + first
+        return x
+
+    @property
+    def settling(self) -> int:
+        """Samples that filters take to forget how they began, and those that slopes need."""
+        return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
+
+    def shifted(
+        self, delay: Delay, constants: Delay | None = None, growth: Growth | None = None
+    ) -> "Trace":
+        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it.
+
+        Args:
+            constants: of filters that torques passed [s]; none if not given.
+            growth: of delays with time.
+        """
+        rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
+        parts = (
+            _shifted(run, Shift.of(delay.tolist(), rate, filters, growth), rate)
+            for run in self.stretches
+        )
         long = tuple(run for run in parts if _outputs(self.low_pass, len(run.time)) > 0)
         return replace(self, stretches=long)
 

@@ -162,7 +162,7 @@ def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | 
 
 def _lags(result: Judged) -> tuple[KnownLag, ...]:
     drives = result.model.robot.drives
-    delays = result.recordings[0].repairs.delay or (0.0,) * len(drives)
+    delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
     known: dict[int, tuple[float, float | None]] = dict.fromkeys(range(len(drives)), (0.0, _EXACT))
     columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
     for group in (group for lags in columns for group in lags.groups if group.free):

@@ -1,6 +1,8 @@
 """Recordings corrected as those were that a model comes from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +11,8 @@ from deltaid.effects.windings import motors_of
 from deltaid.identification.left_out import spans_left_out
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import Source
+from deltaid.recording.delay import Growth
+from deltaid.recording.held import holds
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.repairs import Repairs
@@ -39,11 +43,18 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         motors = motors_of(model.robot, model.p, recording.low_pass.cutoff, recording.log.rate)
         values = (compliance.get(drive) or 0.0 for drive in model.robot.drives)
         gears = replace(motors, compliance=tuple(values))
-    delay = tuple(delays_of(model, log).tolist())
+    delay, filters = delays_of(model, log), _mean_of(sources, "filters", model)
+    dead = tuple((delay - filters).tolist())
+    hold = ()
+    if any(correction.kind == "hold" for correction in corrections):
+        hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
     same = [source for source in sources if source.sha256 == log.sha256]
     repairs = Repairs(
         gain=tuple(model.gains.tolist()) if np.any(model.gains != 1.0) else (),
-        delay=delay if any(delay) else (),
+        hold=hold if any(hold) else (),
+        delay=dead if any(dead) else (),
+        constants=tuple(filters.tolist()) if np.any(filters) else (),
+        growth=Growth(*same[0].growth) if same and same[0].growth else None,
         left_out=spans_left_out(same[0], model.robot.drives) if same else (),
         gears=gears,
     )
@@ -53,9 +64,15 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
 def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drives"]:
     """By how much the torques of each drive come late [s]; in the mean over the recordings that the
     model comes from, or in a log that is one of these."""
+    return _mean_of(_sources(model, log), "delay", model)
+
+
+def _mean_of(
+    sources: Sequence[Source], name: Literal["delay", "filters"], model: Model
+) -> Float[np.ndarray, " drives"]:
+    """Of a number of each drive over sources; zero where one has none."""
     none = (0.0,) * len(model.robot.drives)
-    sources = _sources(model, log)
-    return np.mean([source.delay or none for source in sources] or [none], axis=0)
+    return np.mean([getattr(source, name) or none for source in sources] or [none], axis=0)
 
 
 def _sources(model: Model, log: Log | None) -> tuple[Source, ...]:

@@ -1,7 +1,7 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -222,5 +222,7 @@ def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[s
         used_samples=used,
         left_out=left_out(log, drives, error, recording.repairs),
         events=events(recording.repairs, drives),
-        delay=recording.repairs.delay,
+        delay=recording.repairs.lag,
+        filters=recording.repairs.constants,
+        growth=None if (growth := recording.repairs.growth) is None else astuple(growth),
     )

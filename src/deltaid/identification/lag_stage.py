@@ -7,10 +7,22 @@ from itertools import islice
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.lag_columns import LagColumns, LagGroup, UnknownLag, alone
-from deltaid.effects.lags import estimate_lags
+from deltaid.effects.clock_rate import ClockColumn
+from deltaid.effects.lag_columns import (
+    LagColumns,
+    LagGroup,
+    TimingColumns,
+    UnknownFilter,
+    UnknownLag,
+    alone,
+)
+from deltaid.effects.lags import chosen_groups, estimate_lags
+from deltaid.effects.sampling import Timing
+from deltaid.effects.timing import other_than_delays
+from deltaid.effects.torque_filter import FilterColumns
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition
+from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
@@ -41,13 +53,14 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     progress("looking for lags")
     traces = list[tuple[Recording, Trace]]()
     for k, recording in enumerate(setup.recordings):
-        as_it_came, record = replace(recording, repairs=replace(recording.repairs, delay=())), None
+        bare = replace(recording.repairs, delay=(), constants=(), growth=None)
+        as_it_came, record = replace(recording, repairs=bare), None
         if not setup.is_disturbed(k):
             record = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
         if record is not None:
             traces.append((recording, record))
         else:  # an initial lag by other stages is no estimate
-            setup = setup.repaired(recording, delay=())
+            setup = setup.repaired(recording, delay=(), constants=(), growth=None)
     if not traces:
         return setup
     dof, several = setup.dynamics.dof, len(setup.recordings) > 1
@@ -55,20 +68,63 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
         [record for _, record in traces],
         setup.additions,
         spread=setup.settings.prior_spread,
-        start=np.array([recording.repairs.delay or np.zeros(dof) for recording, _ in traces]),
+        turning=[_of_motors(setup, record) for _, record in traces],
+        start=np.array([recording.repairs.lag or np.zeros(dof) for recording, _ in traces]),
     )
     additions = setup.additions
-    for k, (recording, _) in enumerate(traces):
+    rows = TraceRows.of(setup.dynamics, additions, setup.settings.prior_spread)
+    for k, (recording, record) in enumerate(traces):
+        timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
+        if timing is not None:
+            setup = _timed(setup, recording, record, timing, additions)
+            continue
         kind, groups, delay = LagColumns, lags.groups(k), np.zeros(dof)
         for group in groups:
             delay[list(group.drives)] = group.delay
-        setup = setup.repaired(recording, delay=tuple(delay.tolist()) if groups else ())
+        delays = tuple(delay.tolist()) if groups else ()
+        setup = setup.repaired(recording, delay=delays, constants=(), growth=None)
         if not groups and lags.common(k).deviation[0] > _HARDLY:
             kind, groups = UnknownLag, (LagGroup(tuple(range(dof)), 0.0),)
         if groups:
-            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several)
+            which = tuple(np.flatnonzero(unsure).tolist())
+            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several, which)
             setup = setup.changed(additions=(*setup.additions, columns))
+            setup = _allowed(setup, columns)
     return setup
+
+
+def _allowed(setup: Setup, lags: LagColumns) -> Setup:
+    """With intervals that allow for filters, where lags may be theirs."""
+    groups = tuple(group for group in lags.groups if set(group.drives) & set(lags.unsure))
+    if not groups or not all(group.delay for group in groups):
+        return setup
+    columns = UnknownFilter(
+        lags.dynamics, lags.beside, lags.p, lags.recording, groups, lags.several
+    )
+    return setup.changed(additions=(*setup.additions, columns))
+
+
+def _timed(
+    setup: Setup, recording: Recording, record: Trace, timing: Timing, beside: Sequence[Addition]
+) -> Setup:
+    """Torques without filters and with one clock, and columns for what remains."""
+    choice, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
+    delay = np.array(choice.delay)
+    if timing.pure:
+        timing = replace(timing, constants=np.where(timing.constants > 0, delay, 0.0), lags=delay)
+    setup = setup.repaired(
+        recording, delay=tuple((delay - timing.constants).tolist()),
+        constants=tuple(timing.constants.tolist()) if np.any(timing.constants) else (),
+        growth=timing.growth(record),
+    )  # fmt: skip
+    groups = tuple(LagGroup(members, choice.delay[members[0]]) for members in choice.groups)
+    common = (setup.dynamics, tuple(beside), timing.p, recording, groups, several)
+    columns = list[Addition]([LagColumns(*common)] if groups else [])
+    if np.any(timing.constants):
+        columns.append(FilterColumns(*common, timing=timing))
+    if timing.rate:
+        columns.append(ClockColumn(*common, timing=timing))
+    return setup.changed(additions=(*setup.additions, *columns))
 
 
 def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
@@ -83,7 +139,14 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
         fitted = tuple(islice(rest, len(addition.parameters)))
         if not isinstance(addition, LagColumns) or not _doubtful(addition.told(fitted)):
             continue
-        kept = tuple(other for other in setup.additions if other is not addition)
+        repairs = [x.repairs for x in setup.recordings if addition.is_of(x)]
+        if any(repair.constants or repair.growth for repair in repairs):
+            continue  # beyond chance, and so are their lags
+        kept = tuple(
+            other
+            for other in setup.additions
+            if not isinstance(other, TimingColumns) or not other.is_of(addition.recording)
+        )
         setup = setup.changed(additions=kept)
         for recording in setup.recordings:
             if addition.is_of(recording):
@@ -99,8 +162,8 @@ def _doubtful(lags: Sequence[Correction]) -> bool:
 
 
 def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions that are none of lags."""
-    return tuple(addition for addition in additions if not isinstance(addition, LagColumns))
+    """Additions that are none of lags, filters and clocks."""
+    return tuple(addition for addition in additions if not isinstance(addition, TimingColumns))
 
 
 def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int) -> Trace | None:
@@ -111,6 +174,15 @@ def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int)
         return trace(setup.dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:
         return None  # with recorded velocities and accelerations it can still be fitted
+
+
+def _of_motors(setup: Setup, record: Trace) -> Trace:
+    """A trace with positions of motors where it has those of links."""
+    recording = record.recording
+    if recording.repairs.gears is None:
+        return record
+    motors = replace(recording, repairs=replace(recording.repairs, gears=None))
+    return traced(setup, motors, recording.cutoff, _WINDOWS) or record
 
 
 def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:

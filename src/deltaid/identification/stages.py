@@ -7,6 +7,7 @@ from deltaid.identification.events import without_events
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
+from deltaid.identification.hold_stage import holds_filled
 from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
@@ -45,6 +46,7 @@ def sharpened(setup: Setup, progress: Progress) -> Setup:
 
 STAGES: tuple[Stage, ...] = (
     sensors_included,
+    holds_filled,
     late_rates_left_out,
     declared_loads,
     without_events,

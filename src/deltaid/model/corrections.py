@@ -9,6 +9,9 @@ from deltaid.robot.part import Part
 Kind = Literal[
     "velocity",
     "lag",
+    "filter",
+    "hold",
+    "clock",
     "load",
     "contact",
     "backlash",

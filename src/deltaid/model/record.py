@@ -54,7 +54,15 @@ class Source(Part):
         default=(), description="what was left out; missing in earlier files"
     )
     delay: tuple[float, ...] = Field(
-        default=(), description="by how much torques of each drive were read later [s]; empty: none"
+        default=(), description="by how much torques of each drive are late [s]; empty: none"
+    )
+    filters: tuple[float, ...] = Field(
+        default=(), description="time constants of drives' filters among it [s]; empty: none"
+    )
+    growth: tuple[float, float, float] | None = Field(
+        default=None,
+        description="rate at which the delay grows, the time at which it is the one above, and how "
+        "far other times are from there at most [s]; missing where clocks agree",
     )
     events: tuple[Event, ...] = Field(
         default=(),

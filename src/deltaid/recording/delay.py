@@ -10,6 +10,10 @@ smooth and can be interpolated, as can what sensors show, while a torque jumps w
 round, and interpolating spreads the jump over neighbouring samples. So where all drives have the
 same lag, every torque stays as it was recorded. Only of drives that differ, by no whole number of
 samples, torques are interpolated, r_i ≠ 0.
+
+Two more things go with a delay. A torque y that passed a filter 1/(1 + T s) was y + T ẏ, whose
+slope comes from the polynomial that interpolates. Where the clock of torques is another one than
+that of positions, δ grows with time, δ + ρ (t − t_0), and every torque is interpolated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,8 +26,8 @@ from jaxtyping import Float
 from deltaid.recording.columns import Columns
 from deltaid.recording.table import recut
 
-# Samples on either side that a torque, and a motion, is interpolated from.
-_TORQUE, _MOTION = 2, 4
+# Samples on either side that a torque, one with its slope, and a motion are interpolated from.
+_TORQUE, _SLOPE, _MOTION = 2, 3, 4
 # Rows put right at once, and parts of a sample that are none.
 _AT_ONCE, _NONE = 8000, 1e-9
 
@@ -31,44 +35,87 @@ Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)
+class Growth:
+    """How lags grow with time, by ρ (t − t_0).
+
+    Attributes:
+        rate: ρ, the share by which the clock of torques runs slow; negative where it runs fast.
+        about: t_0 [s].
+        reach: largest |t − t_0| [s].
+    """
+
+    rate: float
+    about: float
+    reach: float
+
+    @property
+    def most(self) -> float:
+        """By how much it changes a lag at most [s]."""
+        return abs(self.rate) * self.reach
+
+
+@dataclass(frozen=True)
 class Shift:
-    """Delays in samples.
+    """Delays in samples, and what goes with them.
 
     Attributes:
         common: f, by which the motion is taken earlier, in samples.
         whole: k of each drive.
         rest: r of each drive, between -½ and ½.
+        constants: T of each drive's filter, in samples; empty for none.
+        growth: of all lags; None for none.
+        grown: by how much that changes them at most, in samples.
     """
 
     common: float
     whole: tuple[int, ...]
     rest: tuple[float, ...]
+    constants: tuple[float, ...] = ()
+    growth: Growth | None = None
+    grown: int = 0
 
     @classmethod
-    def of(cls, delay: Sequence[float], rate: float) -> "Shift":
+    def of(
+        cls,
+        delay: Sequence[float],
+        rate: float,
+        constants: Sequence[float] = (),
+        growth: Growth | None = None,
+    ) -> "Shift":
         """The shift of delays [s] at a sampling rate [Hz], with as few parts of samples as can be.
 
-        The common part is that of most drives.
+        The common part is that of most drives; none where lags grow.
+
+        Args:
+            constants: of filters [s]; empty for none.
         """
-        samples = np.asarray(delay, dtype=float) * rate
+        count = max(len(delay), len(constants))
+        samples = np.asarray(delay if len(delay) else np.zeros(count), dtype=float) * rate
         parts = samples - np.round(samples)
         alike = np.abs(_to_nearest(samples[:, None] - samples[None, :])) < _NONE
-        common = float(parts[np.argmax(alike.sum(axis=1))]) if parts.size else 0.0
+        common = float(parts[np.argmax(alike.sum(axis=1))]) if parts.size and not growth else 0.0
         whole = np.round(samples - common)
         rest = samples - common - whole
         rest[np.abs(rest) < _NONE] = 0.0
-        return cls(common, tuple(whole.astype(int).tolist()), tuple(rest.tolist()))
+        filters = tuple((np.asarray(constants) * rate).tolist()) if any(constants) else ()
+        grown = int(np.ceil(growth.most * rate)) + 1 if growth else 0
+        places = tuple(whole.astype(int).tolist())
+        return cls(common, places, tuple(rest.tolist()), filters, growth, grown)
 
     @property
     def smear(self) -> tuple[int, ...]:
         """Over how many samples to either side each drive's torque is spread."""
-        return tuple(_TORQUE if rest else 0 for rest in self.rest)
+        constants = self.constants or (0.0,) * len(self.rest)
+        return tuple(
+            _SLOPE if T else _TORQUE if rest or self.growth else 0
+            for rest, T in zip(self.rest, constants, strict=True)
+        )
 
     @property
     def reach(self) -> tuple[int, int]:
         """How many rows before and after one are needed to put it right."""
         first, last = min(self.whole, default=0), max(self.whole, default=0)
-        around = _TORQUE if any(self.rest) else 0
+        around = max(self.smear, default=0) + self.grown
         moved = _MOTION if self.common else 0
         return max(moved, around - first, 0), max(moved, around + last, 0)
 
@@ -95,18 +142,29 @@ class Shift:
             out[:, 0] -= self.common / rate
             beyond = np.any([np.isnan(later(0, by)) for by, _ in at], axis=0)
             out[beyond, wide.shape[1] - drives :] = 0.0
-        for i, (whole, rest) in enumerate(zip(self.whole, self.rest, strict=True)):
+        grown = self._growing(wide[before : before + count, 0], rate)
+        constants = self.constants or (0.0,) * drives
+        for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
-            at = [(whole + by, share) for by, share in around(rest, _TORQUE)]
-            out[:, tau] = sum(share * later(tau, by) for by, share in at)
-            least = np.min([later(weight, by) for by, _ in at], axis=0)
+            if grown is None:
+                at = [(whole + by, share) for by, share in _taps(rest, T)]
+                out[:, tau] = sum(share * later(tau, by) for by, share in at)
+                least = np.min([later(weight, by) for by, _ in at], axis=0)
+            else:
+                place = before + np.arange(count) + whole + rest + grown
+                out[:, tau], least = _read(wide[:, tau], wide[:, weight], place, T)
             out[:, weight] = np.minimum(out[:, weight], least)
         return out
 
+    def _growing(self, time: np.ndarray, rate: float) -> np.ndarray | None:
+        """By how many samples lags are longer at some times; None where they do not grow."""
+        if self.growth is None:
+            return None
+        grown = self.growth.rate * (np.nan_to_num(time) - self.growth.about) * rate
+        return np.clip(grown, 1 - self.grown, self.grown - 1)
 
-def delayed(
-    segment: Iterable[Rows], columns: Columns, delay: Sequence[float], rate: float
-) -> Iterator[Rows]:
+
+def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float) -> Iterator[Rows]:
     """Rows of a segment with τ(t + δ) beside the motion at t, in constant memory.
 
     A torque's weight becomes the least of its row and of those that it is made of; what would come
@@ -115,10 +173,9 @@ def delayed(
     Args:
         segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
         columns: what stands where.
-        delay: δ of each drive [s]; negative where torques come early.
+        shift: δ of each drive; negative where torques come early.
         rate: samples per second.
     """
-    shift = Shift.of(delay, rate)
     before, after = shift.reach
     motion = columns.motion_places.stop - 1
     padded = _padded(segment, before, after, columns)
@@ -166,3 +223,37 @@ def around(place: float, half: int) -> list[tuple[int, float]]:
     points = np.arange(1 - half, half + 1)
     shares = [np.prod([(s - m) / (k - m) for m in points if m != k]) for k in points]
     return [(whole + int(k), float(share)) for k, share in zip(points, shares, strict=True)]
+
+
+def _taps(place: float, constant: float) -> list[tuple[int, float]]:
+    """Samples and their shares of y + T ẏ at a place, T in samples."""
+    if not constant:
+        return around(place, _TORQUE)
+    whole = int(np.floor(place))
+    points = np.arange((0 if place == whole else 1) - _SLOPE, _SLOPE + 1)
+    shares = _shares(np.array([place - whole]), points, constant)[0]
+    return [(whole + int(k), float(share)) for k, share in zip(points, shares, strict=True)]
+
+
+def _read(
+    tau: np.ndarray, weight: np.ndarray, place: np.ndarray, constant: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """y + T ẏ at places among samples, and the least weight of what it is made of."""
+    half = _SLOPE if constant else _TORQUE
+    whole, points = np.floor(place).astype(int), np.arange(1 - half, half + 1)
+    rows = whole[:, None] + points
+    return np.sum(_shares(place - whole, points, constant) * tau[rows], axis=1), np.min(
+        weight[rows], axis=1
+    )
+
+
+def _shares(s: np.ndarray, points: np.ndarray, constant: float) -> np.ndarray:
+    """Shares of y + T ẏ at s of samples at some points, by the polynomial through them."""
+    shares = np.zeros((len(s), len(points)))
+    for k, point in enumerate(points):
+        others = np.delete(points, k)
+        polynomial = np.poly(others) / np.prod(point - others)
+        shares[:, k] = np.polyval(polynomial, s)
+        if constant:
+            shares[:, k] += constant * np.polyval(np.polyder(polynomial), s)
+    return shares

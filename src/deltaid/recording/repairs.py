@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
-from deltaid.recording.delay import Shift, delayed
+from deltaid.recording.delay import Growth, Shift, delayed
 from deltaid.recording.gears import Gears
+from deltaid.recording.hold import Hold, filled
 from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.readings import Readings
 
@@ -71,7 +72,10 @@ class Repairs:
     Attributes:
         readings: what positions and torques are that drives read otherwise; None if they do not.
         gain: what torques of each drive are to be multiplied by; empty for 1.
+        hold: how drives hold their torques between two updates; empty for none.
         delay: torques of each drive are recorded so much late [s]; empty for none.
+        constants: of the first-order filter that each drive's torques passed [s]; empty for none.
+        growth: how delays grow with time; None for clocks that agree.
         left_out: stretches that do not count, beside what the survey masks.
         gears: that wind up under what they carry; None for stiff ones.
         loads: the ten parameters of what is held, in the order of `Columns.loads`; what it takes
@@ -81,7 +85,10 @@ class Repairs:
 
     readings: Readings | None = None
     gain: tuple[float, ...] = ()
+    hold: tuple[Hold, ...] = ()
     delay: tuple[float, ...] = ()
+    constants: tuple[float, ...] = ()
+    growth: Growth | None = None
     left_out: tuple[LeftSpan, ...] = ()
     gears: Gears | None = None
     loads: tuple[tuple[float, ...], ...] = ()
@@ -98,10 +105,12 @@ class Repairs:
             return segment
         if self.left_out:  # as recorded, so that a delay takes weights along with torques
             segment = (self._weighed(rows, columns) for rows in segment)
+        if any(self.hold):
+            segment = filled(segment, columns, self.hold, rate)
         if (readings := self.readings) is not None:
             segment = (readings.corrected(rows, columns) for rows in segment)
-        if any(self.delay):
-            segment = delayed(segment, columns, self.delay, rate)
+        if any(self.delay) or any(self.constants) or self.growth:
+            segment = delayed(segment, columns, self.shift(rate), rate)
         if self.gain:
             segment = (self._multiplied(rows, columns) for rows in segment)
         if self.gears is not None:
@@ -114,9 +123,25 @@ class Repairs:
         rows[:, columns.torque_places] *= self.gain
         return rows
 
+    def shift(self, rate: float) -> Shift:
+        """Delays, filters and clocks at a sampling rate [Hz]."""
+        return Shift.of(self.delay, rate, self.constants, self.growth)
+
+    @property
+    def lag(self) -> tuple[float, ...]:
+        """By how much torques are late, dead time and time constant [s]; empty for none."""
+        if not any(self.constants):
+            return self.delay
+        pairs = zip(self.delay or (0.0,) * len(self.constants), self.constants, strict=True)
+        return tuple(delay + constant for delay, constant in pairs)
+
     def smear(self, rate: float) -> tuple[int, ...]:
         """Over how many samples to either side each drive's torque is spread; empty for none."""
-        return Shift.of(self.delay, rate).smear
+        smear = self.shift(rate).smear
+        if not any(self.hold):
+            return smear
+        smear = smear or (0,) * len(self.hold)
+        return tuple(a + hold.spread for a, hold in zip(smear, self.hold, strict=True))
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
         """Weights of zero in all stretches that are left out; few of many are near a block.

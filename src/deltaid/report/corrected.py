@@ -16,6 +16,9 @@ _WORDS = (
 _NAMES: dict[Kind, str] = {
     "velocity": "recorded velocities left out",
     "lag": "lag between torques and positions",
+    "filter": "filter of torques",
+    "hold": "torques held between updates",
+    "clock": "clocks that differ",
     "load": "held load",
     "contact": "contacts",
     "backlash": "play in gears",

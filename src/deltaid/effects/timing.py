@@ -1,0 +1,250 @@
+"""How a recording's torques are sampled beside a delay: behind a filter, on a clock of their own.
+
+A filter 1/(1 + T s) is to first order a delay of T. With the lag L = δ + T of a drive, δ its dead
+time, and the rate ρ by which lags grow,
+
+    τ_meas(t) = y(t − L + T − ρ (t − t_0)),    T ẏ + y = τ,
+
+whose slopes by L, T and ρ are columns of a linear least squares about what is known so far
+(`timing_slopes`). Steps of friction decide about T: behind a filter they have tails. But friction
+that yields before it slips has tails as well, so what rows without them show must agree: those
+far from reversals have to contradict a pure delay, or the tails' T has to be the lag L that they
+show. Friction that warms up looks like a clock to first order, so its own columns, t − t_0 times
+the friction of joints, stand beside it.
+
+A filter or a clock is taken where chance gives one like it once in `SEEN` decades of recordings and
+where what is found can be one: no filter delays by more than the torque is late, and all torques
+have the same clock.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.contest import SEEN
+from deltaid.effects.hotelling import exceeded
+from deltaid.effects.lag_columns import timing_slopes
+from deltaid.effects.sampling import Free, Timing
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
+from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.trace_rows import TraceRows
+from deltaid.estimation.traces import Delay, Trace
+from deltaid.recording.masks.runs import least_about
+from deltaid.recording.windows import Samples
+
+# Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.
+_MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
+# Sweeps at most, and steps of a lag and a time constant that are small enough [s].
+_SWEEPS, _SETTLED = 15, 1e-5
+# So many time constants after a reversal nothing is left of a step.
+_TAIL = 5.0
+# How often what is true is rejected: that clocks agree, before they are looked at closely; that
+# clocks of drives are alike, that rows far from reversals agree with the tails, that a lag there
+# is no filter's.
+_SELDOM = 1e-3
+# Standard deviations within which a time constant lies mostly.
+_LIKELY = 2.0
+# Share of a time constant to which it and a lag must be known to say that they are equal.
+_KNOWN = 0.25
+# Standard deviations by which a time constant may exceed a lag, beside the sample by which torques
+# may be ahead.
+_SURE = 3.0
+
+
+def other_than_delays(
+    rows: TraceRows, trace: Trace, lags: Delay, abrupt: Bool[np.ndarray, " dof"], p: Parameters
+) -> tuple[Timing | None, Bool[np.ndarray, " dof"]]:
+    """Filters or a clock that a recording's torques have, None where there is neither; and whose
+    lags may be those of filters as well as delays.
+
+    Args:
+        rows: what rows are over.
+        trace: the recording, with torques as they came.
+        lags: of each drive [s].
+        abrupt: whose torques show steps at once.
+        p: the parameters that go with them.
+    """
+    dof = len(lags)
+    about = float(np.concatenate([run.time for run in trace.stretches]).mean())
+    none = Timing(lags, np.zeros(dof), 0.0, about, np.zeros((2 * dof + 1,) * 2), p)
+    # Steps at once, all over a recording, leave no room for a clock.
+    clock = 2 * int(np.count_nonzero(abrupt)) < dof and _may_be_clock(rows, trace, none)
+    free = Free((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
+    unsure = np.zeros(dof, bool)
+    while free.filters.any() or free.clock:
+        start = replace(none, constants=np.where(free.filters, 0.5 * lags, 0.0))
+        found = _swept(rows, trace, start, free)
+        kept = Free(
+            _filtered(rows, trace, found, free), free.clock and _is_clock(rows, trace, found)
+        )
+        if np.array_equal(kept.columns, free.columns):
+            return _simplest(rows, trace, found, free), unsure & ~free.filters
+        long = found.constants + _LIKELY * found.deviation > 0.5 * found.lags
+        unsure |= free.filters & ~kept.filters & long
+        free = kept
+    return None, unsure
+
+
+def _simplest(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Timing:
+    """The same without dead times where all filters do without: their T is known as well as L."""
+    filters, dof = np.flatnonzero(free.filters), len(found.lags)
+    if not len(filters):
+        return found
+    S = np.zeros((len(filters), len(found.covariance)))
+    S[np.arange(len(filters)), filters], S[np.arange(len(filters)), dof + filters] = 1.0, -1.0
+    dead = (found.lags - found.constants)[filters]
+    if exceeded(dead, S @ found.covariance @ S.T, _SELDOM):
+        return found
+    start = replace(found, constants=np.where(free.filters, found.lags, 0.0))
+    return _swept(rows, trace, start, replace(free, pure=True))
+
+
+def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
+    """Whether torques with lags corrected may have a clock of their own."""
+    dof, problem = len(none.lags), _linear(rows, none.beside(trace), none, Free(
+        np.zeros(len(none.lags), bool), True))  # fmt: skip
+    place = slice(rows.size + dof, rows.size + dof + 1)
+    return exceeded(problem.x[place], problem.covariance(place), _SELDOM)
+
+
+def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
+    """Lags, time constants of some drives, and the rate of a clock, by Gauss and Newton."""
+    found, dof = start, len(start.lags)
+    low = _SHORTEST / trace.low_pass.rate
+    duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
+    for _ in range(_SWEEPS):
+        problem = _linear(rows, found.beside(trace), found, free)
+        now = np.concatenate([found.lags, found.constants, [found.rate]])
+        places = slice(rows.size, rows.size + int(free.columns.sum()))
+        now[free.columns] += problem.x[places]
+        lags, constants, rate = np.split(now, [dof, 2 * dof])
+        covariance = np.zeros((len(now),) * 2)
+        covariance[np.ix_(free.columns, free.columns)] = problem.covariance(places)
+        if free.pure:
+            constants, own = lags, np.flatnonzero(free.filters)
+            covariance[np.ix_(dof + own, dof + own)] = covariance[np.ix_(own, own)]
+        before, found = found, Timing(
+            np.clip(lags, -_MOST[0], _MOST[0]),
+            np.where(free.filters, np.clip(constants, low, _MOST[1]), 0.0),
+            float(np.clip(rate[0], -_MOST[2], _MOST[2])), found.about, covariance,
+            rows.parameters(problem.x),
+        )  # fmt: skip
+        steps = [found.lags - before.lags, found.constants - before.constants,
+                 [(found.rate - before.rate) * duration]]  # fmt: skip
+        if np.abs(np.concatenate(steps)).max() < _SETTLED:
+            break
+    return found
+
+
+def _linear(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> LinearProblem:
+    """Least squares of x, of steps from what is found, and of friction that warms up."""
+    late, longer, growing = timing_slopes(trace, found.p, rows.additions, found.about)
+    if free.pure:
+        late = late + longer * free.filters[:, None]
+    own = np.concatenate([of_own_drives(x[:, :, None]) for x in (late, longer)], axis=2)
+    steps = np.concatenate([own, growing[:, :, None]], axis=2)[:, :, free.columns]
+    warm = _warm(rows, trace, found) if free.clock else own[:, :, :0]
+    part = rows.of_trace(trace)
+    now = np.concatenate([found.lags, found.constants, [found.rate]])[free.columns]
+    return rows.problem(
+        [replace(part, A=np.concatenate([part.A, steps, warm], axis=2))],
+        np.concatenate([-now, np.zeros(warm.shape[2])]),
+        np.concatenate([free.deviation, _sizes(warm, part.tau)]),
+    )
+
+
+def _warm(rows: TraceRows, trace: Trace, found: Timing) -> ColumnsOfDrives:
+    """(t − t_0) times each friction column of joints."""
+    dynamics, (drives, columns) = rows.dynamics, trace.pattern(rows.additions)
+    friction = [k for k, term in enumerate(dynamics.layout.parameters) if term.kind == "friction"]
+    which = np.flatnonzero(np.isin(columns, friction))
+
+    def growing(w: Samples) -> OfDrives:
+        return (w.time - found.about) * trace.entries(w, rows.additions)[which]
+
+    values = trace.filtered(growing, drives[which], 1)
+    out = np.zeros((dynamics.dof, values.shape[1], len(which)))
+    out[drives[which], :, np.arange(len(which))] = values
+    return out
+
+
+def _sizes(columns: ColumnsOfDrives, tau: OfDrives) -> Float[np.ndarray, " columns"]:
+    """Standard deviations of coefficients that give columns the size of torques."""
+    size = np.sqrt(np.mean(tau**2))
+    rms = np.sqrt(np.mean(columns**2, axis=(0, 1)))
+    return size / np.maximum(rms, np.finfo(float).tiny)
+
+
+def _filtered(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Bool[np.ndarray, " dof"]:
+    """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
+    dof, errors, row = len(found.lags), found.covariance, 1.0 / trace.low_pass.rate
+    kept = free.filters & (found.constants > row)
+    S = np.hstack([-np.eye(dof), np.eye(dof), np.zeros((dof, 1))])
+    beyond = row + _SURE * np.sqrt(np.diag(S @ errors @ S.T))
+    kept &= found.constants - found.lags < beyond
+    kept &= _seen(found.constants, errors[dof:-1, dof:-1], kept)
+    if not kept.any():
+        return kept
+    away = _away_from_reversals(trace, int(np.ceil(_TAIL * found.constants.max() / row)))
+    problem = _linear(rows, found.beside(away), found, free)
+    places = np.flatnonzero(free.columns)
+    of_constants = rows.size + np.searchsorted(places, dof + np.flatnonzero(kept))
+    of_lags = rows.size + np.flatnonzero(kept)
+    covariance = problem.covariance(slice(rows.size, rows.size + len(places)))
+    at = of_constants - rows.size
+    errors = covariance[np.ix_(at, at)]
+    step, T = problem.x[of_constants], found.constants[kept]
+    if exceeded(step, errors, _SELDOM):
+        return np.zeros(dof, bool)
+    # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
+    width, slope = T**2 + 2 * T * step, np.diag(2 * T)
+    wide = exceeded(width, slope @ errors @ slope, _SELDOM)
+    # A lag that is the T of the tails is a coincidence for anything but a filter.
+    dead, at = found.lags[kept] + problem.x[of_lags] - T, np.flatnonzero(kept)
+    variances = covariance[np.ix_(at, at)] + found.covariance[np.ix_(dof + at, dof + at)]
+    known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
+    pure = known and not exceeded(dead, variances, _SELDOM)
+    return kept if wide or pure else np.zeros(dof, bool)
+
+
+def _seen(
+    T: Delay, covariance: Float[np.ndarray, "dof dof"], some: Bool[np.ndarray, " dof"]
+) -> Bool[np.ndarray, " dof"]:
+    """Which of some drives' time constants are beyond chance: together, and each on its own or by
+    being that of the others."""
+    places = np.flatnonzero(some)
+    seen = np.zeros(len(T), bool)
+    if not len(places) or not exceeded(T[places], covariance[np.ix_(places, places)], 10**-SEEN):
+        return seen
+    variance = np.diag(covariance)
+    common = np.sum(T[places] / variance[places]) / np.sum(1 / variance[places])
+    for i in places.tolist():
+        own = variance[i].reshape(1, 1)
+        alone = exceeded(T[[i]], own, 10**-SEEN)
+        seen[i] = alone or not exceeded(T[[i]] - common, own, _SELDOM)
+    return seen
+
+
+def _away_from_reversals(trace: Trace, reach: int) -> Trace:
+    """A trace without rows that are so near those that do not count."""
+    stretches = tuple(
+        replace(run, weights=least_about(run.weights, reach)) for run in trace.stretches
+    )
+    return replace(trace, stretches=stretches)
+
+
+def _is_clock(rows: TraceRows, trace: Trace, found: Timing) -> bool:
+    """Whether lags that grow are beyond chance, and those of all drives grow alike."""
+    variance = found.covariance[-1:, -1:]
+    if not exceeded(np.array([found.rate]), variance, 10**-SEEN):
+        return False
+    corrected, dof = found.beside(trace), len(found.lags)
+    late, _, growing = timing_slopes(corrected, found.p, rows.additions, found.about)
+    part = rows.of_trace(corrected)
+    beside = [of_own_drives(late[:, :, None]), _warm(rows, corrected, found),
+              of_own_drives(growing[:, :, None])]  # fmt: skip
+    problem = rows.problem([replace(part, A=np.concatenate([part.A, *beside], axis=2))])
+    last = slice(problem.A.shape[1] - dof, None)
+    return not exceeded(problem.x[last], problem.covariance(last), _SELDOM)

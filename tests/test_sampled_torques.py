@@ -1,0 +1,100 @@
+"""Torques behind a filter, held, or on another clock, read as they were: closed forms."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from deltaid.recording.delay import Growth, Shift, delayed
+from deltaid.recording.held import holds
+from deltaid.recording.hold import Hold, filled
+from test_delay import columns
+
+RATE, SAMPLES = 1000.0, 12_000
+TIME = np.arange(SAMPLES) / RATE
+COLUMNS = columns(2)
+
+
+def wave(t: np.ndarray) -> np.ndarray:
+    return np.sin(6 * np.pi * t) + 0.3 * np.sin(22 * np.pi * t + 1)
+
+
+def slope(t: np.ndarray) -> np.ndarray:
+    return 6 * np.pi * np.cos(6 * np.pi * t) + 6.6 * np.pi * np.cos(22 * np.pi * t + 1)
+
+
+def rows(tau: np.ndarray) -> np.ndarray:
+    """With the same torque for both drives."""
+    return np.column_stack([TIME, TIME, TIME, tau, tau, np.ones((SAMPLES, 2))])
+
+
+def blocks(values: np.ndarray, size: int) -> Iterator[np.ndarray]:
+    return (values[start : start + size] for start in range(0, len(values), size))
+
+
+def updated(every: float) -> np.ndarray:
+    """The row whose torque each row has."""
+    updates = np.unique(np.ceil(np.arange(0, SAMPLES, every)).astype(int))
+    return np.repeat(updates, np.diff(np.append(updates, SAMPLES + 9)))[:SAMPLES]
+
+
+@pytest.mark.parametrize(
+    ("delay", "constants", "growth"),
+    [
+        ((0.0, 0.0), (5e-3, 2e-3), None),
+        ((1.3e-3, 2e-3), (5e-3, 0.0), None),
+        ((1e-3, -2e-3), (0.0, 0.0), Growth(5e-4, 6.0, 6.0)),
+        ((1e-3, -2e-3), (4e-3, 0.0), Growth(-5e-4, 6.0, 6.0)),
+    ],
+)
+def test_filters_and_clocks_are_undone_exactly(
+    delay: tuple[float, ...], constants: tuple[float, ...], growth: Growth | None
+) -> None:
+    shift = Shift.of(delay, RATE, constants, growth)
+    found, again = (
+        np.vstack([*delayed(blocks(rows(wave(TIME)), size), COLUMNS, shift, RATE)])
+        for size in (777, 5000)
+    )
+    np.testing.assert_array_equal(found, again)
+    for i in range(2):
+        at = found[:, 0] + delay[i]
+        at += growth.rate * (found[:, 0] - growth.about) if growth else 0.0
+        counts = found[:, 5 + i] > 0
+        assert np.count_nonzero(~counts) < 40
+        np.testing.assert_allclose(
+            found[counts, 3 + i], (wave(at) + constants[i] * slope(at))[counts], atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("every", [2.0, 3.0, 2.5, 1.5])
+def test_held_torques_are_interpolated_between_updates(every: float) -> None:
+    values = rows(wave(TIME[updated(every)]))
+    hold = holds([blocks(values, 777)], COLUMNS, RATE)
+    assert hold == (Hold(every), Hold(every))
+    found, again = (
+        np.vstack([*filled(blocks(values, size), COLUMNS, hold, RATE)]) for size in (777, 5000)
+    )
+    np.testing.assert_array_equal(found, again)
+    counts = found[:, 5] > 0
+    assert np.count_nonzero(~counts) < 20
+    np.testing.assert_allclose(found[counts, 3], wave(TIME)[counts], atol=2e-5)
+
+
+@pytest.mark.parametrize("every", [2, 4, 7])
+def test_a_hold_is_found_beneath_noise_of_each_row(every: int) -> None:
+    noise = 0.03 * np.random.default_rng(0).standard_normal(SAMPLES)
+    values = rows(wave(TIME[updated(every)]) + noise)
+    hold = holds([blocks(values, 777)], COLUMNS, RATE)
+    assert hold == (Hold(float(every), 0), Hold(float(every), 0))
+    found = np.vstack([*filled(blocks(values, 777), COLUMNS, hold, RATE)])
+    error = (found[:, 3] - wave(TIME))[found[:, 5] > 0]
+    assert np.std(error) < 0.03 / np.sqrt(0.9 * every)
+    assert abs(np.mean(error)) < 1e-3
+
+
+@pytest.mark.parametrize("unit", [0.0, 1e-3, 0.05, 0.3])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_coarse_unit_is_no_hold(unit: float, noise: float) -> None:
+    tau = wave(TIME) + noise * np.random.default_rng(1).standard_normal(SAMPLES)
+    tau = np.round(tau / unit) * unit if unit else tau
+    assert not any(holds([blocks(rows(tau), 777)], COLUMNS, RATE))
