@@ -30,13 +30,16 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
     labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
         label, value = labels.of(i), float(problem.values[i])
+        # Ranges are those of the recording alone, or of the prior alone; where a fit holds what
+        # the recording would have otherwise, its estimate may be at their end.
+        low, high = min(label.low, value - label.std), max(label.high, value + label.std)
         rows.append(
             Parameter(
                 name=parameter.name,
                 value=value,
                 std=float(label.std),
-                low=float(min(max(label.low, parameter.low), value)),
-                high=float(max(min(label.high, parameter.high), value)),
+                low=float(min(max(low, parameter.low), value)),
+                high=float(max(min(high, parameter.high), value)),
                 unit=parameter.unit,
                 prior=float(p_reg[i]),
                 determined_by=label.by,
