@@ -20,6 +20,7 @@ from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, S
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED
+from deltaid.sensors.weighings import weighings
 
 
 def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:
@@ -123,11 +124,19 @@ def assembled(
         loads=loads,
         sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
+        absolute=known_absolutely(problem),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
         warnings=(*remarks, *doubts_of_fit(problem)),
     )
+
+
+def known_absolutely(problem: FittedProblem) -> tuple[str, ...]:
+    """What determines the scale of a fit's torques and masses beside torque constants, in words."""
+    known = [addition.witness for addition in problem.additions if addition.is_absolute]
+    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
+    return (*known, *(fact.name for fact in facts))
 
 
 def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
