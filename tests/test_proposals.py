@@ -12,7 +12,7 @@ from deltaid.check.held_out import HeldOut, held_out
 from deltaid.check.proposals import proved, unharmed
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from drives import case
-from identified import identified
+from identified import identified, simulated
 
 LOG = "clavel-delta3"
 
@@ -50,6 +50,16 @@ def test_a_zero_that_is_off_is_proposed() -> None:
     ((key, value),) = proposal.changes
     assert key == "position[0].zero"
     np.testing.assert_allclose(float(str(value)), 0.02, atol=2e-3)
+
+
+def test_a_base_far_out_of_level_is_looked_at_and_not_written() -> None:
+    found = identified(LOG)
+    tilted = {"gravity": (0.0, 9.81 * np.sin(0.15), -9.81 * np.cos(0.15))}
+    frame = simulated(found.robot.changed(**tilted), found.p, seed=3)
+    verdict = of("homing-or-tilt", deltaid.verdicts(found.robot, frame))
+    assert verdict.grade is not Grade.GOOD
+    assert "base out of level" in verdict.seen
+    assert not verdict.proposals
 
 
 def test_what_does_not_help_is_dropped_and_no_longer_wrong() -> None:
@@ -101,3 +111,18 @@ def test_what_identify_corrects_unasked_is_in_the_fit() -> None:
     error = held_out(evidence(late.robot, late.logs[0]))
     assert error is not None
     assert error.causes == (0,)
+
+
+def test_drives_are_not_exchanged_by_friction_that_differs_by_direction() -> None:
+    # The exchanged columns explain this recording better, while nothing is said of directions.
+    made = case("direction", "delta4", 2)
+    changes = [
+        (f"{quantity}[{i}].column", f"{column}{2 - i}")
+        for quantity, column in (("position", "q"), ("torque", "tau"))
+        for i in (0, 1)
+    ]
+    proposal = Proposal("mapping", tuple(changes))
+    exchanged = Verdict("drive-order", Grade.WRONG, "seen", proposals=(proposal,))
+    (verdict,) = proved(evidence(made.robot, made.logs[0]), (exchanged,))
+    assert verdict.grade is Grade.DOUBTFUL
+    assert not verdict.proposals

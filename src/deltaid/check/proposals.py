@@ -41,9 +41,15 @@ def _with_useful(
     proposing = [verdict for verdict in verdicts if verdict.proposals]
     kept = _useful(record, proposing, helps) if proposing else []
     return tuple(
-        verdict if not verdict.proposals or verdict in kept else _without(verdict)
+        _to_write(verdict) if not verdict.proposals or verdict in kept else _without(verdict)
         for verdict in verdicts
     )
+
+
+def _to_write(verdict: Verdict) -> Verdict:
+    """A verdict with the proposals that are to be written."""
+    written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
+    return verdict if written == verdict.proposals else replace(verdict, proposals=written)
 
 
 def _useful(record: Evidence, proposing: Sequence[Verdict], helps: _Judge) -> list[Verdict]:
