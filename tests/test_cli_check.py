@@ -104,7 +104,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
     log = tmp_path / "log.csv"
     rows = evidence(load_robot("clavel-delta3"), moved("clavel-delta3")).rows
     names = ["t", *(f"{kind}{i}" for kind in ("q", "tau") for i in (1, 2, 3))]
-    columns = np.column_stack([rows.time, rows.q, rows.tau])
+    columns = np.column_stack([rows.time, rows.q, rows.tau * [1, -1, 1]])
     np.savetxt(log, columns, delimiter=",", header=",".join(names), comments="")
     wrong = Verdict(
         "torque-sign", Grade.WRONG, "seen", proposals=(

@@ -174,6 +174,15 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
     )
 
 
+@pytest.mark.parametrize(
+    ("case", "rests"), [("clavel-delta3", True), ("weighed", False), ("plate", False)]
+)
+def test_the_absolute_scale_rests_on_torque_constants_or_is_known(case: str, rests: bool) -> None:
+    lines = summary(identified(case).result).lines
+    told = [line for line in lines if "torque constants" in line and "absolute scale" in line]
+    assert len(told) == rests
+
+
 def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
     robot = folder / "robot.yaml"
     assert summary(load(robot)).grade is Grade.UNTESTED

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError, RecordingError
+from deltaid.estimation.additions import Addition
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -103,6 +104,11 @@ class Evidence:
         """The recording as identification uses it, or the error that prevents it."""
         setup = self._setup
         return setup if isinstance(setup, RecordingError) else setup.recordings[0]
+
+    @property
+    def additions(self) -> tuple[Addition, ...]:
+        """Columns of what the recording is declared to hold."""
+        return () if isinstance(self._setup, RecordingError) else self._setup.additions
 
     @cached_property
     def study(self) -> Study | None:

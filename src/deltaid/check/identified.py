@@ -7,14 +7,15 @@ from typing import Any
 from deltaid.check.evidence import Evidence, evidence, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
-from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
+from deltaid.check.proposals import proved
+from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, Needs, asked, named, of_robot
 from deltaid.check.verdicts import KEYS, Verdicts
 from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.settings import Settings, settings_of
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.posterior.draw import with_posterior_intervals
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
@@ -95,11 +96,11 @@ def _judged(
     for source, mapping in zip(sources, mappings, strict=True):
         progress(f"judging {source}")
         record = evidence(description, source, mapping, settings)
-        wiring = asked(record, _FIRST, "rows")
+        wiring = _first(record, "rows")
         if not force:
             _refuse(wiring, str(record.table.path), RecordingError, record)
         if record.columns.sensors:  # which need a survey, made again for the fit
-            on_sensors = asked(record, _FIRST, "survey")
+            on_sensors = _first(record, "survey")
             if not force:
                 _refuse(on_sensors, str(record.table.path), RecordingError, record)
             wiring += on_sensors
@@ -112,7 +113,8 @@ def _judged(
     result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
     progress("judging what it tells")
     for record, wiring, recording in zip(opened, wired, result.recordings, strict=True):
-        judged += named(record, _kept(wiring, recording, result, description), several=several)
+        kept = proved(record, tuple(_kept(wiring, recording, result, description)))
+        judged += named(record, kept, several=several)
     judged += tuple(v for v in _final(result, opened) if settings.keep_all or v.key not in _MASKED)
     poor = tuple(verdict.sentence for verdict in judged if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_warnings(result, judged)))
@@ -121,6 +123,12 @@ def _judged(
         model = with_posterior_intervals(model)
     verdicts = Verdicts(judged, description, sources, mappings)
     return Judged(model, result.problem, result.recordings, result.studies, verdicts)
+
+
+def _first(record: Evidence, needs: Needs) -> tuple[Verdict, ...]:
+    """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
+    verdicts = asked(record, _FIRST, needs)
+    return proved(record, verdicts) if worst(verdicts) is Grade.WRONG else verdicts
 
 
 def _kept(
@@ -199,6 +207,6 @@ def _final(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict,
     for record, recording, study in zip(opened, result.recordings, studies, strict=True):
         fitted = with_fit(record, problem, recording, study)
         families = [family for family in _AFTER if family.alone or not several]
-        judged = (v for needs in ("rows", "survey", "fit") for v in asked(fitted, families, needs))
-        verdicts += named(record, judged, several=several)
+        judged = [v for needs in ("rows", "survey", "fit") for v in asked(fitted, families, needs)]
+        verdicts += named(record, proved(record, judged), several=several)
     return verdicts

@@ -13,6 +13,7 @@ from deltaid.check.information import checked_information, information_of, judge
 from deltaid.check.lengths import checked_lengths
 from deltaid.check.mended import in_metres
 from deltaid.check.priors import checked_measured, checked_priors
+from deltaid.check.proposals import proved, unharmed
 from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
@@ -101,23 +102,25 @@ def verdicts(
             if (verdict := in_metres(robot)) is None:
                 raise
             return Verdicts((verdict,))
-        sources, judged = as_sources(logs), list(of_robot(description))
+        sources, judged = as_sources(logs), of_robot(description)
         mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings)
         informations, strokes, several = list[Information](), list[np.ndarray](), len(sources) > 1
+        of_logs = list[Verdict]()
         families = [family for family in OF_RECORDING if family.alone or not several]
         for source, mapping in zip(sources, mappings, strict=True):
             say(f"checking {source}")
             record = evidence(description, source, mapping, fitting)
             _ = record.rows  # what cannot be read at all is an error and no verdict
-            on_log = of_recording(record, families)
-            judged += named(record, on_log, several=several)
+            judged = unharmed(record, judged)
+            on_log = proved(record, of_recording(record, families))
+            of_logs += named(record, on_log, several=several)
             if several and worst(on_log) is not Grade.WRONG and (known := information_of(record)):
                 informations.append(known)
                 strokes.append(record.moved)
         if several and len(informations) == len(sources):
             say("checking what they tell together")
-            judged += judged_information(compiled(description), merge(informations), strokes)
-        return Verdicts(judged, description, sources, mappings)
+            of_logs += judged_information(compiled(description), merge(informations), strokes)
+        return Verdicts((*judged, *of_logs), description, sources, mappings)
 
 
 def of_robot(

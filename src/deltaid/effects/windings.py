@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
@@ -23,9 +23,10 @@ from deltaid.robot.description import RobotDescription
 _WIDER = 2.5
 # What a gear carries counts as known from this share of what its motor alone takes.
 _LOADED = 0.2
-# Columns of a drive's friction: shapes over its speed, an offset, what differs by direction, one
-# that grows with the load and two with time.
-_FREE = len(SHAPES) + 5
+# Columns of a drive's friction: shapes over its speed, one that grows with the load, two with time,
+# an offset and what differs by direction.
+_CAUSES = (len(SHAPES), 1, 2, 2)
+_FREE = sum(_CAUSES)
 
 Compliance = Float[np.ndarray, " dof"]
 
@@ -66,12 +67,15 @@ class Windings:
         """By the torques measured along a trace."""
         return cls._along(trace, motors, lambda w: w.tau + w.carried - motors.of_motor(w.qd, w.qdd))
 
+    @classmethod
+    def modelled(cls, trace: Trace, motors: Gears, p: Parameters) -> "Windings":
+        """By the torques of p along a trace."""
+        carried = trace.dynamics.carried
+        return cls._along(trace, motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried)
+
     def by_model(self, p: Parameters) -> "Windings":
         """The same with what gears carry by the torques of p along this motion."""
-        carried = self.trace.dynamics.carried
-        return self._along(
-            self.trace, self.motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried
-        )
+        return self.modelled(self.trace, self.motors, p)
 
     @classmethod
     def _along(
@@ -135,7 +139,7 @@ def rows_of(
         p: whose torques gears carry, which losses grow with.
     """
     part = rows.of_trace(trace)
-    return replace(part, A=np.concatenate([part.A, *columns, _friction(trace, p)], axis=2))
+    return replace(part, A=np.concatenate([part.A, *columns, free_friction(trace, p)], axis=2))
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
@@ -161,7 +165,7 @@ def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
     return p[: len(rows.dynamics.layout.names)]
 
 
-def _friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
+def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     """Friction of each drive beside Coulomb's and viscous, in columns of its own: a
     free curve, what grows with what its gear carries, by p, and what changes while it warms up."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in trace.stretches], axis=0)
@@ -176,3 +180,11 @@ def _friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     dof = trace.dynamics.dof
     out = trace.filtered(shapes, np.tile(np.arange(dof), _FREE))
     return of_own_drives(out.reshape(_FREE, dof, -1).transpose(1, 2, 0))
+
+
+def friction_causes(dof: int) -> tuple[Int[np.ndarray, " columns"], ...]:
+    """Which columns of `free_friction` are those of the speed, of the load, of warming up and of
+    the direction, of all drives."""
+    first = np.arange(dof)[:, None] * _FREE
+    parts = np.split(np.arange(_FREE), np.cumsum(_CAUSES)[:-1])
+    return tuple((first + part).ravel() for part in parts)

@@ -14,7 +14,7 @@ Chance is measured by the scatter of the rows between stretches of time, or by w
 that is larger.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,7 @@ from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
-from deltaid.model.friction_record import FrictionChoice, FrictionTrial
+from deltaid.model.friction_record import FrictionChoice, FrictionTrial, JointTerm
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_text import written
@@ -96,7 +96,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     rows = rows_for_friction(setup, progress, "the description lacks")
     if rows is None:
         return setup
-    robot, choice = choose_friction(rows, progress)
+    robot, choice = choose_friction(rows, progress, setup.barred)
     corrections = _corrections(setup.robot, robot, choice)
     setup = setup.with_robot(robot).reported(corrections, "friction")
     constants = LawConstants(setup.dynamics)
@@ -106,11 +106,11 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def choose_friction(
-    rows: FrictionRows, progress: Progress = lambda _: None
+    rows: FrictionRows, progress: Progress = lambda _: None, barred: Collection[JointTerm] = ()
 ) -> tuple[RobotDescription, FrictionChoice]:
     """The robot with the friction laws that its recordings ask for, and how they were chosen."""
     robot, moved = rows.dynamics.robot, rows.moved.copy()
-    steps, first = _extended(rows)
+    steps, first = _extended(rows, barred)
     for step in steps:
         if step.variant.kind == "load":  # gears carry what losses were fitted with
             moved[robot.drives.index(step.joint)] = step.variant.joint.moved
@@ -145,9 +145,10 @@ def _corrections(
     return corrections
 
 
-def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
+def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is significant; and the first round's trials."""
-    options, residual = list(rows.options()), rows.residual
+    residual = rows.residual
+    options = [option for option in rows.options() if _added_by(option) not in barred]
     variants = [variant for option in options for variant in option]
     columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
     ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
@@ -165,14 +166,17 @@ def _extended(rows: FrictionRows) -> tuple[list[_Step], list[_Step]]:
         steps.append(best)
         # Laws for both directions include an offset.
         kinds = {best.variant.kind} | ({"offset"} if best.variant.kind == "both_ways" else set())
-        barred = {(best.joint, kind) for kind in kinds}
-        options = [
-            option for option in options if (option[0].joint.name, option[0].kind) not in barred
-        ]
+        added = {(best.joint, kind) for kind in kinds}
+        options = [option for option in options if _added_by(option) not in added]
         U = best.judged.directions
         bare = {variant: _without(U, A) for variant, A in bare.items()}
         residual = _without(U, residual)
     return steps, first
+
+
+def _added_by(option: Sequence[Variant]) -> JointTerm:
+    """The joint that an option is of, and the kind of term that it adds."""
+    return option[0].joint.name, option[0].kind
 
 
 def _simplest(

@@ -21,6 +21,7 @@ from deltaid.identification.fit import (
     with_widened_prior,
 )
 from deltaid.identification.friction_curves import freed
+from deltaid.identification.idle_terms import idle_terms
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import without_doubtful_lags
 from deltaid.identification.left_out import events, left_out
@@ -150,10 +151,14 @@ def identify(
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
-    excerpts missed anything."""
+    excerpts missed anything, and without terms of friction that it puts at zero."""
     setup, problem = _confirmed(watched(prepared(first, progress)), progress)
     setup, detected = unwatched(setup)
-    return _fitted(first.changed(closely=True), progress) if detected else (setup, problem)
+    if detected:
+        return _fitted(first.changed(closely=True), progress)
+    if idle := idle_terms(setup, problem):
+        return _fitted(first.changed(barred=first.barred | idle), progress)
+    return setup, problem
 
 
 def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:

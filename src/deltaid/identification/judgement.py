@@ -20,6 +20,7 @@ from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, S
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED
+from deltaid.sensors.weighings import weighings
 
 
 def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:
@@ -30,13 +31,16 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
     labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
         label, value = labels.of(i), float(problem.values[i])
+        # Ranges are those of the recording alone, or of the prior alone; where a fit holds what
+        # the recording would have otherwise, its estimate may be at their end.
+        low, high = min(label.low, value - label.std), max(label.high, value + label.std)
         rows.append(
             Parameter(
                 name=parameter.name,
                 value=value,
                 std=float(label.std),
-                low=float(min(max(label.low, parameter.low), value)),
-                high=float(max(min(label.high, parameter.high), value)),
+                low=float(min(max(low, parameter.low), value)),
+                high=float(max(min(high, parameter.high), value)),
                 unit=parameter.unit,
                 prior=float(p_reg[i]),
                 determined_by=label.by,
@@ -120,11 +124,19 @@ def assembled(
         loads=loads,
         sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
+        absolute=known_absolutely(problem),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
         warnings=(*remarks, *doubts_of_fit(problem)),
     )
+
+
+def known_absolutely(problem: FittedProblem) -> tuple[str, ...]:
+    """What determines the scale of a fit's torques and masses beside torque constants, in words."""
+    known = [addition.witness for addition in problem.additions if addition.is_absolute]
+    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
+    return (*known, *(fact.name for fact in facts))
 
 
 def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:

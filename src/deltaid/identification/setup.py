@@ -9,7 +9,7 @@ from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Kind
-from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.friction_record import FrictionChoice, JointTerm
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import Repairs
@@ -31,6 +31,8 @@ class Setup:
     additions: tuple[Addition, ...] = ()  # extra columns
     corrections: tuple[Correction, ...] = ()  # in the order in which they were made
     friction_choice: FrictionChoice | None = None
+    # terms of friction that are not chosen, for a fit has put them at zero
+    barred: frozenset[JointTerm] = frozenset()
     # whether every row of recordings is inspected for events; else excerpts are first
     closely: bool = False
     # numbers of the recordings of which nothing but an excerpt was inspected for events, and what

@@ -89,21 +89,11 @@ def studied(
             where nothing better is known.
         beside: additions that the recording has been fitted with.
     """
-    log = recording.log
-    cutoff = recording.motion_cutoff or log.motion_cutoff
-    if cutoff is None:
-        return None
-    cutoff = min(cutoff, _CUTOFF)
-    if recording.repairs.gears is not None and recording.cutoff is not None:
-        # Links behind gears that wind up are known from torques, whose noise they have, the more
-        # of it the faster.
-        cutoff = min(cutoff, recording.cutoff)
-    windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
     load = prior_parameters(dynamics.robot) if p is None else p
-    try:
-        record = trace(dynamics, recording, load, cutoff=cutoff, windows=windows)
-    except RecordingError:
+    record = studied_trace(dynamics, recording, load)
+    if record is None:
         return None
+    log = recording.log
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
     common, each = lags.common(0), lags.each(0)
     Y, p_robot = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
@@ -127,6 +117,28 @@ def studied(
     Y = record.regressor(beside)
     fit, account = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
     return replace(study, fit=fit, account=account, late=late)
+
+
+def studied_trace(dynamics: Dynamics, recording: Recording, load: Parameters) -> Trace | None:
+    """The part of a recording that is studied, in memory; None where nothing can be differentiated.
+
+    Args:
+        load: as of `Trace`.
+    """
+    log = recording.log
+    cutoff = recording.motion_cutoff or log.motion_cutoff
+    if cutoff is None:
+        return None
+    cutoff = min(cutoff, _CUTOFF)
+    if recording.repairs.gears is not None and recording.cutoff is not None:
+        # Links behind gears that wind up are known from torques, whose noise they have, the more
+        # of it the faster.
+        cutoff = min(cutoff, recording.cutoff)
+    windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
+    try:
+        return trace(dynamics, recording, load, cutoff=cutoff, windows=windows)
+    except RecordingError:
+        return None
 
 
 def _accounted(

@@ -8,6 +8,8 @@ from jaxtyping import Float
 from deltaid.robot.part import Part
 
 AdditionKind = Literal["offset", "both_ways", "power", "stribeck", "load"]
+# A joint, and the kind of term that its law gets.
+JointTerm = tuple[str, str]
 
 
 class FrictionTrial(Part):

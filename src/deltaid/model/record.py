@@ -119,6 +119,11 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     corrections: tuple[Correction, ...] = Field(
         default=(), description="what was put right; missing in earlier files"
     )
+    absolute: tuple[str, ...] | None = Field(
+        default=None,
+        description="what is known in kg or N m beside the torques: loads, sensors, weighed bodies;"
+        " missing in earlier files",
+    )
     friction_choice: FrictionChoice | None = None
     friction_curves: tuple[FrictionCurve, ...] = Field(
         default=(), description="friction over speed with intervals; missing in earlier files"

@@ -25,10 +25,13 @@ class Proposal:
     Attributes:
         file: the robot file or the column mapping.
         changes: keys, such as `position[2].sign` or `limbs.strut`, and the values they should have.
+        is_written: whether a file gets them; else they only show whether the cause explains the
+            recording, and somebody has to look at the machine.
     """
 
     file: Literal["robot", "mapping"]
     changes: tuple[tuple[str, object], ...]
+    is_written: bool = True
 
 
 @dataclass(frozen=True, repr=False)

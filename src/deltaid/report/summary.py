@@ -95,7 +95,7 @@ def summary(
     return Summary(
         grade,
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
-        (_numbers(known), corrected(known.corrections), *_doubts(doubts)),
+        (_numbers(known), corrected(known.corrections), *_scale(known), *_doubts(doubts)),
     )
 
 
@@ -174,6 +174,16 @@ def _numbers(model: IdentifiedModel) -> str:
         f"{shares}, "
         f"{_count(bound) if bound else 'none'} {'are' if bound > 1 else 'is'} at "
         f"{'their' if bound > 1 else 'its'} bound."
+    )
+
+
+def _scale(model: IdentifiedModel) -> tuple[str, ...]:
+    """What the absolute scale rests on, where nothing beside the torques is known in kg or N m."""
+    if model.absolute != ():
+        return ()
+    return (
+        "The absolute scale of masses and friction rests on the drives' torque constants: no known "
+        "load, force plate or weighed body confirms it.",
     )
 
 

@@ -46,6 +46,9 @@ _FARTHEST, _VAGUE = 0.5, 0.05
 _STEPS, _LARGEST = 3, 0.2
 # Tolerances that columns are made with after a fit [rad or m; rad].
 _SIZE = 1e-3
+# A base is built more level than this [rad]: a larger tilt is a mounting that is described wrongly,
+# or a force that pulls at the platform, and no line to be written unseen.
+_LEVELLED = 0.05
 # Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
 # are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
 # noise that is not white raises several times.
@@ -178,6 +181,11 @@ def _verdict(
         cause = f"a tilted base: {of_tilt}"
         cure = "level the base, or describe gravity as it is"
         proposals = _gravity(evidence, shift) if shift.tilt else ()
+        if angle > _LEVELLED:
+            cause += ", or a force that pulls at the platform, as of a hose or a spring"
+            cure = "look at the mounting and at what pulls at the platform; measure the base's "
+            cure += "angle with a level, and describe gravity by it"
+            proposals = tuple(replace(proposal, is_written=False) for proposal in proposals)
     if either:
         cause = f"one of both, the motion does not tell which: {text}, or {rival}"
         cure = "home the drives anew and check the level of the base; then mend what was wrong"

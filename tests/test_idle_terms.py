@@ -1,0 +1,83 @@
+"""Chosen terms of friction that a fit puts at zero are dropped; estimates lie inside intervals."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.fit import FittedProblem, fit
+from deltaid.identification.friction_choice import choose_friction
+from deltaid.identification.friction_rows import friction_rows
+from deltaid.identification.idle_terms import idle_terms
+from deltaid.identification.judgement import judged_parameters
+from deltaid.identification.setup import Setup
+from deltaid.model.friction_record import FrictionChoice, FrictionTrial
+from deltaid.model.record import Settings
+from deltaid.recording.recording import open_recordings
+from drives import case
+from identified import identified
+
+LOG = "clavel-delta3"
+PLAIN = Settings(friction="described")
+
+
+def chosen_loads(drives: Iterable[str]) -> FrictionChoice:
+    """The record of a choice that gave these drives losses by load."""
+    steps = tuple(
+        FrictionTrial(
+            joint=drive, addition="load", error=0.1, gain=0.1, significance=5, useful=True
+        )
+        for drive in drives
+    )
+    return FrictionChoice(folds=40, plain_error=0.1, chosen_error=0.1, steps=steps, trials=())
+
+
+@cache
+def with_loads() -> tuple[Setup, FittedProblem]:
+    """A fit whose laws have got losses by load that the robot does not have."""
+    found = identified(LOG)
+    friction = found.robot.friction
+    laws = {drive: friction[drive].changed(load=0.02) for drive in ("drive1", "drive2")}
+    robot = found.robot.changed(friction=dict(friction) | laws)
+    recordings = open_recordings(found.frames[0], compiled(robot).kinematics)
+    choice = chosen_loads(laws)
+    setup = Setup(robot, tuple(recordings), PLAIN, friction_choice=choice)
+    return setup, fit(setup.dynamics, setup.recordings, PLAIN)
+
+
+def test_a_term_at_zero_is_idle() -> None:
+    setup, problem = with_loads()
+    assert ("drive1", "load") in idle_terms(setup, problem)
+    assert not idle_terms(replace(setup, friction_choice=None), problem)
+
+
+def test_a_term_that_the_recording_asks_for_is_not() -> None:
+    made = case("load-friction", "delta3", 1)
+    law = {drive: law.changed(load=0.02) for drive, law in made.robot.friction.items()}
+    robot = made.robot.changed(friction=law)
+    recordings = open_recordings(made.logs[0], compiled(robot).kinematics)
+    choice = chosen_loads(robot.drives)
+    setup = Setup(robot, tuple(recordings), PLAIN, friction_choice=choice)
+    assert not idle_terms(setup, fit(setup.dynamics, setup.recordings, PLAIN))
+
+
+def test_barred_terms_are_not_chosen() -> None:
+    made = case("load-friction", "delta3", 1)
+    dynamics = compiled(made.robot)
+    rows = friction_rows(dynamics, open_recordings(made.logs[0], dynamics.kinematics))
+    barred = frozenset((drive, "load") for drive in made.robot.drives)
+    _, free = choose_friction(rows)
+    _, choice = choose_friction(rows, barred=barred)
+    assert any(step.addition == "load" for step in free.steps)
+    assert not any(step.addition == "load" for step in choice.steps)
+
+
+def test_an_estimate_lies_inside_of_its_interval() -> None:
+    # What a fit holds may put it far from what the recording has without.
+    problem = identified(LOG).result.problem
+    moved = replace(problem.solution, x=1.1 * problem.solution.x)
+    for parameter in judged_parameters(replace(problem, solution=moved)):
+        if parameter.std:
+            assert parameter.low is not None
+            assert parameter.high is not None
+            assert parameter.low < parameter.value < parameter.high, parameter.name
