@@ -19,6 +19,7 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
+InTask = Float[np.ndarray, "samples dof"]
 Position = Float[np.ndarray, " samples"]
 
 
@@ -37,6 +38,7 @@ class AtDrives(Addition):
     deviation: tuple[float, ...]
 
     kind: ClassVar[Kind]
+    name: ClassVar[str]
     symbols: ClassVar[tuple[str, ...]]
 
     @property
@@ -67,7 +69,11 @@ class AtDrives(Addition):
         return rows, np.arange(len(rows))
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        q = self.dynamics.kinematics.inverse(w.z)
+        return self.of_motion(w.z, w.qd)
+
+    def of_motion(self, z: InTask, qd: InTask) -> Values:
+        """Entries along a motion."""
+        q = self.dynamics.kinematics.inverse(z)
         return np.vstack([self.of_drive(k, q[:, i]) for k, i in enumerate(self.drives)])
 
     @property
@@ -82,6 +88,7 @@ class DriveSpring(AtDrives):
     """k: a spring or balancer at each drive, about anywhere: friction's offset has the rest."""
 
     kind = "drive-spring"
+    name = "drive-spring"
     symbols = ("stiffness",)
 
     @property
@@ -113,6 +120,7 @@ class RippleColumns(AtDrives):
     orders: tuple[float, ...] = ()
 
     kind = "ripple"
+    name = "ripple"
     symbols = ("sine", "cosine")
 
     @property

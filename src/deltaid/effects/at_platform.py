@@ -24,6 +24,7 @@ from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 # Velocities below this share of the largest have no direction yet.
 _STILL = 0.01
 
+InTask = Float[np.ndarray, "samples dof"]
 InWorld = Float[np.ndarray, "samples 3"]
 Forces = Float[np.ndarray, "columns samples 3"]
 
@@ -65,10 +66,14 @@ class AtPlatform(Addition):
         return np.tile(drives, count), np.repeat(np.arange(count), len(drives))
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        T = self.dynamics.kinematics.platform_jacobian(w.z)
-        x, v = w.z[:, :3] - self.dynamics.kinematics.home[:3], np.einsum("sij,sj->si", T, w.qd)
+        return self.of_motion(w.z, w.qd)
+
+    def of_motion(self, z: InTask, qd: InTask) -> Values:
+        """Entries along a motion."""
+        T = self.dynamics.kinematics.platform_jacobian(z)
+        x, v = z[:, :3] - self.dynamics.kinematics.home[:3], np.einsum("sij,sj->si", T, qd)
         torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
-        return torques.reshape(-1, len(w.time))
+        return torques.reshape(-1, len(z))
 
     @property
     def is_corrected(self) -> bool:

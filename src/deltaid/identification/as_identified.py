@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.effects.fitted import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.left_out import spans_left_out
 from deltaid.model.model import Model, ModelLike, load
@@ -57,6 +58,8 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         growth=Growth(*same[0].growth) if same and same[0].growth else None,
         left_out=spans_left_out(same[0], model.robot.drives) if same else (),
         gears=gears,
+        readings=identified.readings,
+        pulls=tuple(as_fitted(model.dynamics, effect) for effect in identified.effects),
     )
     return replace(recording, repairs=repairs)
 

@@ -165,16 +165,21 @@ def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -
     """Recordings as links moved and torques acted."""
     pairs = np.reshape(outcome.of(SATURATION), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
-    readings = Readings(outcome.of(ZEROS), outcome.of(RATIOS), falling, tuple(largest.tolist()))
-    if readings.are_right:
-        readings = None
+    readings = Readings(
+        zero=outcome.of(ZEROS),
+        ratio=outcome.of(RATIOS),
+        falling=falling,
+        largest=tuple(largest.tolist()) if falling else (),
+    )
     setup, wound = bare, np.maximum(outcome.of(WIND_UP), 0.0)
     for recording in bare.recordings:
         gears = None
         if wound.any() and recording.low_pass is not None:
             gears = motors_of(bare.robot, p, recording.low_pass.cutoff, recording.log.rate)
             gears = replace(gears, compliance=tuple(wound.tolist()))
-        setup = setup.repaired(recording, readings=readings, gears=gears)
+        setup = setup.repaired(
+            recording, readings=None if readings.are_right else readings, gears=gears
+        )
     return setup
 
 

@@ -1,7 +1,7 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.effects.fitted import Fitted, fitted_effects
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
@@ -128,7 +129,8 @@ def identify(
     judged, count = judged_parameters(freed(problem)), len(problem.p)
     loads = found_loads(setup.additions, judged[count:], held(recordings))
     carried = {load.name: load.p for load in loads}
-    recordings = tuple(unloaded(recording, carried) for recording in recordings)
+    effects = fitted_effects(setup.additions, judged[count:])
+    recordings = tuple(pulled(unloaded(recording, carried), effects) for recording in recordings)
     progress("comparing torques")
     some = [recording.sparser(_COMPARED) for recording in recordings]
     errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
@@ -138,6 +140,8 @@ def identify(
         _mean(errors, problem.used),
         judged,
         loads=loads,
+        readings=recordings[0].repairs.readings,
+        effects=tuple(effect.record for effect in effects),
         corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
         sources=tuple(
             _source(recording, used, error, robot.drives)
@@ -147,6 +151,11 @@ def identify(
         choice=setup.friction_choice,
     )
     return Identification(model, problem, recordings, _unchanged(setup))
+
+
+def pulled(recording: Recording, effects: tuple[Fitted, ...]) -> Recording:
+    """A recording without what effects beside the robot take of its torques."""
+    return replace(recording, repairs=replace(recording.repairs, pulls=effects))
 
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:

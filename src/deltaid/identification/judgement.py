@@ -15,9 +15,11 @@ from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.torque_scale import torque_scale
 from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction
+from deltaid.model.effect_record import FittedEffect
 from deltaid.model.friction_record import FrictionChoice
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
+from deltaid.recording.readings import Readings
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED
 from deltaid.sensors.weighings import weighings
@@ -83,6 +85,8 @@ def assembled(
     judged: Sequence[Parameter],
     *,
     loads: tuple[HeldLoad, ...],
+    readings: Readings | None = None,
+    effects: tuple[FittedEffect, ...] = (),
     corrections: Sequence[Correction],
     sources: tuple[Source, ...],
     remarks: Sequence[str],
@@ -94,6 +98,7 @@ def assembled(
         error: its torque errors.
         judged: its parameters, those of additions behind the robot's.
         loads: what is held, as fitted.
+        readings, effects: what drives read otherwise, and what takes torques beside the robot.
         corrections: what was corrected before it and by it, but for priors.
         sources: the recordings behind it.
         remarks: warnings about these.
@@ -122,6 +127,8 @@ def assembled(
         settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
         posterior=posterior_record(problem),
         loads=loads,
+        readings=readings,
+        effects=effects,
         sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
         absolute=known_absolutely(problem),

@@ -12,6 +12,7 @@ from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter
 from deltaid.errors import DescriptionError
 from deltaid.model.above import above
 from deltaid.model.corrections import Correction
+from deltaid.model.effect_record import FittedEffect
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.left_out import LeftOut
@@ -21,6 +22,7 @@ from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.sensor_record import FittedSensor
 from deltaid.model.settings import Settings
 from deltaid.progress import Watch
+from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import why_inconsistent
 from deltaid.robot.load import bound, parse, read_text, save_yaml
@@ -118,6 +120,16 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     )
     corrections: tuple[Correction, ...] = Field(
         default=(), description="what was put right; missing in earlier files"
+    )
+    readings: Readings | None = Field(
+        default=None,
+        description="what positions and torques are that drives read otherwise; missing in earlier "
+        "files",
+    )
+    effects: tuple[FittedEffect, ...] = Field(
+        default=(),
+        description="what takes torques beside the robot all the time; the model is of the robot "
+        "without it; missing in earlier files",
     )
     absolute: tuple[str, ...] | None = Field(
         default=None,

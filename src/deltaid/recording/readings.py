@@ -6,18 +6,16 @@ with a gear ratio that is off by r, a zero that is off by q_0, and a torque cons
 current, so that the joint lacks the share β_2 + β_4 at τ_max.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
+from deltaid.robot.part import Part
 
 Rows = Float[np.ndarray, "_ _"]
 
 
-@dataclass(frozen=True)
-class Readings:
+class Readings(Part):
     """Of all drives; empty tuples where nothing is off.
 
     Attributes:

@@ -122,8 +122,8 @@ class Recording(Shown):
         log, start = self.log, 0
         directions = None if log.keep_all else self._directions
         burden = None
-        if self.repairs.loads:
-            burden = Burden.of(kinematics.robot, log.columns, self.repairs.loads)
+        if (repairs := self.repairs).loads or repairs.pulls:
+            burden = Burden.of(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
         for rows in log.segments(self.motion_cutoff):
             timed = in_time(rows, log.columns, log.rate)
             repaired = self.repairs.of(timed, log.columns, log.rate)

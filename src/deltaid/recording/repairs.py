@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.recording.burden import Pull
 from deltaid.recording.columns import Columns
 from deltaid.recording.delay import Growth, Shift, delayed
 from deltaid.recording.gears import Gears
@@ -81,6 +82,7 @@ class Repairs:
         loads: the ten parameters of what is held, in the order of `Columns.loads`; what it takes
             of the torques is taken out of them, which leaves those of the robot alone. Empty for
             none.
+        pulls: what else takes torques all the time, which are taken out of them as well.
     """
 
     readings: Readings | None = None
@@ -92,6 +94,7 @@ class Repairs:
     left_out: tuple[LeftSpan, ...] = ()
     gears: Gears | None = None
     loads: tuple[tuple[float, ...], ...] = ()
+    pulls: tuple[Pull, ...] = ()
 
     def of(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
         """The rows of one segment, put right.
