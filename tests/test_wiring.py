@@ -11,7 +11,6 @@ import pytest
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
-from deltaid.check.wiring.candidate import assigned
 from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.residual import residual
@@ -197,7 +196,7 @@ def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
     assert value == pytest.approx(-0.01, abs=half)
     corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
     assert corrected is not None
-    again = shifts(dynamics, fine, assigned(corrected, best.order))
+    again = shifts(dynamics, fine, replace(best, residual=corrected))
     assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
     assert abs(again.told([0])[0][0]) < half
 
