@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -25,6 +26,7 @@ from _table import leave
 from deltaid.check.evidence import evidence
 from deltaid.check.mended import changes, mended, written_out
 from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
@@ -96,7 +98,7 @@ FAULTS = {
     "exchanged": Fault(lambda q, tau, i, j: (_exchanged(q, i, j), _exchanged(tau, i, j)),
                        ("drive-order",), both=True, hidden=True),
     "copied torque": Fault(
-        lambda q, tau, i, j: (q, _copied(tau, i, j)), ("torque-copied",), both=True),
+        lambda q, tau, i, j: (q, _copied(tau, i, j)), ("refused",), both=True),
     "degrees": Fault(lambda q, tau, i, j: (q * (180 / np.pi), tau), _UNITS),
     "gear": Fault(lambda q, tau, i, j: (_times(q, i, 12.0), tau), _UNITS),
 }  # fmt: skip
@@ -129,23 +131,35 @@ def table(t: Array, q: Array, tau: Array) -> pl.DataFrame:
     return pl.DataFrame({"t": t, **columns})
 
 
-def judged(robot: RobotDescription, t: Array, true: Columns, fault: Fault, i: int, j: int) -> Result:
+def judged(
+    robot: RobotDescription, t: Array, true: Columns, fault: Fault, i: int, j: int
+) -> Result:
     """The verdicts on a recording with a fault, and whether their fix restores it."""
     record = evidence(robot, table(t, *fault.change(*true, i, j)))
     _, start = record.rows, time.process_time()
-    found = [v for v in checked_wiring(record) if v.grade in (Grade.WRONG, Grade.DOUBTFUL)]
+    try:
+        verdicts = checked_wiring(record)
+    except RecordingError as error:
+        verdicts = (Verdict("refused", Grade.WRONG, error.what, cause=error.what),)
+    found = [v for v in verdicts if v.grade in (Grade.WRONG, Grade.DOUBTFUL)]
     seconds, proposed = time.process_time() - start, changes(found, "mapping")
     restored = False
     if proposed:
         linear = tuple(robot.is_linear(drive) for drive in robot.drives)
         data = mended(written_out(None, record.table, record.columns, linear), proposed)
         rows = evidence(robot, record.source, ColumnMapping.model_validate(data)).rows
-        pairs = zip((rows.q, rows.tau), true, strict=True)
-        restored = all(np.ptp(now - x) < _SAME * np.ptp(x) for now, x in pairs)
+        # Limbs that are alike have no names where all columns moved together.
+        orders = permutations(range(len(robot.drives))) if fault.hidden else [range(len(true[0].T))]
+        restored = any(_same(rows.q, true[0][:, order]) and _same(rows.tau, true[1][:, order])
+                       for order in map(list, orders))  # fmt: skip
     drives = {robot.drives[k] for k in ((i, j) if fault.both else (i,))}
     named = restored if proposed else _names(found, fault, drives)
     words = "; ".join(f"{v.key} ({v.grade}) {v.subject}" for v in found)
     return Result(named, bool(found), bool(proposed) and not restored, seconds, words)
+
+
+def _same(x: Array, y: Array) -> bool:
+    return bool(np.ptp(x - y) < _SAME * np.ptp(y))
 
 
 def _names(found: list[Verdict], fault: Fault, drives: set[str]) -> bool:

@@ -103,9 +103,11 @@ class Candidate:
 
     @property
     def sensible(self) -> bool:
-        """Whether torques correlate with the motion at all."""
+        """Whether torques correlate with the motion at all; a drive that no other is tied to has
+        its sign from the prior."""
         along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
-        return bool(np.all(self.along[~self.loose] > along)) and self.left < left
+        least = np.where(self.loose, 0.0, along)
+        return bool(np.all((self.along > least)[~self.residual.still])) and self.left < left
 
     @property
     def changes(self) -> int:

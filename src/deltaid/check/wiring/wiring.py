@@ -18,6 +18,7 @@ from deltaid.check.wiring.columns import (
     sign_verdicts,
     torque_verdicts,
 )
+from deltaid.check.wiring.copies import refuse_copies
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.search import explained
@@ -39,7 +40,11 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on the mapping of positions, velocities and torques.
 
     Empty where the recording is too short to be filtered.
+
+    Raises:
+        RecordingError: the torque of a drive is a copy of another's.
     """
+    refuse_copies(evidence)
     fine = motion(evidence.rows)
     if fine is None or len(fine.tau) < _FEWEST:
         return ()
