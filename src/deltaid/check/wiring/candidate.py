@@ -38,6 +38,9 @@ _JUDGED = 4
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
 SLIDING = {1e-3: "millimetres", 1e3: "metres"}
 
+# A map of positions, the torque column of each drive, and gains of these.
+Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -52,14 +55,14 @@ class Candidate:
     residual: Residual
     order: tuple[int, ...]
     gains: Float[np.ndarray, " drives"]
-    evidence: float = np.inf
+    evidence: float = 0.0
 
     @property
     def map(self) -> Map:
         return self.residual.map
 
     @property
-    def key(self) -> tuple[Map, tuple[int, ...], tuple[float, ...]]:
+    def key(self) -> Assignment:
         """What it assigns; gains that are not ±1 by their size."""
         return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
 
@@ -131,8 +134,12 @@ class Candidate:
 
     def as_likely_as(self, best: "Candidate") -> bool:
         """Whether noise, or what no model has, explains the difference to the best."""
-        rows = len(best.residual.Y)
-        return best.score - self.score < max(_CERTAIN, rows * np.log(_AS_GOOD))
+        return best.score - self.score < as_good(len(best.residual.Y))
+
+
+def as_good(rows: int) -> float:
+    """Difference of log likelihoods of so many rows that decides nothing."""
+    return max(_CERTAIN, rows * float(np.log(_AS_GOOD)))
 
 
 def _along(residual: Residual, order: tuple[int, ...]) -> Float[np.ndarray, " drives"]:
@@ -217,4 +224,8 @@ def _far_gains(residual: Residual) -> Candidate | None:
         return None
     gains = np.ones(dof)
     gains[tied] = np.where(far, u / np.median(np.abs(u)), np.sign(u))
-    return Candidate(residual, order, gains)
+    better = residual.share(order, np.sign(gains)) / residual.own_share(order, gains)
+    if better < _SHOWN_FAR:  # else an unexplained drive is only weighted less
+        return None
+    evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
+    return Candidate(residual, order, gains, evidence)

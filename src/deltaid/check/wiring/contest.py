@@ -69,7 +69,7 @@ def evidences(
     E: Float[np.ndarray, "rows pairs"],
     patterns: Patterns,
 ) -> Float[np.ndarray, " patterns"]:
-    """Log evidence of each pattern, of torques as shares of themselves.
+    """Log evidence of each pattern.
 
     Args:
         p_0, scale: prior of the parameters that Y has columns of, and their sizes.
@@ -88,7 +88,8 @@ def evidences(
     share = left / (size * by) ** 2 + _LEAST**2
     noise = share * (size * by) ** 2 / rows
     wide = 0.5 * np.log(_RATIOS[:, None] * noise) - np.log(_SPREAD)
-    values = -0.5 * rows * np.log(share) - 0.5 * np.log(spread).sum(axis=1)[:, None]
+    level = np.log(share * size**2 / rows)
+    values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
     return np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)
 
 

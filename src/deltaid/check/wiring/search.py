@@ -4,7 +4,7 @@ A hypothesis is a map of the position columns: another sign, order or unit, or p
 behind gears that are not declared, by the factor that explains the torques best.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
@@ -17,13 +17,15 @@ from deltaid.check.wiring.candidate import (
     MOSTLY_CLOSED,
     SLIDING,
     TURNING,
+    Assignment,
     Candidate,
+    as_good,
     closed_share,
     residuals,
     tried,
 )
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.residual import Map
+from deltaid.check.wiring.residual import Map, Residual, residual
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.
@@ -55,7 +57,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     maps = _orders(identity) if settled else _maps(dynamics)
     maps = (map for map in maps if _decidable(map, fine.moves))
     found = _likely(tried(dynamics, coarse, maps))
-    if settled and found and found[0].changes == 0:
+    if as_mapped is not None and settled and found and found[0].changes == 0:
         return (as_mapped,)
     found = _ranked(found)
     if not found or found[0].left > LITTLE or found[0].map.scaled:
@@ -73,12 +75,48 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         examined = [*(trial for trial in examined if trial.key != as_mapped.key), as_mapped]
     if not examined:
         return ()
-    examined = _ranked(examined)
-    good = [trial for trial in examined if trial.as_likely_as(examined[0])]
+    best = max(examined, key=lambda trial: trial.score)
+    good = [trial for trial in examined if trial.as_likely_as(best)]
     if as_mapped is not None and as_mapped.residual.poses.share >= MOSTLY_CLOSED:
         good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
-    good.sort(key=lambda trial: (trial.changes, trial.unnamed, trial.map != identity))
-    return tuple(good)
+    return tuple(sorted(good, key=_complexity))
+
+
+def together(
+    dynamics: Dynamics, motions: Sequence[Motion], each: Sequence[tuple[Candidate, ...]]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """The hypotheses that explain several recordings of one wiring as well as the best one, for
+    each recording: log likelihoods add.
+
+    Args:
+        each: the hypotheses that explain each recording by itself.
+    """
+    if all(good[0].changes == 0 for good in each):
+        return tuple(each)
+    keys = dict.fromkeys(candidate.key for good in each for candidate in good)
+    keys[Map.identity(dynamics.dof), tuple(range(dynamics.dof)), (1.0,) * dynamics.dof] = None
+    solved = [
+        {map: residual(dynamics, motion, map) for map in dict.fromkeys(key[0] for key in keys)}
+        for motion in motions
+    ]
+    trials = {key: [_on(of[key[0]], key) for of in solved] for key in keys}
+    scores = {key: sum(c.score for c in own if c is not None) for key, own in trials.items()}
+    best = max(scores, key=lambda key: scores[key])
+    margin = as_good(sum(len(c.residual.Y) for c in trials[best] if c is not None))
+    good = [key for key in keys if scores[best] - scores[key] < margin]
+    simplest = sorted(
+        (trials[key] for key in good), key=lambda own: min(map(_complexity, filter(None, own)))
+    )
+    return tuple(tuple(filter(None, own)) for own in zip(*simplest, strict=True))
+
+
+def _on(residual: Residual | None, key: Assignment) -> Candidate | None:
+    _, order, gains = key
+    return None if residual is None else Candidate(residual, order, np.array(gains))
+
+
+def _complexity(candidate: Candidate) -> tuple[int, bool, bool]:
+    return candidate.changes, candidate.unnamed, candidate.map != Map.identity(len(candidate.order))
 
 
 def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
