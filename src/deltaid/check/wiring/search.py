@@ -57,8 +57,10 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     maps = _orders(identity) if settled else _maps(dynamics)
     maps = (map for map in maps if _decidable(map, fine.moves))
     found = _likely(tried(dynamics, coarse, maps))
-    if as_mapped is not None and settled and found and found[0].changes == 0:
-        return (as_mapped,)
+    if as_mapped is not None and settled:
+        own = next((trial.evidence for trial in found if trial.changes == 0), -np.inf)
+        if not found or found[0].evidence - own < as_good(len(found[0].residual.Y)):
+            return (as_mapped,)
     found = _ranked(found)
     if not found or found[0].left > LITTLE or found[0].map.scaled:
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
