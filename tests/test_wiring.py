@@ -29,6 +29,7 @@ from deltaid.robot.load import load_robot
 from drives.cycles import cycling
 from drives.happening import Happening
 from drives.sensors import Sensors
+from faults import faulty
 from plants import true_parameters
 
 Columns = dict[str, np.ndarray]
@@ -322,6 +323,13 @@ def test_two_drives_reversed_while_packing(angles: list[int]) -> None:
     assert {one.grade for one in found} == {Grade.WRONG}
     assert all(("position" in str(one.proposals)) == (angles[0] < 0) for one in found)
     assert not bad(checked_wiring(seen(name, columns)))
+
+
+def test_a_reversed_drive_that_masses_nearly_explain() -> None:
+    """Free least squares, and masses near their prior, leave little of a rail's torques."""
+    case = faulty("both-signs", 403)
+    found = bad(checked_wiring(evidence(case.robot, case.table)))
+    assert [(one.key, one.subject) for one in found] == [("angle-sign", "drive3")]
 
 
 def test_several_recordings_get_one_verdict() -> None:

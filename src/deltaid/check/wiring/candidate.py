@@ -18,9 +18,9 @@ _GAIN, _SHOWN_FAR = 2.5, 3.0
 # Share of the samples whose loops must close, and of the few tried first.
 CLOSED, MOSTLY_CLOSED = 0.98, 0.9
 _FEW = 40
-# A robot within so much of its prior, of which so little is left, needs no search: a wrong sign
-# takes bodies many times lighter or heavier.
-NEAR, LITTLE = 10.0, 0.05
+# A robot within so much of its prior, of which so little is left, and whose torques correlate so
+# with the prior's, is worth no search for units.
+_NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
 # Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
 # of one with factors of positions.
 _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
@@ -101,8 +101,10 @@ class Candidate:
 
     @property
     def clear(self) -> bool:
-        """Whether no search is needed."""
-        return self.closes and self.fit.distance < NEAR and self.left < LITTLE
+        """Whether units need no search."""
+        least = np.where(self.loose, _ALONG_LOOSE, _ALONG)
+        along = bool(np.all((self.along > least)[~self.residual.still]))
+        return along and self.closes and self.fit.distance < _NEAR and self.left < LITTLE
 
     @property
     def sensible(self) -> bool:

@@ -54,7 +54,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     solved = next(residuals(dynamics, fine, [identity], least=_EVALUATED), None)
     as_mapped = solved and Candidate(solved, identity.order, np.ones(dynamics.dof))
     settled = as_mapped is not None and as_mapped.clear
-    maps = _orders(identity) if settled else _maps(dynamics)
+    maps = _wirings(dynamics) if settled else _maps(dynamics)
     maps = (map for map in maps if _decidable(map, fine.moves))
     found = _likely(tried(dynamics, coarse, maps))
     if as_mapped is not None and settled:
@@ -138,19 +138,22 @@ def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda candidate: -candidate.score)
 
 
-def _orders(as_mapped: Map) -> Iterator[Map]:
-    return (replace(as_mapped, order=order) for order in permutations(as_mapped.order))
-
-
-def _maps(dynamics: Dynamics) -> Iterator[Map]:
-    """As mapped, with other signs, in another order, in other units."""
+def _wirings(dynamics: Dynamics) -> Iterator[Map]:
+    """As mapped, with other signs, and in another order."""
     identity = Map.identity(dynamics.dof)
     for signs in product((1.0, -1.0), repeat=dynamics.dof):
         yield replace(identity, scale=signs)
-    yield from (map for map in _orders(identity) if map != identity)
+    for order in permutations(identity.order):
+        if order != identity.order:
+            yield replace(identity, order=order)
+
+
+def _maps(dynamics: Dynamics) -> Iterator[Map]:
+    """The same, and as mapped in other units."""
+    yield from _wirings(dynamics)
     for drives in _groups(dynamics):
         for factor in _units(dynamics, drives[0]):
-            yield identity.times(factor, drives)
+            yield Map.identity(dynamics.dof).times(factor, drives)
 
 
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
