@@ -73,7 +73,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
         case.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
-        entries.proposal(changes),
+        entries.proposal(changes) if best.left < _SURE else (),
         number=factor,
     )
 
