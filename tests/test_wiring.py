@@ -11,21 +11,26 @@ import pytest
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
-from deltaid.check.wiring.candidate import assigned
 from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.residual import residual
 from deltaid.check.wiring.search import explained
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.check.wiring.zeros import _zero
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import RecordingError
 from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
+from drives.cycles import cycling
+from drives.happening import Happening
+from drives.sensors import Sensors
+from faults import faulty
+from plants import true_parameters
 
 Columns = dict[str, np.ndarray]
 _RATE = 250.0
@@ -197,7 +202,7 @@ def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
     assert value == pytest.approx(-0.01, abs=half)
     corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
     assert corrected is not None
-    again = shifts(dynamics, fine, assigned(corrected, best.order))
+    again = shifts(dynamics, fine, replace(best, residual=corrected))
     assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
     assert abs(again.told([0])[0][0]) < half
 
@@ -299,3 +304,46 @@ def test_torques_pass_the_filter_that_samples_pass() -> None:
 def test_a_recording_too_short_to_be_filtered() -> None:
     short = {name: x[:50] for name, x in recorded("linear-delta").items()}
     assert checked_wiring(seen("linear-delta", short)) == ()
+
+
+def picking(motion: str) -> tuple[str, Columns]:
+    """Six seconds of a robot that packs, by the oracle."""
+    robot = load_robot("clavel-delta3")
+    machine = cycling(robot, true_parameters(robot, np.random.default_rng(3)), motion, 1)
+    log = Sensors().recorded(Happening(machine, 6.0, 1))
+    q, tau = (log.select(f"{x}{i}" for i in (1, 2, 3)).to_numpy() for x in ("q", "tau"))
+    return robot.name, {"t": log["t"].to_numpy(), "q": q, "tau": tau}
+
+
+@pytest.mark.parametrize("angles", [[-1, 1, -1], [1, 1, 1]])
+def test_two_drives_reversed_while_packing(angles: list[int]) -> None:
+    name, columns = picking("adept")
+    found = bad(checked_wiring(seen(name, times(columns, q=angles, tau=[-1, 1, -1]))))
+    assert {one.subject for one in found} == {"drive1", "drive3"}
+    assert {one.grade for one in found} == {Grade.WRONG}
+    assert all(("position" in str(one.proposals)) == (angles[0] < 0) for one in found)
+    assert not bad(checked_wiring(seen(name, columns)))
+
+
+def test_a_reversed_drive_that_masses_nearly_explain() -> None:
+    """Free least squares, and masses near their prior, leave little of a rail's torques."""
+    case = faulty("both-signs", 403)
+    found = bad(checked_wiring(evidence(case.robot, case.table)))
+    assert [(one.key, one.subject) for one in found] == [("angle-sign", "drive3")]
+
+
+def test_several_recordings_get_one_verdict() -> None:
+    name, columns = picking("adept")
+    wrong = times(columns, q=[-1, 1, 1], tau=[-1, 1, 1])
+    half = {key: values[: len(values) // 2] for key, values in wrong.items()}
+    common, each = checked_wirings([seen(name, wrong), seen(name, half)])
+    assert [(one.key, one.subject, one.grade) for one in common] == [
+        ("angle-sign", "drive1", Grade.WRONG)
+    ]
+    assert not [one for own in each for one in bad(own)]
+
+
+def test_a_torque_column_copied_from_another_drive_is_refused() -> None:
+    columns = recorded("clavel-delta3")
+    with pytest.raises(RecordingError, match="torques of drive1 and drive2 are one signal"):
+        checked_wiring(seen("clavel-delta3", columns | {"tau": columns["tau"][:, [0, 0, 2]]}))

@@ -150,6 +150,13 @@ def evidence(
     return Evidence(dynamics, table, columns, source, mapping, settings or Settings())
 
 
+def forget(evidence: Evidence) -> None:
+    """Drop what can be read again: all recordings might not fit into memory."""
+    _ = evidence.moved
+    for key in ("rows", "_setup", "surveyed"):
+        vars(evidence).pop(key, None)
+
+
 def with_fit(
     evidence: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
 ) -> Evidence:

@@ -4,12 +4,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from deltaid.check.evidence import Evidence, evidence, with_fit
+from deltaid.check.evidence import Evidence, evidence, forget, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
-from deltaid.check.proposals import proved
-from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, Needs, asked, named, of_robot
+from deltaid.check.proposals import proved, unharmed
+from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdicts import KEYS, Verdicts
+from deltaid.check.wiring.wiring import checked_wirings
 from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.identify import Identification
@@ -91,25 +92,29 @@ def _judged(
     judged = of_robot(description, QUICK_OF_ROBOT)
     if not force:
         _refuse(judged, description.name, DescriptionError, description)
-    sources, opened, wired = as_sources(logs), list[Evidence](), list[tuple[Verdict, ...]]()
+    sources, wired = as_sources(logs), list[tuple[Verdict, ...]]()
     mappings, several = mapping_each(columns, len(sources)), len(sources) > 1
-    for source, mapping in zip(sources, mappings, strict=True):
-        progress(f"judging {source}")
-        record = evidence(description, source, mapping, settings)
-        wiring = _first(record, "rows")
+    places = zip(sources, mappings, strict=True)
+    opened = [evidence(description, *place, settings) for place in places]
+    progress(f"judging {', '.join(str(source) for source in sources)}")
+    common, each = checked_wirings(opened)
+    for record in opened:
+        common = unharmed(record, common)
+    judged += common
+    if not force:
+        _refuse(common, str(opened[0].table.path), RecordingError, opened[0])
+    for record, on_columns in zip(opened, each, strict=True):
+        wiring = _first(record, on_columns)
         if not force:
             _refuse(wiring, str(record.table.path), RecordingError, record)
         if record.columns.sensors:  # which need a survey, made again for the fit
-            on_sensors = _first(record, "survey")
+            on_sensors = _first(record, asked(record, _FIRST, "survey"))
             if not force:
                 _refuse(on_sensors, str(record.table.path), RecordingError, record)
             wiring += on_sensors
         wired.append(wiring)
         if several:
-            _ = record.moved
-            for key in ("rows", "_setup", "surveyed"):
-                vars(record).pop(key, None)  # all of them might not fit into memory
-        opened.append(record)
+            forget(record)
     result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
     progress("judging what it tells")
     for record, wiring, recording in zip(opened, wired, result.recordings, strict=True):
@@ -125,9 +130,8 @@ def _judged(
     return Judged(model, result.problem, result.recordings, result.studies, verdicts)
 
 
-def _first(record: Evidence, needs: Needs) -> tuple[Verdict, ...]:
+def _first(record: Evidence, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
     """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
-    verdicts = asked(record, _FIRST, needs)
     return proved(record, verdicts) if worst(verdicts) is Grade.WRONG else verdicts
 
 

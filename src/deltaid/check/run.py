@@ -18,7 +18,7 @@ from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
 from deltaid.check.verdicts import Verdicts
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.estimation.information import Information, merge
@@ -64,6 +64,8 @@ OF_RECORDING: tuple[Family, ...] = (
     Family(checked_residual, needs="fit"),
     Family(checked_feedback, needs="fit"),
 )
+# Of several recordings: columns and information are judged together.
+OF_SEVERAL = tuple(family for family in OF_RECORDING[1:] if family.alone)
 
 
 def verdicts(
@@ -79,7 +81,8 @@ def verdicts(
     Args:
         robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
         logs: none, one recording or a sequence of them, the same as `identify` takes. Each is
-            judged on its own, but what they tell of the parameters by all of them together.
+            judged on its own, but their columns, and what they tell of the parameters, by all of
+            them together.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or one each.
         settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
@@ -105,22 +108,32 @@ def verdicts(
         sources, judged = as_sources(logs), of_robot(description)
         mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings)
         informations, strokes, several = list[Information](), list[np.ndarray](), len(sources) > 1
-        of_logs = list[Verdict]()
-        families = [family for family in OF_RECORDING if family.alone or not several]
-        for source, mapping in zip(sources, mappings, strict=True):
-            say(f"checking {source}")
-            record = evidence(description, source, mapping, fitting)
+        families, of_logs = OF_SEVERAL if several else OF_RECORDING, list[Verdict]()
+        places = zip(sources, mappings, strict=True)
+        records = [evidence(description, *place, fitting) for place in places]
+        common: tuple[Verdict, ...] = ()
+        on_columns: list[tuple[Verdict, ...]] = [()] * len(records)
+        if several:
+            say("checking the columns of all recordings")
+            common, on_columns = checked_wirings(records)
+        for record, wiring in zip(records, on_columns, strict=True):
+            say(f"checking {record.source}")
             _ = record.rows  # what cannot be read at all is an error and no verdict
-            judged = unharmed(record, judged)
-            on_log = proved(record, of_recording(record, families))
+            judged, common = unharmed(record, judged), unharmed(record, common)
+            if worst(common) is Grade.WRONG:  # what rests on it would only repeat it
+                on_log = wiring + asked(record, families, "rows")
+            else:
+                on_log = of_recording(record, families, wiring)
+            on_log = proved(record, on_log)
             of_logs += named(record, on_log, several=several)
-            if several and worst(on_log) is not Grade.WRONG and (known := information_of(record)):
+            wrong = Grade.WRONG in (worst(common), worst(on_log))
+            if several and not wrong and (known := information_of(record)):
                 informations.append(known)
                 strokes.append(record.moved)
         if several and len(informations) == len(sources):
             say("checking what they tell together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
-        return Verdicts((*judged, *of_logs), description, sources, mappings)
+        return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
 
 
 def of_robot(
@@ -134,12 +147,16 @@ def of_robot(
     return tuple(judged)
 
 
-def of_recording(record: Evidence, checks: Iterable[Family] = OF_RECORDING) -> tuple[Verdict, ...]:
-    """All verdicts on one recording.
+def of_recording(
+    record: Evidence,
+    checks: Iterable[Family] = OF_RECORDING,
+    known: tuple[Verdict, ...] = (),
+) -> tuple[Verdict, ...]:
+    """All verdicts on one recording, after those that are known.
 
     An error of survey or fit is reported as it is where no check explains it.
     """
-    judged = asked(record, checks, "rows")
+    judged = known + asked(record, checks, "rows")
     if worst(judged) is not Grade.WRONG and not isinstance(record.surveyed, DeltaidError):
         judged += asked(record, checks, "survey")
     if worst(judged) is Grade.WRONG:  # what rests on it would only repeat it

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import permutations
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
+from deltaid.check.wiring.contest import Consistent, Patterns
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map, Residual, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
@@ -17,51 +18,76 @@ _GAIN, _SHOWN_FAR = 2.5, 3.0
 # Share of the samples whose loops must close, and of the few tried first.
 CLOSED, MOSTLY_CLOSED = 0.98, 0.9
 _FEW = 40
-# Correlation with the prior's torques, and margin of gains, that need no search.
-_ALONG, _ALONG_LOOSE, _SHOWN = 0.85, 0.6, 4.0
+# A robot within so much of its prior, of which so little is left, and whose torques correlate so
+# with the prior's, is worth no search for units.
+_NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
 # Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
 # of one with factors of positions.
 _SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
-# Residual that another order may leave at most, and signs against the prior, as a share.
-_OTHER_ORDER, _CLEARLY = 0.7, 0.7
+# Hypotheses whose likelihoods are within this factor a row are as good: no noise is white, and no
+# model exact; nor are those within this logarithm of likelihoods.
+_AS_GOOD, _CERTAIN = 1.1, 10.0
 # With a larger residual than this a hypothesis must halve that of the mapping.
 _DOUBTED = 0.03
-# Ratio of the mapping's residual to that of a hypothesis, log likelihood ratio, and ratio for
-# factors of positions, which fit anything.
-_BETTER, _SURELY, _FAR_BETTER = 1.06, 100.0, 3.0
-# Twice the logarithm of a likelihood ratio beyond which a factor of positions is not as good as
-# another: noise that is not white counts several times.
-_CERTAIN = 25.0
 # Correlation of residuals of drives that hang together.
 _TIED = 0.25
+# Patterns of one map that are judged.
+_JUDGED = 4
 
 # Units that numbers may really be in, by the factor to the joint's own.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
 SLIDING = {1e-3: "millimetres", 1e3: "metres"}
 
+# A map of positions, the torque column of each drive, and gains of these.
+Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One assignment of columns, and its residual torques.
+    """One assignment of columns, and how well a consistent robot explains it.
 
     Attributes:
         order: the torque column of each drive.
         gains: of these, with sign: drive torque = gain · number; ±1, or a gain far from 1.
-        loose: drives whose gain is not determined by those of the others.
-        left: unexplained share of the torques, raised by samples that do not close.
-        shown: residual of the next worse gains over that of these.
+        evidence: log evidence before consistency, to choose which to fit.
     """
 
     residual: Residual
     order: tuple[int, ...]
     gains: Float[np.ndarray, " drives"]
-    loose: Bool[np.ndarray, " drives"]
-    left: float
-    shown: float
+    evidence: float = 0.0
 
     @property
     def map(self) -> Map:
         return self.residual.map
+
+    @property
+    def key(self) -> Assignment:
+        """What it assigns; gains that are not ±1 by their size."""
+        return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
+
+    @cached_property
+    def fit(self) -> Consistent:
+        """Of a robot that may exist."""
+        return self.residual.consistent(self.order, self.gains)
+
+    @property
+    def score(self) -> float:
+        """Log likelihood; samples without poses count as not explained."""
+        return self.fit.score
+
+    @cached_property
+    def left(self) -> float:
+        """Share of the torques that no parameters explain, raised by samples that do not close."""
+        return (1 + 3 * (1 - self.residual.poses.share)) * self.fit.left
+
+    @cached_property
+    def loose(self) -> Bool[np.ndarray, " drives"]:
+        """Drives with undetermined gain: their residual correlates with no other's. Limbs that
+        share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
+        S, _ = self.residual.of(self.order)
+        size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
+        return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
 
     @property
     def along(self) -> Float[np.ndarray, " drives"]:
@@ -75,15 +101,18 @@ class Candidate:
 
     @property
     def clear(self) -> bool:
-        """Whether no search is needed."""
+        """Whether units need no search."""
         least = np.where(self.loose, _ALONG_LOOSE, _ALONG)
-        return self.closes and bool(np.all(self.along > least)) and self.shown > _SHOWN
+        along = bool(np.all((self.along > least)[~self.residual.still]))
+        return along and self.closes and self.fit.distance < _NEAR and self.left < LITTLE
 
     @property
     def sensible(self) -> bool:
-        """Whether torques correlate with the motion at all."""
+        """Whether torques correlate with the motion at all; a drive that no other is tied to has
+        its sign from the prior."""
         along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
-        return bool(np.all(self.along[~self.loose] > along)) and self.left < left
+        least = np.where(self.loose, 0.0, along)
+        return bool(np.all((self.along > least)[~self.residual.still])) and self.left < left
 
     @property
     def changes(self) -> int:
@@ -98,22 +127,21 @@ class Candidate:
         return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
 
     def beats(self, as_mapped: "Candidate") -> bool:
-        """Whether its residual rules out the positions as mapped."""
+        """Whether its residual rules out the columns as mapped."""
         if self is as_mapped:
             return True
-        if self.map.scaled:
-            return as_mapped.left > _FAR_BETTER * self.left
         if self.left > _DOUBTED and as_mapped.left < 2 * self.left:
             return False
-        if as_mapped.changes:
-            return True
-        surely = len(self.residual.Y) * np.log(as_mapped.left / self.left) > _SURELY
-        return bool(surely and as_mapped.left > _BETTER * self.left)
+        return not as_mapped.as_likely_as(self)
 
     def as_likely_as(self, best: "Candidate") -> bool:
-        """Whether noise explains the difference to the best."""
-        rows = len(self.residual.Y)
-        return bool(rows * np.log(self.left**2 / best.left**2) < _CERTAIN)
+        """Whether noise, or what no model has, explains the difference to the best."""
+        return best.score - self.score < as_good(len(best.residual.Y))
+
+
+def as_good(rows: int) -> float:
+    """Difference of log likelihoods of so many rows that decides nothing."""
+    return max(_CERTAIN, rows * float(np.log(_AS_GOOD)))
 
 
 def _along(residual: Residual, order: tuple[int, ...]) -> Float[np.ndarray, " drives"]:
@@ -157,55 +185,49 @@ def tried(
         least: share of the samples that must close.
         as_is: whether torque columns keep their order.
     """
-    as_listed = tuple(range(dynamics.dof))
     for solved in residuals(dynamics, motion, maps, least):
-        best = as_mapped = assigned(solved, as_listed)
-        if not as_is:
-            orders = (assigned(solved, order) for order in permutations(as_listed))
-            best = min(orders, key=lambda candidate: candidate.left)
-        yield best if best.left < _OTHER_ORDER * as_mapped.left else as_mapped
+        yield from assigned(solved, as_is=as_is)
 
 
-def assigned(residual: Residual, order: tuple[int, ...]) -> Candidate:
-    """The best signs and gains of one order of the torque columns."""
-    (S, D), along = residual.of(order), _along(residual, order)
-    loose = _loose(S)
-    u, tied, margin = eigh(S, np.diag(D))[1][:, 0], np.flatnonzero(~loose), np.inf
-    if len(tied) > 1:
-        values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
-        u[tied] = vectors[:, 0]
-        margin = float(np.sqrt(max(values[1], 0.0) / max(values[0], 1e-30)))
-    sign, gains = _settled(along, u, loose)
-    sign[residual.still] = gains[residual.still] = 1.0
-    raised, share = 1 + 3 * (1 - residual.poses.share), residual.share(order, sign)
-    expected = np.where((along < 0) & ~residual.still, -1.0, 1.0)
-    if np.any(expected != sign) and share > _CLEARLY * residual.share(order, expected):
-        # Signs are not determined, as without noise or with one drive.
-        sign = gains = expected
-        share = residual.share(order, sign)
-    if margin > _SHOWN_FAR and np.any(gains != sign):
-        far = residual.own_share(order, gains)
-        if share > _FAR_BETTER * far:  # else an unexplained drive is only weighted less
-            return Candidate(residual, order, gains, loose, raised * far, margin)
-    return Candidate(residual, order, sign, loose, raised * share, margin)
+def assigned(residual: Residual, *, as_is: bool = False) -> Iterator[Candidate]:
+    """The likeliest orders, signs and gains of the torque columns."""
+    patterns, dof = Patterns.all_of(len(residual.still)), len(residual.still)
+    values = residual.evidences.copy()
+    # At rest friction balances any torque: neither sign nor order shows.
+    unmoved = (patterns.orders != np.arange(dof)) | (patterns.signs < 0)
+    values[np.any(unmoved[:, residual.still], axis=1)] = -np.inf
+    if as_is:
+        values[np.any(patterns.orders != np.arange(dof), axis=1)] = -np.inf
+    ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
+    for k in ranked[np.isfinite(values[ranked])]:
+        order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
+        yield Candidate(residual, order, patterns.signs[k], evidence)
+    far = None if as_is else _far_gains(residual)
+    if far is not None:
+        yield far
 
 
-def _loose(S: Float[np.ndarray, "drives drives"]) -> Bool[np.ndarray, " drives"]:
-    """Drives with undetermined gain: their residual correlates with no other's. Limbs that share a
-    platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
-    size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
-    return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
-
-
-def _settled(
-    along: Float[np.ndarray, " drives"], u: Float[np.ndarray, " drives"], loose: np.ndarray
-) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
-    """Signs and gains, ±1 unless one is far from the others. The prior decides the common sign of
-    coupled drives, and the sign of a loose one."""
-    sign, tied = np.where(u < 0, -1.0, 1.0), ~loose
-    if np.sum(sign[tied] * along[tied]) < 0:
-        sign[tied] *= -1
-    sign[loose] = np.where(along[loose] < 0, -1.0, 1.0)
-    size = np.abs(u) / np.median(np.abs(u[tied])) if tied.sum() > 1 else np.ones(len(u))
-    far = tied & ((size > _GAIN) | (size < 1 / _GAIN))
-    return sign, np.where(far, sign * size, sign)
+def _far_gains(residual: Residual) -> Candidate | None:
+    """Torque columns in their order, some of them in another unit than those of the others."""
+    dof = len(residual.still)
+    order = tuple(range(dof))
+    as_is = Candidate(residual, order, np.ones(dof))
+    S, D = residual.of(order)
+    tied = np.flatnonzero(~as_is.loose & ~residual.still)
+    if len(tied) < 2:
+        return None
+    values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
+    if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
+        return None
+    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
+    size = np.abs(u) / np.median(np.abs(u))
+    far = (size > _GAIN) | (size < 1 / _GAIN)
+    if not np.any(far):
+        return None
+    gains = np.ones(dof)
+    gains[tied] = np.where(far, u / np.median(np.abs(u)), np.sign(u))
+    better = residual.share(order, np.sign(gains)) / residual.own_share(order, gains)
+    if better < _SHOWN_FAR:  # else an unexplained drive is only weighted less
+        return None
+    evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
+    return Candidate(residual, order, gains, evidence)

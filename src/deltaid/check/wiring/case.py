@@ -58,6 +58,11 @@ class Case:
         return self.good[0]
 
     @property
+    def rivals(self) -> tuple[Candidate, ...]:
+        """The best one and others that are as simple, of which the recording shows no better."""
+        return tuple(other for other in self.good if other.changes == self.best.changes)
+
+    @property
     def names(self) -> tuple[str, ...]:
         return self.evidence.robot.drives
 

@@ -21,6 +21,8 @@ from deltaid.recording.mapping import Quantity
 
 # With a larger residual share of the torques, a factor of positions is doubtful.
 _SURE = 0.08
+# Said where hypotheses explain a recording equally well.
+_UNDECIDED = "the recording does not show which"
 # Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
 _MIRRORED = 0.3
 
@@ -71,7 +73,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
         case.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
-        entries.proposal(changes),
+        entries.proposal(changes) if best.left < _SURE else (),
         number=factor,
     )
 
@@ -83,48 +85,43 @@ def sign_verdicts(case: Case) -> Iterator[Verdict]:
     if n == 1 and not reversed_angles and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
         # No loop determines a lone drive's sign, and gravity may be even: negative inertia does.
         yield _angle_sign(case, 0)
-    for i in reversed_angles:
-        yield _angle_sign(case, i, both=bool(best.gains[i] < 0))
-    reversed_torques = [i for i in range(n) if best.gains[i] < 0 and i not in reversed_angles]
-    if len(reversed_torques) == n > 1:
+    reversed_torques = [i for i in range(n) if best.gains[i] < 0]
+    if len(reversed_torques) == n > 1 and not reversed_angles:
         yield _torque_sign(case, reversed_torques)
         return
-    for i in reversed_torques:
-        angle_instead = any(
-            other.map.scale[i] < 0 and other.gains[i] > 0 and other.changes == best.changes
-            for other in case.good[1:]
-        )
-        yield _torque_sign(case, [i], sure=not angle_instead)
-        if angle_instead:
-            yield _angle_sign(case, i, sure=False)
+    for i in sorted({*reversed_angles, *reversed_torques}):
+        ways = dict.fromkeys((c.map.scale[i] < 0, bool(c.gains[i] < 0)) for c in case.rivals)
+        for angle, torque in ways:
+            if angle:
+                yield _angle_sign(case, i, both=torque, sure=len(ways) == 1)
+            elif torque:
+                yield _torque_sign(case, [i], sure=len(ways) == 1)
 
 
 def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
-    """`both`: the torque's sign is wrong as well; `sure`: not the torque's sign instead."""
+    """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
     name, reverse, source = case.names[i], case.entries.turned, case.best.map.order[i]
     changes: dict[Quantity, Values] = {q: {i: reverse(q, source)} for q in _follow(case, [i])}
     cause = f"the angle of {name} counts the other way"
     if both:
         cause = f"{name} counts the other way, in angle and torque"
         changes["torque"] = {i: reverse("torque", i)}
-    elif not sure:
-        cause += ", or its torque does; the motion does not tell which"
     return Verdict(
         "angle-sign",
         Grade.WRONG if sure else Grade.DOUBTFUL,
         f"only with the other sign of {name} its motion goes with the loops and torques; that "
         f"{case.fits}",
         name,
-        cause,
+        cause if sure else f"{cause}, or another sign is wrong; {_UNDECIDED}",
         f"turn the sign of its {'position and torque' if both else 'position'} column",
-        case.entries.proposal(changes),
+        case.entries.proposal(changes) if sure else (),
     )
 
 
 def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
     reverse, order, whose = case.entries.turned, case.best.order, case.all_or(drives)
     against = float(-case.best.along[drives].min())
-    instead = "" if sure else ", or the angle does; the motion does not tell which"
+    instead = "" if sure else f", or the angle does; {_UNDECIDED}"
     return Verdict(
         "torque-sign",
         Grade.WRONG if sure else Grade.DOUBTFUL,
@@ -133,7 +130,9 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
         case.whose(drives),
         f"the torque of {whose} counts the other way{instead}",
         "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
-        case.entries.proposal({"torque": {i: reverse("torque", order[i]) for i in drives}}),
+        case.entries.proposal({"torque": {i: reverse("torque", order[i]) for i in drives}})
+        if sure
+        else (),
         number=against,
     )
 
@@ -156,16 +155,17 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
         quantities = "positions and torques together"
     given = torque if position == in_order else position
     columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
-    sure = not any(
-        other.changes == best.changes and (other.map.order, other.order) != (position, torque)
-        for other in case.good[1:]
-    )
     cause = f"the {quantities} are in another order than the drives: {columns}"
-    if not sure and position == in_order:
-        cause += " (or the positions are, the other way round; a symmetric robot does not tell)"
+    # Limbs that are alike have no names: what the recording shows is which torque belongs to which
+    # position, and positions and torques that moved together are named as they are.
+    others = {(other.map.order, other.order) for other in case.rivals}
+    sure = all(positions == torques for positions, torques in others) or len(others) == 1
+    if not sure:
+        instead = "positions" if position == in_order else "torques"
+        cause += f", or the {instead} are; {_UNDECIDED}"
     seen = f"torques and motion belong together only in another order, which {case.fits}"
     cure = "map the columns in the order of the drives"
-    proposals = case.entries.proposal(changes)
+    proposals = case.entries.proposal(changes) if sure else ()
     yield Verdict("drive-order", Grade.WRONG, seen, case.whose(moved), cause, cure, proposals)
 
 

@@ -119,7 +119,7 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
     scale = np.array([entry.scale for entry in dynamics.layout.parameters])[residual.columns]
-    noise = best.left * np.linalg.norm(tau) / np.sqrt(len(tau))
+    noise = residual.share(best.order, best.gains) * np.linalg.norm(tau) / np.sqrt(len(tau))
     A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
     b = np.append((tau - residual.Y @ p[residual.columns]) / noise, np.zeros(len(scale)))
     p[residual.columns] += Span.of(A).coefficients(b)

@@ -5,7 +5,7 @@ are differentiated once and mapped afterwards. Poses and regressors are evaluate
 above the cut-off; the same low-pass then goes over regressor and torques, and both are thinned.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -64,6 +64,12 @@ class Motion:
     def filtered(self, signals: Float[np.ndarray, "channels samples"]) -> Values:
         """Low-passed and thinned signals: (channels, kept)."""
         return apply(self.low_pass.smooth, signals, self.low_pass.decimation)[:, : len(self.tau)]
+
+    def few(self, most: int) -> "Motion":
+        """With so many samples at most that count, spread over the motion."""
+        places = np.flatnonzero(self.awake)
+        chosen = places[np.linspace(0, len(places) - 1, min(most, len(places))).astype(int)]
+        return replace(self, awake=np.isin(np.arange(len(self.awake)), chosen))
 
     @cached_property
     def moves(self) -> Bool[np.ndarray, " drives"]:

@@ -7,10 +7,12 @@ torques uᵀS u / uᵀD u with D = diag ‖E_ij‖².
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from deltaid.check.wiring.contest import Consistent, Patterns, consistent_fit, evidences
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
@@ -87,14 +89,17 @@ class Residual:
         S: residual of E, by drive i and column j in either direction.
         D: squares of E's columns, by drive and column.
         along: correlation of drive i's torque at the prior with column j.
+        tau: torques as recorded, of the samples used, a column as in the mapping.
         still: drives at rest, whose torques are friction's and determine no sign.
         keep: which of the kept samples are used.
         columns: parameters that columns of Y stand for.
     """
 
+    dynamics: Dynamics
     map: Map
     poses: Poses
     rows: DriveRows
+    tau: Float[np.ndarray, "samples dof"]
     Y: Float[np.ndarray, "rows columns"]
     E: Float[np.ndarray, "rows pairs"]
     span: Span
@@ -121,6 +126,28 @@ class Residual:
         tau = self.torques(order, gains) / by
         residual = Span.of(self.Y / by[:, None]).without(tau)
         return float(np.linalg.norm(residual) / np.linalg.norm(tau))
+
+    @cached_property
+    def evidences(self) -> Float[np.ndarray, " patterns"]:
+        """Log evidence of each of `Patterns.all_of`."""
+        entries = [self.dynamics.layout.parameters[k] for k in self.columns]
+        p_0, scale = (np.array(x) for x in zip(*((e.prior, e.scale) for e in entries), strict=True))
+        offsets = np.repeat(np.eye(len(self.still)), self.rows.samples, axis=0)
+        offsets /= np.where(self.still, 1 / _AT_REST, 1.0)
+        patterns = Patterns.all_of(len(self.still))
+        found = evidences(self.Y, p_0, scale, offsets, self.E, patterns)
+        # Of torques as shares of themselves, whatever the weights of rows under this map.
+        sizes = np.sqrt(np.mean(self.tau**2, axis=0))
+        sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))
+        return found + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
+
+    def consistent(self, order: tuple[int, ...], gains: np.ndarray) -> Consistent:
+        """The consistent fit of torque columns in an order, times gains."""
+        Y = self.Y.reshape(len(order), self.rows.samples, -1) * self.rows.scale[:, None, None]
+        weights = np.where(self.still, _AT_REST, 1.0)
+        return consistent_fit(
+            self.dynamics, self.columns, Y, (self.tau[:, list(order)] * gains).T, weights
+        )
 
     def torques(self, order: tuple[int, ...], gains: np.ndarray) -> Float[np.ndarray, " rows"]:
         """Torque columns in an order, times gains, as weighted rows."""
@@ -160,4 +187,7 @@ def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     D = np.sum(E**2, axis=0).reshape(still.size, -1)
     sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=0))
     along = expected @ tau / np.maximum(sizes, np.finfo(float).tiny)
-    return Residual(map, reached, rows, Y, E, span, rest.T @ rest, D, along, still, keep, columns)
+    S = rest.T @ rest
+    return Residual(
+        dynamics, map, reached, rows, tau, Y, E, span, S, D, along, still, keep, columns
+    )

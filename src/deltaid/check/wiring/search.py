@@ -4,37 +4,37 @@ A hypothesis is a map of the position columns: another sign, order or unit, or p
 behind gears that are not declared, by the factor that explains the torques best.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 from jaxtyping import Bool
 
 from deltaid.check.wiring.candidate import (
     CLOSED,
+    LITTLE,
     MOSTLY_CLOSED,
     SLIDING,
     TURNING,
+    Assignment,
     Candidate,
+    as_good,
     closed_share,
     residuals,
     tried,
 )
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.residual import Map
+from deltaid.check.wiring.residual import Map, Residual, residual
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.
 _EVALUATED = 0.3
-# Hypotheses within this ratio of the best residual are as good.
-_AS_GOOD = 1.2
-# Those within this ratio are evaluated again on all samples, so many at most.
-_NEAR, _DECIDED = 2.0, 6
-# Correlation with the prior's torques that needs no search for gears of other drives.
-_SURE = 0.9
-# Range of factors of motor positions, points of the grid, and bisections.
-_SMALLEST, _LARGEST, _GRID, _HALVINGS = 1 / 3000, 1 / 1.5, 16, 9
+# Samples that hypotheses are tried on, those that are fitted, and those that are fitted again on
+# all samples.
+_SAMPLES, _FITTED, _DECIDED = 120, 16, 6
+# Range of factors of motor positions, factors whose loops are tried, and points of the grid.
+_SMALLEST, _LARGEST, _CLOSING, _GRID = 1 / 3000, 1 / 1.5, 48, 16
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
 # How far units with a name are from the best factor, and the step that this is refined by.
@@ -50,33 +50,75 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         fine: to decide.
         coarse: a part of it, to search.
     """
-    identity = Map.identity(dynamics.dof)
-    as_mapped = next(tried(dynamics, fine, [identity], least=_EVALUATED), None)
-    settled = as_mapped is not None and as_mapped.clear and as_mapped.changes == 0
-    if as_mapped is not None and settled and not _other_order(dynamics, coarse):
-        return (as_mapped,)
-    maps = _orders(identity) if settled else _maps(dynamics)
-    found = _ranked(tried(dynamics, coarse, (map for map in maps if _decidable(map, fine.moves))))
-    if not settled and (not found or not found[0].clear or found[0].map.scaled):
+    identity, coarse = Map.identity(dynamics.dof), coarse.few(_SAMPLES)
+    solved = next(residuals(dynamics, fine, [identity], least=_EVALUATED), None)
+    as_mapped = solved and Candidate(solved, identity.order, np.ones(dynamics.dof))
+    settled = as_mapped is not None and as_mapped.clear
+    maps = _wirings(dynamics) if settled else _maps(dynamics)
+    maps = (map for map in maps if _decidable(map, fine.moves))
+    found = _likely(tried(dynamics, coarse, maps))
+    if as_mapped is not None and settled:
+        own = next((trial.evidence for trial in found if trial.changes == 0), -np.inf)
+        if not found or found[0].evidence - own < as_good(len(found[0].residual.Y)):
+            return (as_mapped,)
+    found = _ranked(found)
+    if not found or found[0].left > LITTLE or found[0].map.scaled:
         found = _ranked([*found, *_of_motors(dynamics, coarse)])
         if found and found[0].map.scaled:
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
-    close = [trial for trial in found if trial.left < _NEAR * found[0].left]
-    close.sort(key=lambda trial: (trial.left > _AS_GOOD * found[0].left, trial.changes))
-    maps = [*dict.fromkeys(trial.map for trial in close)][:_DECIDED]
-    examined = [trial for trial in tried(dynamics, fine, maps) if trial.sensible]
+    examined = list[Candidate]()
+    likely = [trial for trial in found if trial.as_likely_as(found[0])][:_DECIDED]
+    for map in dict.fromkeys(trial.map for trial in likely):
+        for solved in residuals(dynamics, fine, [map]):
+            own = [trial for trial in likely if trial.map == map]
+            examined += [Candidate(solved, trial.order, trial.gains) for trial in own]
+    examined = [trial for trial in examined if trial.sensible]
     if as_mapped is not None:
-        examined = [*(trial for trial in examined if trial.map != identity), as_mapped]
+        examined = [*(trial for trial in examined if trial.key != as_mapped.key), as_mapped]
     if not examined:
         return ()
-    examined = _ranked(examined)
-    good = [trial for trial in examined if trial.left < _AS_GOOD * examined[0].left]
+    best = max(examined, key=lambda trial: trial.score)
+    good = [trial for trial in examined if trial.as_likely_as(best)]
     if as_mapped is not None and as_mapped.residual.poses.share >= MOSTLY_CLOSED:
         good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
-    if good[0].map.scaled:
-        good = [trial for trial in good if trial.as_likely_as(good[0])]
-    good.sort(key=lambda trial: (trial.changes, trial.unnamed, trial.map != identity))
-    return tuple(good)
+    return tuple(sorted(good, key=_complexity))
+
+
+def together(
+    dynamics: Dynamics, motions: Sequence[Motion], each: Sequence[tuple[Candidate, ...]]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """The hypotheses that explain several recordings of one wiring as well as the best one, for
+    each recording: log likelihoods add.
+
+    Args:
+        each: the hypotheses that explain each recording by itself.
+    """
+    if all(good[0].changes == 0 for good in each):
+        return tuple(each)
+    keys = dict.fromkeys(candidate.key for good in each for candidate in good)
+    keys[Map.identity(dynamics.dof), tuple(range(dynamics.dof)), (1.0,) * dynamics.dof] = None
+    solved = [
+        {map: residual(dynamics, motion, map) for map in dict.fromkeys(key[0] for key in keys)}
+        for motion in motions
+    ]
+    trials = {key: [_on(of[key[0]], key) for of in solved] for key in keys}
+    scores = {key: sum(c.score for c in own if c is not None) for key, own in trials.items()}
+    best = max(scores, key=lambda key: scores[key])
+    margin = as_good(sum(len(c.residual.Y) for c in trials[best] if c is not None))
+    good = [key for key in keys if scores[best] - scores[key] < margin]
+    simplest = sorted(
+        (trials[key] for key in good), key=lambda own: min(map(_complexity, filter(None, own)))
+    )
+    return tuple(tuple(filter(None, own)) for own in zip(*simplest, strict=True))
+
+
+def _on(residual: Residual | None, key: Assignment) -> Candidate | None:
+    _, order, gains = key
+    return None if residual is None else Candidate(residual, order, np.array(gains))
+
+
+def _complexity(candidate: Candidate) -> tuple[int, bool, bool]:
+    return candidate.changes, candidate.unnamed, candidate.map != Map.identity(len(candidate.order))
 
 
 def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
@@ -87,34 +129,31 @@ def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
     return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
 
 
+def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Those that are worth a fit of a consistent robot."""
+    return sorted(candidates, key=lambda candidate: -candidate.evidence)[:_FITTED]
+
+
 def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
-    return sorted(candidates, key=lambda candidate: candidate.left)
+    return sorted(candidates, key=lambda candidate: -candidate.score)
 
 
-def _orders(as_mapped: Map) -> Iterator[Map]:
-    return (replace(as_mapped, order=order) for order in permutations(as_mapped.order))
-
-
-def _other_order(dynamics: Dynamics, motion: Motion) -> bool:
-    """Whether all columns together fit better in another order; the first is the mapping's."""
+def _wirings(dynamics: Dynamics) -> Iterator[Map]:
+    """As mapped, with other signs, and in another order."""
     identity = Map.identity(dynamics.dof)
-    solved = residuals(dynamics, motion, _orders(identity))
-    shares = [solution.share(solution.map.order, np.array(identity.scale)) for solution in solved]
-    return len(shares) > 1 and shares[0] > 1.02 * min(shares)
+    for signs in product((1.0, -1.0), repeat=dynamics.dof):
+        yield replace(identity, scale=signs)
+    for order in permutations(identity.order):
+        if order != identity.order:
+            yield replace(identity, order=order)
 
 
 def _maps(dynamics: Dynamics) -> Iterator[Map]:
-    """As mapped, with other signs, in another order, in other units."""
-    identity, every = Map.identity(dynamics.dof), range(dynamics.dof)
-    yield identity
-    for drives in ([i] for i in every):
-        yield identity.times(-1.0, drives)
-    if len(every) > 1:
-        yield identity.times(-1.0, every)
-    yield from (map for map in _orders(identity) if map != identity)
+    """The same, and as mapped in other units."""
+    yield from _wirings(dynamics)
     for drives in _groups(dynamics):
         for factor in _units(dynamics, drives[0]):
-            yield identity.times(factor, drives)
+            yield Map.identity(dynamics.dof).times(factor, drives)
 
 
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
@@ -138,7 +177,7 @@ def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
         best = _best_factor(dynamics, motion, drives)
         if best is not None:
             yield best
-            if best.clear and best.along.min() > _SURE:
+            if best.clear:
                 return
 
 
@@ -148,17 +187,14 @@ def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candi
     def closes(factor: float) -> bool:
         return closed_share(dynamics, motion, identity.times(factor, drives)) >= CLOSED
 
-    low, high = _SMALLEST, _LONGEST if linear else _LARGEST
-    if not closes(high):
-        if not closes(low):
-            return None
-        for _ in range(_HALVINGS):
-            middle = np.sqrt(low * high)
-            low, high = (middle, high) if closes(middle) else (low, middle)
-        low, high = max(_SMALLEST, low / 30), low
+    grid = np.geomspace(_SMALLEST, _LONGEST if linear else _LARGEST, _CLOSING)
+    closing = grid[[closes(float(factor)) for factor in grid]]
+    if not closing.size:
+        return None
+    low, high = max(closing[0], closing[-1] / 30), closing[-1]
     grid = np.geomspace(low, high, _GRID)
     maps = (identity.times(float(factor), drives) for factor in grid)
-    rough = next(iter(_ranked(tried(dynamics, motion, maps, as_is=True))), None)
+    rough = next(iter(_likely(tried(dynamics, motion, maps, as_is=True))), None)
     if rough is None:
         return None
     best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
@@ -187,11 +223,11 @@ def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float)
     best = rough
     for _ in range(3):
         trials = [times(by) for by in (1 / step, step)]
-        lower, higher = (np.inf if trial is None else trial.left**2 for trial in trials)
-        bend = lower + higher - 2 * best.left**2
+        lower, higher = (np.inf if trial is None else -trial.evidence for trial in trials)
+        bend = lower + higher + 2 * best.evidence
         if np.isfinite(bend) and bend > 0:
             shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
             trials.append(times(step**shift))
-        best = _ranked([best, *filter(None, trials)])[0]
+        best = _likely([best, *filter(None, trials)])[0]
         step = float(np.sqrt(step))
     return best

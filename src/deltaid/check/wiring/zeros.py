@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.wiring.candidate import CLOSED, Candidate, assigned
+from deltaid.check.wiring.candidate import CLOSED, Candidate
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import Shifts, shifts
 from deltaid.check.wiring.motion import Motion
@@ -146,7 +146,7 @@ def _zero(
         if moved is None or moved.poses.share < best.residual.poses.share:
             break
         map = trial
-        shift = shifts(evidence.dynamics, motion, assigned(moved, best.order))
+        shift = shifts(evidence.dynamics, motion, replace(best, residual=moved))
         if abs(step) < np.sqrt(variance):
             break
     return map.shift[drive], 2 * float(np.sqrt(shift.told([drive])[1][0, 0]))

@@ -1,0 +1,167 @@
+"""How likely orders, signs and gains of torque columns are under one map of the positions.
+
+Torques of a robot near its prior are normal: with p ~ N(p₀, α² S²), offsets o of the drives and
+white noise, E u = Y p + X o + e, so that every assignment u of torque columns to drives has a
+closed evidence. It compares all of them at once. What decides is the fit of a consistent robot,
+
+    −2 log L = N log σ² + ‖W(E u − Y p)‖²/σ² + d²(p, p₀),   p in its cones,
+
+with the entropic distance d² to the prior: a wrong sign explains a poor motion by masses that no
+body has. Rows W are shares of each drive's recorded torque, so that units do not decide.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.objective import DataTerm, Objective
+from deltaid.estimation.posing import METRICS
+from deltaid.estimation.reduction import Reduction, build_reduction
+
+# No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
+# about this share of its torques.
+_LEAST, _OFFSET = 0.003, 0.1
+# Parameters are off their prior by about so much of themselves, as a median and the spread of its
+# logarithm, bodies by about a factor e; steps of α²/σ² that are tried.
+_SPREAD, _FACTOR, _GAMMA, _RATIOS = 0.7, 1.0, 1.0, np.geomspace(1e-2, 1e8, 41)
+# Torques are scaled to those of the prior where they are so far from them: in another unit.
+_UNIT = 2.5
+# Rounds of fit and noise level, and change of the latter that ends them.
+_ROUNDS, _SETTLED = 4, 0.05
+_SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
+
+Rows = Float[np.ndarray, " rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Patterns:
+    """Orders and signs of torque columns: all there are, in a fixed sequence.
+
+    Attributes:
+        orders, signs: (patterns, drives).
+        weights: (patterns, pairs), of the columns of E by drive and torque column.
+    """
+
+    orders: Int[np.ndarray, "patterns drives"]
+    signs: Float[np.ndarray, "patterns drives"]
+    weights: Float[np.ndarray, "patterns pairs"]
+
+    @classmethod
+    def all_of(cls, dof: int) -> "Patterns":
+        """n! orders with 2ⁿ signs each, the first one as mapped."""
+        pairs = list(product(permutations(range(dof)), product((1.0, -1.0), repeat=dof)))
+        orders, signs = (np.array(values) for values in zip(*pairs, strict=True))
+        weights = np.zeros((len(pairs), dof, dof))
+        np.put_along_axis(weights, orders[:, :, None], signs[:, :, None], axis=2)
+        return cls(orders, signs, weights.reshape(len(pairs), -1))
+
+
+def evidences(
+    Y: Float[np.ndarray, "rows columns"],
+    p_0: Float[np.ndarray, " columns"],
+    scale: Float[np.ndarray, " columns"],
+    offsets: Float[np.ndarray, "rows drives"],
+    E: Float[np.ndarray, "rows pairs"],
+    patterns: Patterns,
+) -> Float[np.ndarray, " patterns"]:
+    """Log evidence of each pattern.
+
+    Args:
+        p_0, scale: prior of the parameters that Y has columns of, and their sizes.
+        offsets: columns of a constant torque of each drive.
+    """
+    expected, weights = Y @ p_0, patterns.weights.T
+    size = np.sqrt(np.einsum("ip,ij,jp->p", weights, E.T @ E, weights))
+    usual = float(np.linalg.norm(expected))
+    by = np.where(np.abs(np.log(usual / size)) < np.log(_UNIT), 1.0, usual / size)
+    U, s, _ = np.linalg.svd(np.hstack([Y * scale, _OFFSET * offsets]), full_matrices=False)
+    along = (U.T @ E @ weights) * by - (U.T @ expected)[:, None]
+    total = (size * by) ** 2 - 2 * by * (expected @ E @ weights) + usual**2
+    across = np.maximum(total - np.sum(along**2, axis=0), 0.0)
+    rows, spread = len(Y), 1 + _RATIOS[:, None] * s**2
+    left = across + (1 / spread) @ along**2
+    share = left / (size * by) ** 2 + _LEAST**2
+    noise = share * (size * by) ** 2 / rows
+    wide = 0.5 * np.log(_RATIOS[:, None] * noise) - np.log(_SPREAD)
+    level = np.log(share * size**2 / rows)
+    values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
+    return np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)
+
+
+@dataclass(frozen=True)
+class Consistent:
+    """The fit of a robot that may exist.
+
+    Attributes:
+        score: log likelihood and log prior of it.
+        left: share of the torques that it leaves, of each drive alike.
+        distance: d² to the prior; below some 10 where bodies are as described.
+    """
+
+    score: float
+    left: float
+    distance: float
+
+
+IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)
+
+
+def consistent_fit(
+    dynamics: Dynamics,
+    columns: Int[np.ndarray, " columns"],
+    Y: Float[np.ndarray, "drives samples columns"],
+    tau: Float[np.ndarray, "drives samples"],
+    weights: Float[np.ndarray, " drives"],
+) -> Consistent:
+    """The consistent fit of torques in the order and sign of the drives.
+
+    Args:
+        weights: of each drive's rows, 1 for one whose torques count.
+    """
+    expected = Y @ np.array([entry.prior for entry in dynamics.layout.parameters])[columns]
+    sizes = np.sqrt(np.mean(tau**2, axis=1))
+    sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=1e-300))
+    by = np.linalg.norm(expected * weights[:, None]) / np.linalg.norm(tau * weights[:, None])
+    by = 1.0 if abs(np.log(by)) < np.log(_UNIT) else by
+    reduction = build_reduction(dynamics.robot, columns)
+    rows = (weights / (by * sizes))[:, None]
+    A = Y @ reduction.A[columns] * rows[:, :, None]
+    b = by * tau * rows - Y @ reduction.p_0[columns] * rows
+    return _fit(reduction, A, b)
+
+
+def _fit(
+    reduction: Reduction,
+    A: Float[np.ndarray, "drives samples free"],
+    b: Float[np.ndarray, "drives samples"],
+) -> Consistent:
+    regularizer, noise, best = METRICS["entropic"].regularizer(reduction), 0.02, IMPOSSIBLE
+    for _ in range(_ROUNDS):
+        rows = np.concatenate([A, b[:, :, None]], axis=2)
+        # A constant torque of a drive costs what its prior says.
+        rows = rows - _whitened(b.shape[1], noise) * rows.mean(axis=1, keepdims=True)
+        rows = rows.reshape(-1, rows.shape[2])
+        data = DataTerm.of(rows / noise)
+        objective = Objective(reduction, data, regularizer, _GAMMA)
+        try:
+            solution = _SOLVER.solve(objective)
+        except IdentificationError:
+            return IMPOSSIBLE
+        residual = data.evaluate(solution.x)[0] * noise**2
+        distance = solution.objective - data.evaluate(solution.x)[0]
+        settled = np.sqrt(residual / len(rows) + _LEAST**2)
+        score = -len(rows) * np.log(settled) - 0.5 * distance
+        best, before, noise = Consistent(score, float(settled), distance), noise, float(settled)
+        if abs(np.log(noise / before)) < _SETTLED:
+            break
+    return best
+
+
+def _whitened(samples: int, noise: float) -> float:
+    """What of a mean is taken off so that a constant of the usual size is as likely as noise."""
+    return 1 - 1 / np.sqrt(1 + samples * (_OFFSET / noise) ** 2)
