@@ -11,7 +11,9 @@ from deltaid.estimation.problem import surprise
 
 # Waves over the stroke from which torque over the position is a ripple, not a spring; and how far
 # apart orders are that are searched, in waves over the stroke.
-_LEAST, _APART = 3.0, 0.25
+_LEAST, _APART = 1.5, 0.25
+# Orders about the largest that are searched more finely.
+_NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
 _PASSED = 0.1
 
@@ -30,18 +32,27 @@ def largest_ripples(
     ripples = list[tuple[int, float]]()
     for i in range(points[0].dof):
         orders = _orders(points, i)
-        if not len(orders):
+        if len(orders) < 2:
             continue
-        power, scale = np.zeros(len(orders)), np.zeros(len(orders))
-        for point, residual in zip(points, residuals, strict=True):
-            waves = np.exp(1j * np.outer(orders, point.q[:, i])) * _size(point, i, orders)
-            power += np.abs(waves @ residual[i]) ** 2
-            scale += np.sum(np.abs(waves) ** 2, axis=1)
-        explained = 2 * power / np.maximum(scale, 1e-300)
+        explained = _explained(points, residuals, i, orders)
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
-            ripples.append((i, float(orders[best])))
+            near = orders[best] + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
+            finer = _explained(points, residuals, i, near)
+            ripples.append((i, float(near[np.argmax(finer)])))
     return ripples
+
+
+def _explained(
+    points: Sequence[Point], residuals: Residuals, i: int, orders: Float[np.ndarray, " orders"]
+) -> Float[np.ndarray, " orders"]:
+    """What ripples of a drive explain of the residuals' sum of squares."""
+    power, scale = np.zeros(len(orders)), np.zeros(len(orders))
+    for point, residual in zip(points, residuals, strict=True):
+        waves = np.exp(1j * np.outer(orders, point.q[:, i])) * _size(point, i, orders)
+        power += np.abs(waves @ residual[i]) ** 2
+        scale += np.sum(np.abs(waves) ** 2, axis=1)
+    return 2 * power / np.maximum(scale, 1e-300)
 
 
 def with_ripples(

@@ -58,13 +58,11 @@ class Contest:
 
     @property
     def residuals(self) -> list[OfDrives]:
-        """Of each recording, in units of the noise."""
-        shrunk, dof = self.shrunk, self.points[0].dof
-        rows = [
-            shrunk.residual(block) / sigma
-            for block, sigma in zip(shrunk.blocks, shrunk.sigma, strict=True)
-        ]
-        return [np.array(rows[k : k + dof]) for k in range(0, len(rows), dof)]
+        """Of each recording, each drive's in units of its own size."""
+        dof, rows = self.points[0].dof, [self.shrunk.residual(b) for b in self.shrunk.blocks]
+        sizes = [max(float(np.sqrt(np.mean(row**2))), np.finfo(float).tiny) for row in rows]
+        scaled = [row / size for row, size in zip(rows, sizes, strict=True)]
+        return [np.array(scaled[k : k + dof]) for k in range(0, len(rows), dof)]
 
     def with_ripples(self) -> "Contest":
         """With columns of ripples, the largest of each drive, and again, until none is beyond
