@@ -21,8 +21,9 @@ _BAND = 0.5
 
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
-    """Positions of links in place of those of motors, where their gears wind up."""
-    turned = _turned_back(setup, progress)
+    """Positions of links in place of those of motors, where their gears wind up; gears that a
+    contest of causes has found stiff are not searched again."""
+    turned = _turned_back(setup, progress, search=setup.outcome is None or setup.outcome.winds_up)
     gears = [recording.repairs.gears for recording in (*setup.recordings, *turned.recordings)]
     return turned if any(gears) else setup  # with its lags
 

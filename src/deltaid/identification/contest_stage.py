@@ -71,6 +71,11 @@ class Outcome:
         names = [unknown.name for unknown in (*_READ, WIND_UP)]
         return {name: values for name, values in self.values.items() if name in names}
 
+    @property
+    def winds_up(self) -> bool:
+        """Whether rows need gears that wind up beside all else."""
+        return WIND_UP.name in self.values
+
     def of(self, unknown: Unknown) -> tuple[float, ...]:
         return tuple(self.values.get(unknown.name, np.zeros(0)).tolist())
 
@@ -207,5 +212,5 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
             _HALF * outcome.deviations[unknown.name],
         )
     ]
-    now = now.changed(additions=tuple(additions), outcome=outcome).reported(corrections)
+    now = now.changed(additions=tuple(additions), outcome=outcome).reported(corrections, "compliance")
     return now.studied()

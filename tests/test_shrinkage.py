@@ -1,0 +1,112 @@
+"""Least squares over groups that are shrunk by evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltaid.estimation.shrinkage import Block, Group, Shrunk
+
+LEAST = 6.0
+
+
+def problem(seed: int = 0, size: float = 1.0, mean: float = 0.0) -> Shrunk:
+    """Blocks of unlike noise: columns 0 and 1 free, 2 to 4 a cause of some size, 5 and 6 none."""
+    rng = np.random.default_rng(seed)
+    x = np.array([1.0, -2.0, *(size * np.array([1.0, -0.5, 0.8])), 0.0, 0.0])
+    blocks = []
+    for noise in (0.1, 0.4):
+        A = rng.standard_normal((400, 7))
+        b = A @ x + noise * rng.standard_normal(400)
+        blocks.append(Block(A, b, np.repeat(np.arange(40), 10), 5.0))
+    D = np.eye(7)[:2] / 10.0
+    groups = [
+        Group("cause", np.array([2, 3, 4]), np.full(3, 0.5), np.full(3, mean)),
+        Group("nothing", np.array([5, 6]), np.full(2, 0.5), np.zeros(2)),
+    ]
+    return Shrunk.of(blocks, D, np.zeros(2), groups)
+
+
+def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
+    full = problem()
+    assert full.x[2:5] == pytest.approx([1.0, -0.5, 0.8], abs=0.03)
+    assert full.sigma == pytest.approx([0.1, 0.4], rel=0.4)
+    assert full.surprise(full.groups[0]) > 100 > 2 > full.surprise(full.groups[1])
+    assert full.reduced(LEAST).candidates == ("cause",)
+
+
+def test_what_is_not_needed_shrinks_and_what_is_large_widens() -> None:
+    small, large = problem(size=0.0), problem(size=10.0)
+    assert small.alpha[0] < 0.2 < 5.0 < large.alpha[0]
+    assert small.reduced(LEAST).candidates == ()
+
+
+def test_the_minimiser_is_that_of_ridge_regression() -> None:
+    full = problem()
+    weights = np.concatenate([np.full(400, 1 / sigma) for sigma in full.sigma])
+    rows = np.vstack([block.A for block in full.blocks]) * weights[:, None]
+    right = np.concatenate([block.b for block in full.blocks]) * weights
+    prior = np.concatenate([[10.0, 10.0], 0.5 * np.repeat(full.alpha, [3, 2])])
+    A = np.vstack([rows, np.diag(1 / prior)])
+    x = np.linalg.lstsq(A, np.append(right, np.zeros(7)))[0]
+    assert full.x == pytest.approx(x, abs=1e-9)
+    assert full.covariance == pytest.approx(np.linalg.inv(A.T @ A), abs=1e-9)
+
+
+def test_a_price_is_what_the_minimum_grows_by_without_the_group() -> None:
+    full = problem(size=0.02)
+
+    def cost(x: np.ndarray) -> float:
+        rows = sum(
+            float(np.sum((block.b - block.A @ x) ** 2)) / sigma**2
+            for block, sigma in zip(full.blocks, full.sigma, strict=True)
+        )
+        u = [
+            (x[g.columns] - g.mean) / (a * g.deviation)
+            for g, a in zip(full.groups, full.alpha, strict=True)
+        ]
+        return rows + float(np.sum((full.D @ x - full.d) ** 2)) + sum(float(v @ v) for v in u)
+
+    group = full.groups[0]
+    dropped = replace(full.without({"cause"}), alpha=full.alpha[1:], sigma=full.sigma)
+    x = np.insert(dropped.x, 2, np.zeros(3))
+    own = full.covariance[np.ix_(group.columns, group.columns)]
+    price = float(full.x[group.columns] @ np.linalg.solve(own, full.x[group.columns]))
+    assert cost(x) - cost(full.x) == pytest.approx(price, rel=1e-6)
+
+
+def test_without_a_group_its_coefficients_are_the_mean_of_their_prior() -> None:
+    full = problem(mean=0.3)
+    dropped = full.without({"cause"})
+    block = full.blocks[0]
+    assert dropped.blocks[0].b == pytest.approx(block.b - block.A[:, 2:5] @ np.full(3, 0.3))
+    assert dropped.groups[0].columns.tolist() == [2, 3]
+
+
+def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
+    rng = np.random.default_rng(3)
+    right = rng.standard_normal(800)
+    wrong = np.stack([right + 0.2 * rng.standard_normal(800) for _ in range(3)], axis=1)
+    A = np.column_stack([right, wrong])
+    block = Block(A, right + 0.05 * rng.standard_normal(800), np.repeat(np.arange(40), 20), 3.0)
+    groups = [
+        Group("right", np.array([0]), np.array([0.1]), np.zeros(1)),
+        Group("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
+    ]
+    full = Shrunk.of([block], np.zeros((0, 4)), np.zeros(0), groups)
+    assert full.reduced(LEAST).candidates == ("right",)
+
+
+def test_slow_errors_count_as_noise() -> None:
+    rng = np.random.default_rng(4)
+    slow = np.repeat(rng.standard_normal(40), 20)
+    block = Block(rng.standard_normal((800, 1)), slow, np.repeat(np.arange(40), 20), 3.0)
+    group = Group("nothing", np.array([0]), np.ones(1), np.zeros(1))
+    full = Shrunk.of([block], np.zeros((0, 1)), np.zeros(0), [group])
+    assert full.sigma[0] > 2.0 * np.std(slow)
+
+
+def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
+    full = problem(size=0.02)
+    blocks = [replace(block, largest=1e4) for block in full.blocks]
+    assert Shrunk.of(blocks, full.D, full.d, full.groups).reduced(LEAST).candidates == ()
