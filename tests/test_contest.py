@@ -63,7 +63,7 @@ def test_columns_at_drives_follow_their_positions() -> None:
 
 def test_readings_give_positions_and_torques_as_they_are() -> None:
     def channels(name: str) -> tuple[Channel, ...]:
-        return tuple(Channel(f"{name}{i}", 1.0) for i in (1, 2))
+        return tuple(Channel(f"{name}{i}", 1.0, 0.0) for i in (1, 2))
 
     columns = Columns(
         TimeChannel("t", 1.0, 0.0), channels("q"), channels("qd"), (), channels("tau")
