@@ -1,15 +1,22 @@
-"""The effects that a study searches; deleting one's file and its line leaves the others."""
+"""All effects: those that a study searches, and those that the contest weighs.
 
+Deleting one's file and its lines leaves the others.
+"""
+
+from deltaid.effects.beside import BESIDE
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Effect
-from deltaid.effects.falling_gain import FallingGain
+from deltaid.effects.falling_gain import FallingGain, Saturation
 from deltaid.effects.friction import FrictionLaw
 from deltaid.effects.gain import Gain
+from deltaid.effects.gain import Ratios as Gains
+from deltaid.effects.geometry import Lengths, Ratios, Tilt, Zeros
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import Place
 from deltaid.effects.ripple import Ripple
+from deltaid.effects.unknown import Unknown
 from deltaid.effects.zero import Zero
 
 EFFECTS: tuple[Effect, ...] = (
@@ -23,4 +30,14 @@ EFFECTS: tuple[Effect, ...] = (
     Ripple(),
     LoadChange(),
     MissingFriction(),
+)
+
+UNKNOWNS: tuple[Unknown, ...] = (
+    *BESIDE,
+    Gains(),
+    Saturation(),
+    Zeros(),
+    Ratios(),
+    Tilt(),
+    Lengths(),
 )

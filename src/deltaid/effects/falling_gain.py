@@ -24,6 +24,7 @@ class Saturation(Unknown):
     """β_2, β_4 of each drive as of `Readings`, with the columns τ³/τ_max² and τ⁵/τ_max⁴."""
 
     name = "torque-constant"
+    corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         squared = (point.model / point.largest[:, None]) ** 2

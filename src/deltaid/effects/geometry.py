@@ -22,6 +22,7 @@ class Zeros(Unknown):
     """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
 
     name = "zero"
+    corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
@@ -41,6 +42,7 @@ class Ratios(Unknown):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
 
     name = "gear-ratio"
+    corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         q, w, each = point.q, point.w, np.eye(point.dof)
@@ -62,6 +64,7 @@ class Tilt(Unknown):
     """Turns of gravity about two axes across it [rad]."""
 
     name = "tilt"
+    corrects = "robot"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         slopes = point.slopes
@@ -87,6 +90,7 @@ class Lengths(Unknown):
     """What lengths of limbs are more than described [m]."""
 
     name = "length"
+    corrects = "robot"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         lengths = lengths_of(point.dynamics.robot)

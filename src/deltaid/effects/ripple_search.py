@@ -9,9 +9,9 @@ from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.point import Point
 from deltaid.estimation.problem import surprise
 
-# Waves over the stroke from which torque over the position is a ripple, not a spring; and how far
-# apart orders are that are searched, in waves over the stroke.
-_LEAST, _APART = 1.5, 0.25
+# Waves over the stroke from which torque over the position is a ripple, not a spring, and to which
+# it is searched; and how far apart orders are that are searched, in waves over the stroke.
+_LEAST, _MOST, _APART = 1.5, 160.0, 0.25
 # Orders about the largest that are searched more finely.
 _NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
@@ -71,7 +71,7 @@ def _orders(points: Sequence[Point], i: int) -> Float[np.ndarray, " orders"]:
         return np.zeros(0)
     wave = 2 * np.pi / stroke
     fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
-    orders = np.arange(_LEAST, fastest / wave, _APART) * wave
+    orders = np.arange(_LEAST, min(fastest / wave, _MOST), _APART) * wave
     passed = [np.sqrt(np.mean(_size(point, i, orders) ** 2, axis=1)) for point in points]
     return orders[np.max(passed, axis=0) > _PASSED]
 

@@ -1,7 +1,7 @@
 """What takes part in the contest of causes: an effect with unknown coefficients."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -26,11 +26,14 @@ class Unknown(ABC):
         is_candidate: whether it is named and corrected where rows need it; else it only keeps
             others from explaining what it may be, and stages of their own correct it.
         is_own: whether each recording has its own.
+        corrects: what its coefficients are applied to exactly: readings of the drives, the robot,
+            or nothing where they stay columns of a fit or stages of their own estimate them.
     """
 
     name: str
     is_candidate: ClassVar[bool] = True
     is_own: ClassVar[bool] = False
+    corrects: ClassVar[Literal["readings", "robot", ""]] = ""
 
     @abstractmethod
     def columns(self, point: Point) -> ColumnsOfDrives:

@@ -6,13 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.at_drives import AtDrives, DriveSpring
 from deltaid.effects.at_platform import AtPlatform, platform_forces
-from deltaid.effects.beside import BESIDE, WindUp
 from deltaid.effects.contest import SEEN
-from deltaid.effects.falling_gain import Saturation
-from deltaid.effects.gain import Ratios as Gains
-from deltaid.effects.geometry import Lengths, Ratios, Tilt, Zeros, reshaped
+from deltaid.effects.geometry import reshaped
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.effects.windings import motors_of
@@ -34,14 +32,7 @@ _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
 
-ZEROS, RATIOS, TILT, LENGTHS, SATURATION, GAINS = (
-    Zeros(), Ratios(), Tilt(), Lengths(), Saturation(), Gains()
-)  # fmt: skip
-WIND_UP = WindUp()
-# Applied to recordings in every sweep, and to the robot at the end, which is compiled anew.
-_READ: tuple[Unknown, ...] = (ZEROS, RATIOS, SATURATION)
-_SHAPED: tuple[Unknown, ...] = (TILT, LENGTHS)
-_EXACT = (*_READ, *_SHAPED)
+WIND_UP = "compliance"
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant")
 
 # What other effects hide or look like is estimated anew once these are known.
@@ -68,16 +59,16 @@ class Outcome:
     @property
     def read(self) -> dict[str, Coefficients]:
         """Those that recordings have been corrected by."""
-        names = [unknown.name for unknown in (*_READ, WIND_UP)]
-        return {name: values for name, values in self.values.items() if name in names}
+        robot = [unknown.name for unknown in UNKNOWNS if unknown.corrects == "robot"]
+        return {name: values for name, values in self.values.items() if name not in robot}
 
     @property
     def winds_up(self) -> bool:
         """Whether rows need gears that wind up beside all else."""
-        return WIND_UP.name in self.values
+        return WIND_UP in self.values
 
-    def of(self, unknown: Unknown) -> tuple[float, ...]:
-        return tuple(self.values.get(unknown.name, np.zeros(0)).tolist())
+    def of(self, name: str) -> tuple[float, ...]:
+        return tuple(self.values.get(name, np.zeros(0)).tolist())
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
@@ -109,7 +100,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 def _begun(bare: Setup) -> Outcome:
     """Nothing but gears that wind up, as far as they have been turned back."""
     gears = [r.repairs.gears for r in bare.recordings if r.repairs.gears is not None]
-    wound = {WIND_UP.name: np.array(gears[0].compliance)} if gears else {}
+    wound = {WIND_UP: np.array(gears[0].compliance)} if gears else {}
     return Outcome(bare.robot, values=wound)
 
 
@@ -140,15 +131,17 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
     fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
     forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
-    return (*BESIDE, GAINS, *_EXACT, Added("drive-spring", spring), *forces)
+    return (*UNKNOWNS, Added("drive-spring", spring), *forces)
 
 
 def _outcome(before: Outcome, last: Contest) -> Outcome:
     """What is kept, with what had been applied before."""
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
-    winds_up = last.shrunk.surprise(last.group(WIND_UP.name)) > SEEN
-    exact = (*kept, WIND_UP.name) if winds_up else kept
-    for unknown in (*_EXACT, WIND_UP):
+    winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
+    exact = (*kept, WIND_UP) if winds_up else kept
+    for unknown in UNKNOWNS:
+        if not (unknown.corrects or unknown.name == WIND_UP):
+            continue
         if unknown.name not in exact:
             values.pop(unknown.name, None)
             continue
@@ -168,11 +161,11 @@ def _is_settled(before: Outcome, after: Outcome) -> bool:
 
 def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -> Setup:
     """Recordings as links moved and torques acted."""
-    pairs = np.reshape(outcome.of(SATURATION), (-1, 2)).tolist()
+    pairs = np.reshape(outcome.of("torque-constant"), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
     readings = Readings(
-        zero=outcome.of(ZEROS),
-        ratio=outcome.of(RATIOS),
+        zero=outcome.of("zero"),
+        ratio=outcome.of("gear-ratio"),
         falling=falling,
         largest=tuple(largest.tolist()) if falling else (),
     )
@@ -190,8 +183,8 @@ def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -
 
 def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
     """With the robot as it is, columns of the fit, reports, and studies of what is left."""
-    if any(unknown.name in outcome.values for unknown in _SHAPED):
-        robot = reshaped(outcome.described, outcome.of(LENGTHS), outcome.of(TILT))
+    if outcome.of("length") or outcome.of("tilt"):
+        robot = reshaped(outcome.described, outcome.of("length"), outcome.of("tilt"))
         same = {"limbs": robot.limbs, "gravity": robot.gravity}
         now = now.with_robot(now.robot.model_copy(update=same))
     additions = list(without_lags(now.additions))
@@ -204,13 +197,15 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
             additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
     corrections = [
         correction
-        for unknown in _EXACT
-        if unknown.name in outcome.kept
+        for unknown in UNKNOWNS
+        if unknown.corrects and unknown.name in outcome.kept
         for correction in unknown.corrections(
             outcome.described,
             outcome.values[unknown.name],
             _HALF * outcome.deviations[unknown.name],
         )
     ]
-    now = now.changed(additions=tuple(additions), outcome=outcome).reported(corrections, "compliance")
+    now = now.changed(additions=tuple(additions), outcome=outcome).reported(
+        corrections, "compliance"
+    )
     return now.studied()
