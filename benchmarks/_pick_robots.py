@@ -160,7 +160,9 @@ def _identified(
         tau += noise * largest * rng.standard_normal(tau.shape)
         steps, at = np.round(q / ENCODER) * ENCODER, time[: len(q)]
         data.append(Recording.from_arrays(t=at, q=steps, tau=tau, name=f"{robot.name} {k}"))
-    settings = Settings(friction="described", events=False, lag="none", compliance="none")
+    settings = Settings(
+        friction="described", events=False, lag="none", compliance="none", effects="none"
+    )
     return load(identify(robot, data, settings=settings, force=True)), (largest, fastest)
 
 

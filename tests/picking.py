@@ -23,7 +23,9 @@ MASS, CENTRE = 0.8, (0.0, 0.0, -0.04)
 HELD = ((2.0, 5.0), (6.5, 8.5))
 # From when to when, drive (None: the platform), force or torque.
 PUSHES = ((3.5, 3.6, None, (25.0, -15.0, 5.0)), (7.5, 7.62, 1, (8.0,)))
-SETTINGS = Settings(friction="described", events=False, lag="none", compliance="none")
+SETTINGS = Settings(
+    friction="described", events=False, lag="none", compliance="none", effects="none"
+)
 
 
 @dataclass(frozen=True, eq=False)

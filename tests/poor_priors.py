@@ -20,7 +20,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
 # Nothing but the fit itself, and the labels of its parameters.
-PLAIN = Settings(friction="described", lag="none", compliance="none", events=False)
+PLAIN = Settings(friction="described", lag="none", compliance="none", effects="none", events=False)
 POSES = 40
 
 

@@ -16,7 +16,9 @@ from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from sweeps import swept
 
-PLAIN = deltaid.Settings(friction="described", lag="none", compliance="none", events=False)
+PLAIN = deltaid.Settings(
+    friction="described", lag="none", compliance="none", effects="none", events=False
+)
 
 
 @pytest.mark.parametrize("name", swept(catalogue(), "irb360-6-1600", "i4-linear"))

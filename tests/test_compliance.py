@@ -154,7 +154,7 @@ def test_a_stiffness_that_is_stated_is_applied() -> None:
     dynamics, p, table = wound()
     named = dict(zip(dynamics.robot.drives, STIFFNESS.tolist(), strict=True))
     robot = dynamics.robot.model_copy(update={"gear_stiffness": named})
-    setup = at_stage(robot, table, Settings(compliance="none"))
+    setup = at_stage(robot, table, Settings(compliance="none", effects="none"))
     told = [one for one in setup.corrections if one.kind == "compliance"]
     np.testing.assert_allclose([one.value or 0.0 for one in told], 1 / STIFFNESS)
     assert all("as stated" in one.text and one.low is None for one in told)
@@ -163,7 +163,7 @@ def test_a_stiffness_that_is_stated_is_applied() -> None:
 
 def test_nothing_is_looked_for_unless_asked() -> None:
     dynamics, _, table = wound()
-    setup = at_stage(dynamics.robot, table, Settings(compliance="none"))
+    setup = at_stage(dynamics.robot, table, Settings(compliance="none", effects="none"))
     assert not setup.corrections
     assert setup.recordings[0].repairs.gears is None
 

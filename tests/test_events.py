@@ -24,7 +24,7 @@ from pushes import Force, moving, places, recorded, torques
 from sweeps import swept
 
 CLAVEL, IRB, LINEAR = "clavel-delta3", "irb360-6-1600", "linear-delta"
-PLAIN = Settings(friction="described", lag="none", compliance="none")
+PLAIN = Settings(friction="described", lag="none", compliance="none", effects="none")
 
 PUSHES = (
     Force(1.02, 1.07, (60.0, -20.0, 40.0)),

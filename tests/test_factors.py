@@ -28,7 +28,8 @@ from deltaid.recording.recording import Recording
 from deltaid.robot.load import load_robot
 
 ROBOT = "clavel-delta3"
-SETTINGS = Settings(cutoff=15.0)
+# Factor files have rows as recorded.
+SETTINGS = Settings(cutoff=15.0, effects="none")
 
 
 @pytest.fixture(scope="module")

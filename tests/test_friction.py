@@ -163,7 +163,12 @@ def test_every_law_is_identified_from_a_recording_without_noise(
     recording = simulate_recording(dynamics, p, motion, rng, duration=6.0)
     write_recording(recording, tmp_path / "log.csv")
     only = Settings(
-        method=method, friction="described", lag="none", compliance="none", events=False
+        method=method,
+        friction="described",
+        lag="none",
+        compliance="none",
+        effects="none",
+        events=False,
     )
     model = identify(robot, [tmp_path / "log.csv"], settings=only).model
     np.testing.assert_allclose(model.p[layout.friction], p[layout.friction], rtol=share)

@@ -40,7 +40,7 @@ TRUE = {
 }
 
 # What else may be put right is not looked for.
-FRICTION = Settings(lag="none", compliance="none", events=False)
+FRICTION = Settings(lag="none", compliance="none", effects="none", events=False)
 
 Change = Callable[[np.ndarray], np.ndarray]
 

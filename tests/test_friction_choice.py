@@ -46,7 +46,9 @@ def chosen(
         noise=SensorNoise(torque=0.02),
     )
     write_recording(recording, folder / "log.csv")
-    settings = Settings(friction="choose", lag="none", compliance="none", events=False)
+    settings = Settings(
+        friction="choose", lag="none", compliance="none", effects="none", events=False
+    )
     result = identify(load_robot(name), [folder / "log.csv"], settings=settings)
     return result, dict(zip(dynamics.layout.names, p, strict=True))
 

@@ -162,7 +162,9 @@ def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(
 ) -> None:
     dynamics, _ = moving()
     gain = np.array([1.07, 0.95, 1.02])
-    plain = Settings(friction="described", lag="none", compliance="none", events=False)
+    plain = Settings(
+        friction="described", lag="none", compliance="none", effects="none", events=False
+    )
     bare = identify(dynamics.robot, table(1, np.ones(3), 0.0), settings=plain).model
     known = bare.changed(
         corrections=tuple(

@@ -32,7 +32,7 @@ from deltaid.recording.repairs import LeftSpan
 from deltaid.robot.load import load_robot
 
 RATE, DURATION, NOISE = 500.0, 9.0, 0.01
-PLAIN = Settings(events=False, friction="described")
+PLAIN = Settings(events=False, friction="described", effects="none")
 
 
 @cache

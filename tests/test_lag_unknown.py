@@ -22,7 +22,7 @@ from deltaid.robot.load import load_robot
 RATE, PERIOD, SECONDS, NOISE = 250.0, 1.5, 2.5, 0.01
 # How late torques come [s], and viscous friction [N m s/rad]: their product is 19 % of the inertia.
 LATE, VISCOUS = 2e-3, 8.0
-PLAIN = Settings(events=False, friction="described", compliance="none")
+PLAIN = Settings(events=False, friction="described", compliance="none", effects="none")
 
 
 @cache

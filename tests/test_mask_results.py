@@ -19,7 +19,9 @@ from masked import CLAVEL, IRB, opened
 from sweeps import swept
 
 # p of the robot that was moved, and nothing put right beside the masks.
-MASKS = deltaid.Settings(friction="described", lag="none", compliance="none", events=False)
+MASKS = deltaid.Settings(
+    friction="described", lag="none", compliance="none", effects="none", events=False
+)
 
 
 @pytest.mark.parametrize("name", swept([CLAVEL, IRB], CLAVEL))

@@ -27,7 +27,7 @@ from logs import names, recorded
 SIGNS = "check the sign of these torques and positions"
 
 
-PLAIN = Settings(friction="described", lag="none", compliance="none", events=False)
+PLAIN = Settings(friction="described", lag="none", compliance="none", effects="none", events=False)
 
 
 def flipped(*columns: str) -> pl.DataFrame:

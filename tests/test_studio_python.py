@@ -30,7 +30,7 @@ from studios import foreign
 ROBOT, MOTION, MAPPING = "clavel-delta3", "at/motion.csv", "mapping.yaml"
 LOG = Used(file="log.csv", mapping=MAPPING)
 TEST = Used(file="test.csv", mapping=MAPPING, use="verify")
-QUICK = Settings(friction="described", lag="none", compliance="none", events=False)
+QUICK = Settings(friction="described", lag="none", compliance="none", effects="none", events=False)
 PLAN = Plan(robot=ROBOT, recordings=(LOG, TEST), settings=QUICK)
 SLOW = pytest.mark.slow
 EXCITE = excite_step(ROBOT, MOTION, "at", duration=2.0, starts=1)

@@ -34,7 +34,7 @@ from plants import true_parameters
 
 Columns = dict[str, np.ndarray]
 _RATE = 250.0
-OFFSETS = Settings(lag="none", compliance="none", events=False)
+OFFSETS = Settings(lag="none", compliance="none", effects="none", events=False)
 
 
 @cache

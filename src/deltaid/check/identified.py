@@ -101,7 +101,7 @@ def _judged(
     for record in opened:
         common = unharmed(record, common)
     judged += common
-    if not force:
+    if common and not force:
         _refuse(common, str(opened[0].table.path), RecordingError, opened[0])
     for record, on_columns in zip(opened, each, strict=True):
         wiring = _first(record, on_columns)

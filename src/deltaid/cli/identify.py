@@ -24,6 +24,7 @@ from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
+    EffectsChoice,
     FrictionLaws,
     IntervalChoice,
     Method,
@@ -76,6 +77,12 @@ def identify(
     ] = "choose",
     lag: Lag = "estimate",
     compliance: Compliance = "estimate",
+    effects: Annotated[
+        EffectsChoice,
+        typer.Option(
+            help="Zeros, gear ratios, lengths, tilt, forces, ripples that the recording asks for."
+        ),
+    ] = "correct",
     keep_all: KeepAll = False,
     events: Events = True,
     intervals: Annotated[
@@ -129,6 +136,7 @@ def identify(
         events=events,
         lag=lag_of(lag),
         compliance=compliance,
+        effects=effects,
         intervals=intervals,
     )
     inputs = [Path(robot), *logs, *([verify] if verify else ()), *(columns or ())]
@@ -145,6 +153,7 @@ def identify(
         require_open(
             {"--columns": columns is not None, "--cutoff": cutoff is not None,
              "--lag": lag != "estimate", "--compliance": compliance != "estimate",
+             "--effects": effects != "correct",
              "--keep-all": keep_all, "--no-events": not events},
             report,
         )  # fmt: skip

@@ -70,8 +70,9 @@ class AtPlatform(Addition):
 
     def of_motion(self, z: InTask, qd: InTask) -> Values:
         """Entries along a motion."""
-        T = self.dynamics.kinematics.platform_jacobian(z)
-        x, v = z[:, :3] - self.dynamics.kinematics.home[:3], np.einsum("sij,sj->si", T, qd)
+        T, home = self.dynamics.kinematics.platform_jacobian(z), self.dynamics.kinematics.home
+        x = self.dynamics.robot.task.point(z) - self.dynamics.robot.task.point(home)
+        v = np.einsum("sij,sj->si", T, qd)
         torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
         return torques.reshape(-1, len(z))
 

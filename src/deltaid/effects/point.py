@@ -1,7 +1,7 @@
 """A recording at some parameters: what slopes of its torques are taken of."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ class Point:
 
     trace: Trace
     p: Parameters
+    fastest: dict[str, float] = field(default_factory=dict[str, float])  # of joints
 
     @property
     def dynamics(self) -> Dynamics:
@@ -57,11 +58,20 @@ class Point:
         return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
 
     @cached_property
+    def speeds(self) -> dict[str, float]:
+        """Largest speed of each joint with friction."""
+        entries = self.trace.entries(self.w)
+        return {j.name: float(j.speed(entries).max()) for j in joints_of(self.dynamics)}
+
+    @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """Joints with friction that move."""
-        entries = self.trace.entries(self.w)
-        speeds = ((joint, float(joint.speed(entries).max())) for joint in joints_of(self.dynamics))
-        return tuple(replace(joint, fastest=fastest) for joint, fastest in speeds if fastest > 0)
+        speeds = self.fastest or self.speeds
+        return tuple(
+            replace(joint, fastest=speeds[joint.name])
+            for joint in joints_of(self.dynamics)
+            if speeds[joint.name] > 0
+        )
 
     @cached_property
     def slopes(self) -> TorqueSlopes:
@@ -99,3 +109,11 @@ class Point:
         out = np.zeros((self.dof, filtered.shape[1], len(addition.parameters)))
         out[rows, :, columns] = filtered
         return out
+
+
+def points_of(traces: Sequence[Trace], p: Parameters) -> list[Point]:
+    """Recordings at the same parameters, with the largest speeds of all."""
+    points = [Point(trace, p) for trace in traces]
+    names = points[0].speeds
+    fastest = {name: max(point.speeds[name] for point in points) for name in names}
+    return [replace(point, fastest=fastest) for point in points]

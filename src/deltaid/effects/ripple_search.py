@@ -7,11 +7,12 @@ from jaxtyping import Float
 
 from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.point import Point
-from deltaid.estimation.problem import surprise
+from deltaid.effects.unknown import Added
+from deltaid.estimation.chance import surprise
 
 # Waves over the stroke from which torque over the position is a ripple, not a spring, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.
-_LEAST, _MOST, _APART = 1.5, 160.0, 0.25
+_LEAST, _MOST, _APART = 2.0, 160.0, 0.25
 # Orders about the largest that are searched more finely.
 _NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
@@ -37,10 +38,20 @@ def largest_ripples(
         explained = _explained(points, residuals, i, orders)
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
-            near = orders[best] + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
-            finer = _explained(points, residuals, i, near)
-            ripples.append((i, float(near[np.argmax(finer)])))
+            ripples.append((i, nearest_order(points, residuals, i, float(orders[best]))))
     return ripples
+
+
+def nearest_order(points: Sequence[Point], residuals: Residuals, i: int, order: float) -> float:
+    """The order near another that explains most of a drive's residuals, by filtered columns."""
+    orders = _orders(points, i)
+    near = order + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
+    ripples = RippleColumns(points[0].dynamics, (i,) * _NEAR, (1.0,) * (2 * _NEAR), tuple(near))
+    A = np.concatenate([point.added(ripples)[i] for point in points]).reshape(-1, _NEAR, 2)
+    b = A.transpose(1, 2, 0) @ np.concatenate([residual[i] for residual in residuals])
+    normal = np.einsum("sni,snj->nij", A, A)
+    explained = np.einsum("ni,ni->n", b, np.linalg.solve(normal, b[:, :, None])[:, :, 0])
+    return float(near[np.argmax(explained)])
 
 
 def _explained(
@@ -55,11 +66,10 @@ def _explained(
     return 2 * power / np.maximum(scale, 1e-300)
 
 
-def with_ripples(
-    ripples: Sequence[tuple[int, float]], point: Point, deviation: float = 1.0
-) -> RippleColumns:
-    drives, orders = zip(*ripples, strict=True)
-    return RippleColumns(point.dynamics, drives, (deviation,) * (2 * len(drives)), orders)
+def ripple_of(point: Point, drive: int, order: float) -> Added:
+    """A ripple in the contest."""
+    name = f"ripple of {point.dynamics.robot.drives[drive]}, {order:.4g}"
+    return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
 
 
 def _orders(points: Sequence[Point], i: int) -> Float[np.ndarray, " orders"]:

@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaincc, gammaln
 
 from deltaid.estimation.span import DEPENDENT, Columns, Rows, Span, lengths
 
@@ -167,12 +166,3 @@ def level_along(
     s = group_sums(U * residual[:, None], groups)
     variance = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
     return max(variance, float(residual @ residual) / freedom, 1e-300)
-
-
-def surprise(x: float, freedom: int) -> float:
-    """−log₁₀ of the probability that χ² exceeds x, also where that is too small for a number."""
-    a, half = 0.5 * freedom, 0.5 * x
-    tail = float(gammaincc(a, half))
-    if tail > 1e-280:
-        return -float(np.log10(tail)) if a > 0 else 0.0
-    return float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))

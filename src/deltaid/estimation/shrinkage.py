@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
+from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import NOISE_FLOOR, POSITION_ERROR
-from deltaid.estimation.problem import group_sums, surprise
+from deltaid.estimation.problem import group_sums
 from deltaid.estimation.span import Columns, Rows
 
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
@@ -168,19 +169,21 @@ class Shrunk:
         own = np.sqrt(np.diag(self.covariance)[group.columns])
         return own * np.sqrt(self._level(group))
 
-    def surprise(self, group: Group) -> float:
-        """Of what the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g [decades]."""
+    def price(self, group: Group) -> float:
+        """What the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g."""
         own = self.covariance[np.ix_(group.columns, group.columns)]
         x = self.x[group.columns] - group.mean
-        price = float(x @ np.linalg.solve(own, x)) / self._level(group)
-        return surprise(price, len(x))
+        return float(x @ np.linalg.solve(own, x))
+
+    def surprise(self, group: Group) -> float:
+        """Of the price of a group, by the scatter of its rows [decades]."""
+        return surprise(self.price(group) / self._level(group), len(group.columns))
 
     def size(self, group: Group) -> float:
-        """What a group makes of the largest value of a block, in the block where it makes most."""
-        x = self.x[group.columns] - group.mean
-        made = (np.sqrt(np.mean((block.A[:, group.columns] @ x) ** 2)) / block.largest
-                for block in self.blocks)  # fmt: skip
-        return float(max(made))
+        """RMS of what no other column explains of a group, as a share of the largest value."""
+        shares = [s / block.largest for s, block in zip(self.sigma, self.blocks, strict=True)]
+        rows = sum(len(block.b) for block in self.blocks)
+        return float(np.sqrt(self.price(group) / rows * np.mean(np.square(shares))))
 
     def _level(self, group: Group) -> float:
         """Variance of the noise along a group's columns by its scatter between stretches, as a

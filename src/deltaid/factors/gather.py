@@ -57,7 +57,8 @@ def gathered(
     """A recording identified alone, corrected and condensed.
 
     Args:
-        robot, log, columns, settings, force, progress: as of `deltaid.identify`.
+        robot, log, columns, settings, force, progress: as of `deltaid.identify`; rows are kept as
+            recorded, so that effects of the contest of causes stay in them.
 
     Raises:
         DescriptionError: the description is wrong.
@@ -65,6 +66,7 @@ def gathered(
         IdentificationError: it tells too little by itself.
     """
     type_ = described(robot)
+    settings = (settings or Settings()).changed(effects="none")
     result = identify(
         type_, [log], columns=columns, settings=settings, force=force, progress=progress
     )

@@ -13,9 +13,10 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.contest import SEEN
 from deltaid.effects.point import Point
-from deltaid.effects.ripple_search import largest_ripples, with_ripples
+from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, stretch_numbers
 from deltaid.estimation.problem import KNOWN
@@ -24,7 +25,7 @@ from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
 
 # Orders of ripples that a drive has at most.
-_RIPPLES = 6
+_RIPPLES = 3
 
 Applied = dict[str, Float[np.ndarray, " coefficients"]]
 
@@ -66,18 +67,34 @@ class Contest:
 
     def with_ripples(self) -> "Contest":
         """With columns of ripples, the largest of each drive, and again, until none is beyond
-        chance."""
-        contest, ripples = self, list[tuple[int, float]]()
+        chance; orders as they are beside all others."""
+        contest, ripples = self, list[Added]()
         while len(ripples) < _RIPPLES * self.points[0].dof:
-            more = [
-                ripple for ripple in largest_ripples(self.points, contest.residuals, SEEN)
-                if ripple not in ripples
-            ]  # fmt: skip
-            if not more:
+            found = largest_ripples(self.points, contest.residuals, SEEN)
+            if not found:
                 break
-            ripples += more
-            contest = self._with(Added("ripple", with_ripples(ripples, self.points[0])))
+            ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
+            rough = self._with_all(ripples)
+            ripples = [rough._nearer(ripple) for ripple in ripples]
+            contest = self._with_all(ripples)
         return contest
+
+    def _with_all(self, unknowns: Sequence[Unknown]) -> "Contest":
+        contest = self
+        for unknown in unknowns:
+            contest = contest._with(unknown)
+        return contest
+
+    def _nearer(self, ripple: Added) -> Added:
+        """A ripple with the order that explains most of what all others leave."""
+        columns, addition = self.group(ripple.name).columns, ripple.addition
+        assert isinstance(addition, RippleColumns)
+        (drive,), (order,), x = addition.drives, addition.orders, self.shrunk.x[columns]
+        dof, blocks = self.points[0].dof, self.shrunk.blocks
+        left = [self.shrunk.residual(block) + block.A[:, columns] @ x for block in blocks]
+        residuals = [np.array(left[k : k + dof]) for k in range(0, len(left), dof)]
+        order = nearest_order(self.points, residuals, drive, order)
+        return ripple_of(self.points[0], drive, order)
 
     def _with(self, unknown: Unknown) -> "Contest":
         own = [unknown.columns(point) for point in self.points]

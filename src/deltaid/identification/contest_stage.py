@@ -11,7 +11,7 @@ from deltaid.effects.at_drives import AtDrives, DriveSpring
 from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import reshaped
-from deltaid.effects.point import Point
+from deltaid.effects.point import Point, points_of
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
@@ -27,6 +27,9 @@ from deltaid.robot.description import RobotDescription
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
 _SWEEPS, _SETTLED = 5, 0.2
+# By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
+# the fit widens it as much and says so.
+_WIDER = 10.0
 # Windows of a recording at least that are used.
 _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
@@ -73,16 +76,19 @@ class Outcome:
 
 def contested(setup: Setup, progress: Progress) -> Setup:
     """Effects that rows need beside all others; earlier results are decided anew."""
+    if setup.settings.effects == "none":
+        return setup
     progress("weighing causes against each other")
     bare = _bare(setup)
     traces = _traces(bare)
     if not traces:
         return setup
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
+    spread = _WIDER * bare.settings.prior_spread
     now, before, p, sweep = bare, _begun(bare), None, 0
     while True:
-        rows = TraceRows.of(now.dynamics, without_lags(bare.additions), bare.settings.prior_spread)
-        points = [Point(trace, start(rows, traces) if p is None else p) for trace in traces]
+        rows = TraceRows.of(now.dynamics, without_lags(bare.additions), spread)
+        points = points_of(traces, start(rows, traces) if p is None else p)
         full = contest(rows, points, _unknowns(points[0]), before.read).with_ripples()
         last = full.reduced()
         after, sweep = _outcome(before, last), sweep + 1
@@ -90,10 +96,10 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         if sweep == _SWEEPS or _is_settled(before, after):
             if not after.kept:
                 return bare
-            # Other effects hide lags and gears that wind up, or look like them.
-            return gears_turned_back(
-                lags_corrected(_finished(now, after, last), progress), progress
-            )
+            setup = _finished(now, after, last)
+            for stage in _ANEW:
+                setup = stage(setup, progress)
+            return setup
         before, p, traces = after, last.p, _traces(now)
 
 

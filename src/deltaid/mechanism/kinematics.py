@@ -140,7 +140,11 @@ class Kinematics(WithJointStates, Shown, Plotted):
     @one_or_many("z")
     def platform_jacobian(self, z: Samples) -> Float[np.ndarray, "samples 3 dof"]:
         """∂x/∂q of the platform point x in the world, so that ẋ = (∂x/∂q) q̇."""
-        return self._platform_kernel(z.T).T.reshape(-1, self.dof, 3).swapaxes(1, 2)
+        axes = list(self.robot.task.axes)
+        moved = self._platform_kernel(z.T).T.reshape(-1, self.dof, len(axes)).swapaxes(1, 2)
+        J_x = np.zeros((len(z), 3, self.dof))
+        J_x[:, axes] = moved
+        return J_x
 
     @one_or_many("z", "zd")
     def jacobian_rate(self, z: Samples, zd: Samples) -> Float[np.ndarray, "samples dof dof"]:
@@ -266,7 +270,9 @@ class Kinematics(WithJointStates, Shown, Plotted):
     @cached_property
     def _platform_kernel(self) -> BatchKernel:
         m = self.mechanism
-        return BatchKernel(m.z, ca.vec(ca.densify(m.speeds.inverse_jacobian[:3, :])))
+        return BatchKernel(
+            m.z, ca.vec(ca.densify(m.speeds.inverse_jacobian[self.robot.task.moves, :]))
+        )
 
     @cached_property
     def _motion_kernel(self) -> BatchKernel:

@@ -11,6 +11,7 @@ from deltaid.model.options import (
     LARGEST_LAG,
     SPREAD_LIMITS,
     ComplianceChoice,
+    EffectsChoice,
     FrictionLaws,
     IntervalChoice,
     LagChoice,
@@ -36,6 +37,8 @@ class Settings(Part):
         lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
             or one a drive.
         compliance: of gears: estimated where none is stated, or none beside what is stated.
+        effects: zeros, gear ratios, lengths, a tilt, forces and ripples: those that a contest of
+            causes keeps are corrected, or none.
         events: whether contacts, stops, torque spikes and play in gears are found and left out.
         intervals: of parameters, by linearisation about the fit and what data and consistency leave
             open; or of models drawn from the posterior, which feel edges of consistency.
@@ -50,6 +53,7 @@ class Settings(Part):
     keep_all: bool = False
     lag: LagChoice | Annotated[tuple[Lag, ...], Field(min_length=1)] = "estimate"
     compliance: ComplianceChoice = "estimate"
+    effects: EffectsChoice = "correct"
     events: bool = True
     intervals: IntervalChoice = "linear"
 

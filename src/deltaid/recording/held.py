@@ -29,6 +29,9 @@ _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
 # all rises, that those of rows which are no updates may have.
 _SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.1
 
+# Parts of a recording that have to agree.
+_PARTS = 4
+
 Rows = Float[np.ndarray, "_ _"]
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
 
@@ -81,7 +84,25 @@ def _rising(stretches: Sequence[Stretch], longest: int) -> Hold:
 
 
 def _phase(stretches: Sequence[Stretch], k: int) -> int | None:
-    """The phase of the updates of a torque that is held for k rows; None where it is not."""
+    """The phase of the updates of a torque that is held for k rows; None where it is not.
+
+    All parts of a recording show the same, which steps of friction at some rows do not.
+    """
+    phases = {_phase_of(part, k) for part in _parts(stretches)}
+    return phases.pop() if len(phases) == 1 else None
+
+
+def _parts(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
+    """Every stretch in as many parts of equal length."""
+    split = [
+        list(zip(np.array_split(n, _PARTS), np.array_split(tau, _PARTS), strict=True))
+        for n, tau in stretches
+    ]
+    return [list(part) for part in zip(*split, strict=True)]
+
+
+def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
+    """The same of one part."""
     products, squares = np.zeros(k), np.zeros(k)
     rises, count = 0.0, 0
     for numbers, tau in stretches:
@@ -103,6 +124,6 @@ def _phase(stretches: Sequence[Stretch], k: int) -> int | None:
     distance = float(np.sum((c - common) ** 2 / variance))
     update = int(np.argmax(c))
     others = np.delete(np.abs(c) - _SURE * np.sqrt(variance), update)
-    if chi2.sf(distance, k - 1) > _SEEN or np.any(others > _LEFT * c[update]):
+    if chi2.sf(distance, k - 1) > _SEEN ** (1 / _PARTS) or np.any(others > _LEFT * c[update]):
         return None
     return update

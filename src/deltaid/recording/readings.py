@@ -6,11 +6,15 @@ with a gear ratio that is off by r, a zero that is off by q_0, and a torque cons
 current, so that the joint lacks the share β_2 + β_4 at τ_max.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.columns import Columns
 from deltaid.robot.part import Part
+
+if TYPE_CHECKING:
+    from deltaid.recording.columns import Columns
 
 Rows = Float[np.ndarray, "_ _"]
 
@@ -35,7 +39,7 @@ class Readings(Part):
         """Whether nothing is off."""
         return not (self.zero or self.ratio or self.falling)
 
-    def corrected(self, rows: Rows, columns: Columns) -> Rows:
+    def corrected(self, rows: Rows, columns: "Columns") -> Rows:
         """Rows with positions and torques as they are."""
         rows = rows.copy()
         if self.ratio:

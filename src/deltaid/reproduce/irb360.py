@@ -157,12 +157,14 @@ def _candidates(
     found = {}
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
-        result = identify(priors[column], [log], settings=Settings(friction="described"))
+        result = identify(
+            priors[column], [log], settings=Settings(friction="described", effects="none")
+        )
         found[name] = Candidate(name, result.model.robot, result.model.p, result)
     geom = found[GEOM].identification
     assert geom is not None
     progress("choosing friction laws")
-    chosen = identify(priors["RG geom"], [log], settings=Settings(friction="choose"))
+    chosen = identify(priors["RG geom"], [log], settings=Settings(effects="none"))
     return (
         Candidate(BASE, geom.model.robot, geom.problem.estimate.full, None),
         *found.values(),

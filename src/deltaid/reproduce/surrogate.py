@@ -171,7 +171,9 @@ def _fit(
     scene: _Scene, prior: str, robot: RobotDescription, log: Path, *, noisy: bool, method: Method
 ) -> Fit:
     began = time.perf_counter()
-    result = identify(robot, [log], settings=Settings(method=method, friction="described"))
+    result = identify(
+        robot, [log], settings=Settings(method=method, friction="described", effects="none")
+    )
     seconds = time.perf_counter() - began
     p = result.model.p
     return Fit(

@@ -8,6 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     ComplianceChoice,
+    EffectsChoice,
     FrictionLaws,
     IntervalChoice,
     Method,
@@ -25,6 +26,10 @@ _CHOICES: dict[str, tuple[str, Any]] = {
     "method": ("Method", Method),
     "regularizer": ("Distance to the prior", RegularizerName),
     "compliance": ("Gears that wind up", ComplianceChoice),
+    "effects": (
+        "Zeros, lengths, tilt, forces and ripples that the recording asks for",
+        EffectsChoice,
+    ),
 }
 _NUMBERS = {
     "cutoff": "Cut-off of the low-pass [Hz]; empty: from the data",
