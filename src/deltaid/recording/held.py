@@ -26,11 +26,13 @@ _SHORTEST = 1.25
 # Longest hold of a log with noise [s]; prime factors of its rows, one of which shows any.
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
 # How often recordings without a hold are said to have one; standard deviations, and the share of
-# all rises, that those of rows which are no updates may have.
-_SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.1
+# an update's rise, that those of other rows surely stay below.
+_SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.5
 
+# Share of rows that have no step of friction near.
+_USUAL = 0.9
 # Parts of a recording that have to agree.
-_PARTS = 4
+_PARTS = 2
 
 Rows = Float[np.ndarray, "_ _"]
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
@@ -113,7 +115,8 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
         n = np.arange(2 * k, len(tau) - 2 * k + 1)
         s = (means[n + k] - means[n - 2 * k]) / (3 * k)
         d = tau[n] - tau[n - 1]
-        r = numbers[n] % k
+        usual = np.abs(s) <= np.quantile(np.abs(s), _USUAL)
+        d, s, r = d[usual], s[usual], numbers[n[usual]] % k
         products += np.bincount(r, d * s, k)
         squares += np.bincount(r, s**2, k)
         rises, count = rises + float(d @ d), count + len(d)
@@ -123,7 +126,7 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
     common = float(np.sum(c / variance) / np.sum(1 / variance))
     distance = float(np.sum((c - common) ** 2 / variance))
     update = int(np.argmax(c))
-    others = np.delete(np.abs(c) - _SURE * np.sqrt(variance), update)
+    others = np.delete(np.abs(c) + _SURE * np.sqrt(variance), update)
     if chi2.sf(distance, k - 1) > _SEEN ** (1 / _PARTS) or np.any(others > _LEFT * c[update]):
         return None
     return update
