@@ -13,7 +13,7 @@ from deltaid.robot.description import RobotDescription
 
 # Standard deviations before any recording: of zeros and a tilt [rad; m for a rail], gear ratios,
 # and lengths [m].
-_ZERO, _TILT, _RATIO, _LENGTH = 3e-3, 3e-3, 3e-3, 5e-4
+_ZERO, _TILT, _RATIO, _LENGTH = 4e-3, 1e-2, 4e-3, 5e-4
 # Lengths of a limb that may be off, and the place of each among a limb's symbols of growth.
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 

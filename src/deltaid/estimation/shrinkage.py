@@ -23,8 +23,9 @@ from deltaid.estimation.span import Columns, Rows
 
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
 _SWEEPS, _SETTLED = 40, 0.02
-# Scales of priors: a group that is not needed shrinks towards the lowest, none exceeds the highest.
-_LOW, _HIGH = 1e-2, 10.0
+# Scales of priors: a group that is not needed shrinks towards the lowest; none is much larger than
+# it usually is, or groups that look alike grow against each other.
+_LOW, _HIGH = 1e-2, 3.0
 # Pull of a scale towards zero where data says nothing, as a share of one direction.
 _PULL = 1e-2
 # Columns of unit length that others explain up to this share of their square are dependent.
@@ -267,16 +268,22 @@ class Shrunk:
             if prices[cheapest] >= least:
                 break
             now = self.of_candidates([name for name in prices if name != cheapest])
-        return self._exchanged(now)
+        return self._exchanged(now, least)
 
-    def _exchanged(self, now: "Shrunk") -> "Shrunk":
+    def _exchanged(self, now: "Shrunk", least: float) -> "Shrunk":
         dropped = [name for name in self.candidates if name not in now.candidates]
         trials = [
             self.of_candidates([other, *(name for name in now.candidates if name != kept)])
             for kept in now.candidates for other in dropped
         ]  # fmt: skip
-        best = max(trials, key=lambda trial: trial.evidence, default=now)
-        return self._exchanged(best) if best.evidence > now.evidence else now
+        needed = [trial for trial in trials if trial._least_surprising >= least]
+        best = max(needed, key=lambda trial: trial.evidence, default=now)
+        return self._exchanged(best, least) if best.evidence > now.evidence else now
+
+    @property
+    def _least_surprising(self) -> float:
+        candidates = [group for group in self.groups if group.is_candidate]
+        return min((self.surprise(group) for group in candidates), default=np.inf)
 
 
 def _noise_of(block: Block, residual: Rows) -> float:

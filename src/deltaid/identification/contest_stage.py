@@ -26,7 +26,7 @@ from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
-_SWEEPS, _SETTLED = 5, 0.2
+_SWEEPS, _SETTLED = 4, 0.2
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
 # the fit widens it as much and says so.
 _WIDER = 10.0
