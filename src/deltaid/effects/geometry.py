@@ -22,6 +22,7 @@ class Zeros(Unknown):
     """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
 
     name = "zero"
+    is_geometry = True
     corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
@@ -42,6 +43,7 @@ class Ratios(Unknown):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
 
     name = "gear-ratio"
+    is_geometry = True
     corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
@@ -64,6 +66,7 @@ class Tilt(Unknown):
     """Turns of gravity about two axes across it [rad]."""
 
     name = "tilt"
+    is_geometry = True
     corrects = "robot"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
@@ -90,6 +93,7 @@ class Lengths(Unknown):
     """What lengths of limbs are more than described [m]."""
 
     name = "length"
+    is_geometry = True
     corrects = "robot"
 
     def columns(self, point: Point) -> ColumnsOfDrives:

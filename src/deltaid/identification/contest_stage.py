@@ -30,6 +30,8 @@ _SWEEPS, _SETTLED = 4, 0.2
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
 # the fit widens it as much and says so.
 _WIDER = 10.0
+# Sweeps after which nothing more is added.
+_DECIDED = 2
 # Windows of a recording at least that are used.
 _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
@@ -89,7 +91,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     while True:
         rows = TraceRows.of(now.dynamics, without_lags(bare.additions), spread)
         points = points_of(traces, start(rows, traces) if p is None else p)
-        full = contest(rows, points, _unknowns(points[0]), before.read).with_ripples()
+        unknowns = _allowed(_unknowns(points[0]), before, sweep)
+        full = contest(rows, points, unknowns, before.read).with_ripples()
         last = full.reduced()
         after, sweep = _outcome(before, last), sweep + 1
         now = _read(bare, after, largest, last.p)
@@ -138,6 +141,19 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
     forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
     return (*UNKNOWNS, Added("drive-spring", spring), *forces)
+
+
+def _allowed(unknowns: tuple[Unknown, ...], before: Outcome, sweep: int) -> tuple[Unknown, ...]:
+    """Those that take part: later sweeps only drop, and a geometry that is off is no correction
+    beside gears that wind up, since each may stand for what the other's slopes lack."""
+    late = sweep >= _DECIDED
+    return tuple(
+        unknown for unknown in unknowns
+        if not unknown.is_candidate or not (
+            (late and unknown.name not in before.kept)
+            or (before.winds_up and unknown.is_geometry)
+        )
+    )  # fmt: skip
 
 
 def _outcome(before: Outcome, last: Contest) -> Outcome:
