@@ -156,7 +156,7 @@ def test_every_choice_of_the_fit_is_an_option_of_the_command(folder: Folder) -> 
     others = {
         "method": "log-cholesky", "regularizer": "entropic", "gamma": 0.1, "prior_spread": 0.2,
         "cutoff": 20.0, "friction": "described", "keep_all": True, "lag": "none",
-        "compliance": "none", "events": False, "intervals": "posterior",
+        "compliance": "none", "effects": "none", "events": False, "intervals": "posterior",
     }  # fmt: skip
     assert set(others) == set(Settings.model_fields)
     step = fit_step(plan.changed(settings=Settings(**others)), "runs/x")
