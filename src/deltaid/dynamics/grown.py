@@ -45,7 +45,9 @@ class Places:
 
     def with_zero(self, drive: int) -> Samples:
         """z."""
-        return self.with_drives(np.eye(self.z.shape[1])[[drive]])
+        moved = np.zeros_like(self.z)
+        moved[:, drive] = 1.0
+        return self.with_drives(moved)
 
     def with_drives(self, q: Samples) -> Samples:
         """z where drives are `STEP` times q further."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from deltaid.robot.description import RobotDescription
 Samples = Float[np.ndarray, "samples dof"]
 
 
+@runtime_checkable
 class Pull(Protocol):
     """Something beside the robot that takes torques of its drives."""
 
