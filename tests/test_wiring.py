@@ -11,10 +11,12 @@ import pytest
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
 from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.wiring.candidate import Candidate
+from deltaid.check.wiring.contest import Patterns
 from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.residual import residual
-from deltaid.check.wiring.search import explained
+from deltaid.check.wiring.residual import Map, residual
+from deltaid.check.wiring.search import _likely, explained
 from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.check.wiring.zeros import _zero
 from deltaid.dynamics.dynamics import compiled
@@ -163,6 +165,21 @@ def test_a_sign_that_may_be_of_either_column() -> None:
     found = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
     assert {one.key for one in found} == {"torque-sign", "angle-sign"}
     assert {(one.grade, one.subject) for one in found} == {(Grade.DOUBTFUL, "drive4")}
+
+
+def test_limbs_that_are_alike_hide_no_simple_cause() -> None:
+    # Limbs exchanged, or two signs turned, explain a recording as well as one sign does.
+    name = "linear-delta"
+    moved, dynamics = motion(seen(name, recorded(name)).rows), compiled(load_robot(name))
+    assert moved is not None
+    solved = residual(dynamics, moved, Map.identity(3))
+    assert solved is not None
+    patterns = Patterns.all_of(3)
+    alike = [
+        Candidate(solved, tuple(order.tolist()), signs, evidence=-1e-3 * signs.sum())
+        for order, signs in zip(patterns.orders, patterns.signs, strict=True)
+    ]
+    assert min(trial.changes for trial in _likely(alike)) == 0
 
 
 def test_order_of_drives() -> None:

@@ -33,9 +33,11 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
     labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
         label, value = labels.of(i), float(problem.values[i])
-        # Ranges are those of the recording alone, or of the prior alone; where a fit holds what
-        # the recording would have otherwise, its estimate may be at their end.
-        low, high = min(label.low, value - label.std), max(label.high, value + label.std)
+        low, high = label.low, label.high
+        if label.by != "prior":
+            # Ranges are those of the recording alone; where a fit holds what the recording would
+            # have otherwise, its estimate may be at their end.
+            low, high = min(low, value - label.std), max(high, value + label.std)
         rows.append(
             Parameter(
                 name=parameter.name,

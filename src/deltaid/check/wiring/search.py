@@ -67,7 +67,7 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         if found and found[0].map.scaled:
             found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
     examined = list[Candidate]()
-    likely = [trial for trial in found if trial.as_likely_as(found[0])][:_DECIDED]
+    likely = sorted((t for t in found if t.as_likely_as(found[0])), key=_complexity)[:_DECIDED]
     for map in dict.fromkeys(trial.map for trial in likely):
         for solved in residuals(dynamics, fine, [map]):
             own = [trial for trial in likely if trial.map == map]
@@ -130,8 +130,18 @@ def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
 
 
 def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Those that are worth a fit of a consistent robot."""
-    return sorted(candidates, key=lambda candidate: -candidate.evidence)[:_FITTED]
+    """Those that are worth a fit of a consistent robot, likeliest first.
+
+    Limbs that are alike make several assignments equal: of those that are as good as the best, the
+    simplest are fitted.
+    """
+    ranked = sorted(candidates, key=lambda candidate: -candidate.evidence)
+    if not ranked:
+        return []
+    least = ranked[0].evidence - as_good(len(ranked[0].residual.Y))
+    first = [trial for trial in ranked if trial.evidence > least]
+    fitted = [*sorted(first, key=_complexity), *ranked[len(first) :]][:_FITTED]
+    return sorted(fitted, key=lambda candidate: -candidate.evidence)
 
 
 def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
