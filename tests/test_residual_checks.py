@@ -191,3 +191,25 @@ def test_what_follows_nothing_is_told_as_such() -> None:
     assert bad(verdicts) == ["residual"]
     assert (verdicts["residual"].number or 0.0) > 3
     assert "short" in verdicts["residual"].seen
+
+
+def _scaled(x: np.ndarray) -> np.ndarray:
+    return x / np.abs(x).max(axis=0)
+
+
+@pytest.mark.parametrize(
+    ("added", "words"),
+    [
+        (lambda t, q, qd, tau: np.cos(9 * _scaled(qd)), "it varies with the speed of drive2"),
+        (lambda t, q, qd, tau: np.cos(8 * _scaled(tau)), "it varies with the torque of drive2"),
+        (lambda t, q, qd, tau: np.sin(5 * t)[:, None], "it varies with neither speed, place"),
+    ],
+)
+def test_what_no_effect_explains_is_unexplained(added: Added, words: str) -> None:
+    own = np.array([0.0, 1.0, 0.0])
+    verdicts = said(lambda *at: 0.03 * own * np.abs(at[3]).max(axis=0) * added(*at))
+    verdict = verdicts["residual"]
+    assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
+    assert verdict.seen.startswith("unexplained: ")
+    assert words in verdict.seen
+    assert 4 < (verdict.number or 0) < 8  # per cent of its rms torque

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, density, white_noise
+from deltaid.check.unexplained import checked_rest
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import Effect
@@ -26,10 +27,6 @@ from deltaid.recording.windows import Samples
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
-# A residual is far above noise at so many times the noise and this share of the largest torque; it
-# comes in bursts when a tenth of the time has so much of it.
-_FAR, _SEEN, _BURSTS = 3.0, 0.01, 0.7
-_FLOOR = 1e-5  # least noise, as a share of the largest torque
 # Lines are searched above so many times the motion's bandwidth and above so many Hz: below, model
 # errors have lines of their own.
 _ABOVE, _LOWEST = 3.0, 6.0
@@ -66,39 +63,8 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     for cause in causes:
         if effects[cause.kind].is_described:
             yield _verdict(effects[cause.kind], cause, recording)
-    if not causes:
-        yield _rest(study, rings=ringing.grade is not Grade.GOOD)
-
-
-def _rest(study: Study, *, rings: bool) -> Verdict:
-    """Verdict on a residual beyond noise that neither cause nor resonance explains."""
-    residual = study.fit.rows.of_drives(study.account.left)
-    rms = np.sqrt(np.mean(residual**2, axis=1))
-    noise, largest = _white_share(study), _largest_torques(study)
-    times = rms / np.maximum(noise, _FLOOR * largest)
-    worst = int(np.argmax(np.where(rms > _SEEN * largest, times, 0.0)))
-    number, drive = float(times[worst]), study.fit.drives[worst]
-    if rings or number < _FAR or rms[worst] < _SEEN * largest[worst]:
-        seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
-        return Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
-    short = np.sort(residual[worst] ** 2)[-max(len(residual[worst]) // 10, 1) :].sum()
-    pattern = "and it follows neither speed, place, time nor load"
-    cause = "something that the model has no words for, such as compliance, backlash or cables"
-    cure = "; check play and stiffness of the gears"
-    if short > _BURSTS * np.sum(residual[worst] ** 2):
-        pattern, cure = "in short bursts", ", and leave out what was no free motion"
-        cause = "knocks: contact with something, backlash that closes, or stops"
-    return Verdict(
-        "residual",
-        Grade.DOUBTFUL,
-        f"the fit leaves {number:.3g} times the noise of {drive}'s torque, "
-        f"{percent(rms[worst] / largest[worst])} of its largest, {pattern}",
-        drive,
-        cause,
-        f"look at the residual over time in the report{cure}",
-        number=number,
-        unit="times the noise",
-    )
+    known = ringing.grade is not Grade.GOOD
+    yield checked_rest(study, causes, _white_noise(study), rings=known)
 
 
 def _verdict(effect: Effect, cause: Cause, recording: Recording) -> Verdict:
@@ -124,7 +90,7 @@ def _largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
     return np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
 
 
-def _white_share(study: Study) -> Float[np.ndarray, " dof"]:
+def _white_noise(study: Study) -> Float[np.ndarray, " dof"]:
     """White noise of the torques after the filter."""
     low_pass = study.fit.trace.low_pass
     return white_noise(_unexplained(study), low_pass.rate) * low_pass.noise_gain

@@ -114,6 +114,7 @@ class WindUp(Unknown):
 
     name = "compliance"
     is_candidate = False
+    is_positive = True
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         dynamics, trace, each = point.dynamics, point.trace, np.eye(point.dof)

@@ -12,7 +12,7 @@ from deltaid.estimation.span import Span
 
 # A cause counts if it explains this share of all that is explained; smaller ones may be what the
 # first-order columns of another one leave.
-_SHARE = 0.15
+SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
         parts = tuple(part for part in account.found if part.candidate.kind == kind)
         added = np.sum([part.directions @ (part.directions.T @ fit.tau) for part in parts], axis=0)
         rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
-        if sum(part.gain for part in parts) > _SHARE * total and np.any(
+        if sum(part.gain for part in parts) > SHARE * total and np.any(
             rms > POSITION_ERROR * largest
         ):
             causes.append(Cause(kind, fit, account, parts, rms))

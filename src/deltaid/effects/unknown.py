@@ -25,6 +25,7 @@ class Unknown(ABC):
         name: of the effect.
         is_candidate: whether it is named and corrected where rows need it; else it only keeps
             others from explaining what it may be, and stages of their own correct it.
+        is_positive: whether its coefficients are at least zero by physics.
         is_own: whether each recording has its own.
         is_geometry: whether it is about where the links are.
         corrects: what its coefficients are applied to exactly: readings of the drives, the robot,
@@ -33,6 +34,7 @@ class Unknown(ABC):
 
     name: str
     is_candidate: ClassVar[bool] = True
+    is_positive: ClassVar[bool] = False
     is_own: ClassVar[bool] = False
     is_geometry: ClassVar[bool] = False
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""

@@ -28,6 +28,8 @@ _SWEEPS, _SETTLED = 40, 0.02
 _LOW, _HIGH = 1e-2, 3.0
 # Pull of a scale towards zero where data says nothing, as a share of one direction.
 _PULL = 1e-2
+# Share of its prior that is left to a coefficient at its bound.
+_HELD = 1e-6
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
@@ -42,6 +44,7 @@ class Group:
         deviation: prior standard deviation of each coefficient.
         mean: of the prior, minus what has been applied already.
         is_candidate: whether it may be dropped; else it stays whatever its evidence is.
+        is_positive: whether x less the mean, all that is applied, is at least zero by physics.
     """
 
     name: str
@@ -49,6 +52,12 @@ class Group:
     deviation: Float[np.ndarray, " k"]
     mean: Float[np.ndarray, " k"]
     is_candidate: bool = True
+    is_positive: bool = False
+
+    def held(self, x: Float[np.ndarray, " n"]) -> "Group":
+        """With coefficients at zero where physics allows no less than x has."""
+        below = self.is_positive & (x[self.columns] < self.mean)
+        return replace(self, deviation=np.where(below, _HELD * self.deviation, self.deviation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +107,11 @@ class Shrunk:
         """The maximum of evidence, from scales of 1 and the noise of all columns free."""
         sigma = np.ones(len(blocks))
         start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), sigma)
-        return start._settled()
+        now = start._settled()
+        bounded = tuple(group.held(now.x) for group in now.groups)
+        if all(np.all(a.deviation == b.deviation) for a, b in zip(groups, bounded, strict=True)):
+            return now
+        return replace(now, groups=bounded)._settled()
 
     def _settled(self, *, noise: bool = True) -> "Shrunk":
         """With scales, and the noise unless that is kept, at their fixed point."""

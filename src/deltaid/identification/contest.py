@@ -145,7 +145,8 @@ def contest(
             )
         columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
         places = np.arange(first, first + width)
-        groups.append(Group(unknown.name, places, deviation, mean, unknown.is_candidate))
+        kind = {"is_candidate": unknown.is_candidate, "is_positive": unknown.is_positive}
+        groups.append(Group(unknown.name, places, deviation, mean, **kind))
         first += width
     blocks = [
         Block(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))

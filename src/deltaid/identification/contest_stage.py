@@ -168,7 +168,8 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
             values.pop(unknown.name, None)
             continue
         group = last.group(unknown.name)
-        values[unknown.name] = last.shrunk.x[group.columns] - group.mean
+        applied = last.shrunk.x[group.columns] - group.mean
+        values[unknown.name] = np.maximum(applied, 0.0) if unknown.is_positive else applied
         deviations[unknown.name] = last.shrunk.deviation(group)
     return Outcome(before.described, kept, values, deviations)
 
@@ -191,7 +192,7 @@ def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -
         falling=falling,
         largest=tuple(largest.tolist()) if falling else (),
     )
-    setup, wound = bare, np.maximum(outcome.of(WIND_UP), 0.0)
+    setup, wound = bare, np.array(outcome.of(WIND_UP))
     for recording in bare.recordings:
         gears = None
         if wound.any() and recording.low_pass is not None:
