@@ -15,7 +15,7 @@ from deltaid.check.evidence import Evidence
 from deltaid.check.spectra import bandwidth, density, white_noise
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.identification.study import Study, spoilt
@@ -64,8 +64,9 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     causes = causes_of(study.fit, study.account)
     effects = {effect.kind: effect for effect in EFFECTS}
     for cause in causes:
-        if effects[cause.kind].is_described:
-            yield _verdict(effects[cause.kind], cause, recording)
+        effect = effects[cause.kind]
+        if isinstance(effect, DescribedEffect):
+            yield _verdict(effect, cause, recording)
     if not causes:
         yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
@@ -101,7 +102,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     )
 
 
-def _verdict(effect: Effect, cause: Cause, recording: Recording) -> Verdict:
+def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Verdict:
     share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
     subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
