@@ -42,10 +42,8 @@ class ClockColumn(TimingColumns):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return np.arange(self.dynamics.dof), np.zeros(self.dynamics.dof, dtype=int)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """−(t − t_0) τ̇ of every drive."""
-        if not self.is_of(recording):
-            return np.zeros((self.dynamics.dof, own.shape[1]))
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """−(t − t_0) τ̇."""
         return (w.time - self.timing.about) * self.slopes(w, own, recording)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:

@@ -52,12 +52,10 @@ class FilterColumns(TimingColumns):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return self._free, np.arange(len(self._free))
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """T τ̈ of each drive with a filter."""
-        if not self.is_of(recording):
-            return np.zeros((len(self._free), own.shape[1]))
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """T τ̈."""
         bend = -recording.log.rate * slope(self.slopes(w, own, recording), self.reversals(own))
-        return (self.timing.constants[:, None] * bend)[self._free]
+        return self.timing.constants[:, None] * bend
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         found, rest = list[Correction](), dict(zip(self._free.tolist(), judged, strict=True))
