@@ -235,7 +235,9 @@ def _lag(study: Study, *, unknown: bool = False) -> Verdict:
         return Verdict(key, grade, seen, "", cause, cure, number=lag, unit=unit)
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
     lags = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
-    seen = f"torques and positions do not agree in time, and drives differ: {_of(drives, lags)}"
+    seen = (
+        f"torques and positions do not agree in time, and drives differ: {_by_drive(drives, lags)}"
+    )
     differing = np.abs(values - lag) > np.maximum(halves, _APART)
     odd = "" if differing.all() else listed([drives[i] for i in np.flatnonzero(differing)])
     cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong friction "
@@ -253,11 +255,11 @@ def _agreement(study: Study) -> str:
     if not any(applied):
         return f"torques and positions agree in time: {lag}"
     corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
-    shift = corrected[0] if len(set(applied)) == 1 else _of(study.fit.drives, corrected)
+    shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
     return f"torques came {shift} against positions, which has been corrected: {lag} are left"
 
 
-def _of(drives: Sequence[str], texts: Sequence[str]) -> str:
+def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
     """Each drive with its text, if any."""
     return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
 

@@ -256,8 +256,10 @@ def timing_slopes(
         late = -rate * slope(once, columns.reversals(own) & sharp[:, None])
         return np.vstack([late, rate * slope(once - twice), (w.time - about) * late])
 
-    found = trace.filtered(derivatives, np.tile(drives, 3), trace.settling)
-    return found[: len(drives)], found[len(drives) : 2 * len(drives)], found[2 * len(drives) :]
+    late, longer, growing = np.split(
+        trace.filtered(derivatives, np.tile(drives, 3), trace.settling), 3
+    )
+    return late, longer, growing
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
