@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.estimation.information import Information
 from deltaid.estimation.reduction import INTERIOR
+from deltaid.estimation.scatter import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
@@ -171,7 +172,7 @@ class CvxpyFit:
 
 def _normalised_body(M: Array, units: list[tuple[int, Array]], hidden: list[int]) -> _Body:
     rows = np.setdiff1d(np.arange(4), hidden)
-    root = np.linalg.inv(np.linalg.cholesky(M[np.ix_(rows, rows)]))
+    root = inverse(np.linalg.cholesky(M[np.ix_(rows, rows)]).T).T
     variables, loose, columns = [], [], []
     for k, unit in units:
         if np.any(unit[np.ix_(rows, rows)]):

@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from _table import leave
 from scipy import stats
+from scipy.linalg import inv
 from scipy.special import ndtr, ndtri
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -140,7 +141,7 @@ def eigenvalues(model: IdentifiedModel, p: np.ndarray, d: np.ndarray) -> np.ndar
     for b in range(len(model.layout.bodies)):
         part = slice(10 * b, 10 * b + 10)
         if np.any(d[:, part]):
-            L = np.linalg.inv(np.linalg.cholesky(matrices(p[:, part])))
+            L = inv(np.linalg.cholesky(matrices(p[:, part])), assume_a="lower triangular")
             found.append(np.linalg.eigvalsh(L @ matrices(d[:, part]) @ np.swapaxes(L, 1, 2)))
     return np.hstack([*found, d[:, first:] / p[:, first:]])
 

@@ -3,6 +3,7 @@
 import json
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urldefrag
 
 import numpy as np
@@ -22,6 +23,11 @@ def document(page: Path) -> Document:
 
 def words(page: Path) -> str:
     return " ".join(" ".join(document(page).texts).replace("\N{NO-BREAK SPACE}", " ").split())
+
+
+def figure(page: Path, text: str) -> dict[str, Any]:
+    """The first figure of a page that has a text."""
+    return next(json.loads(script) for script in document(page).scripts if text in script)
 
 
 @pytest.fixture(scope="module")
@@ -88,14 +94,13 @@ def test_plotly_takes_every_figure(fleet: Path) -> None:
 
 
 def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
-    scripts = document(fleet / "site" / "robots" / "R003.html").scripts
-    friction = next(json.loads(one) for one in scripts if '"rate"' in one)
+    friction = figure(fleet / "site" / "robots" / "R003.html", '"rate"')
     rate, limit, interval = (
-        next(one for one in friction["data"] if one["name"] == key)
+        next(trace for trace in friction["data"] if trace["name"] == key)
         for key in ("rate", "limit", "its 95 % interval")
     )
     assert rate["x"][0] == "2026-03-16 06:00"
-    seen = [one for one in friction["data"] if one["name"].startswith("friction")]
+    seen = [trace for trace in friction["data"] if trace["name"].startswith("friction")]
     assert rate["yaxis"] == limit["yaxis"] == seen[1]["yaxis"] == "y2"
     assert interval["y"][2] < rate["y"][1] < interval["y"][1]
     assert {shape["x0"] for shape in friction["layout"]["shapes"]} == {
@@ -109,14 +114,13 @@ def test_a_step_has_its_levels(tmp_path: Path) -> None:
     write(folder)
     page = folder / "site" / "robots" / "R003.html"
     assert "Friction of q2 has stepped by +20 % about 2026-03-16." in words(page)
-    friction = next(json.loads(one) for one in document(page).scripts if '"level"' in one)
-    level = next(one for one in friction["data"] if one["name"] == "level" and one["yaxis"] == "y2")
+    friction = figure(page, '"level"')
+    level = next(t for t in friction["data"] if t["name"] == "level" and t["yaxis"] == "y2")
     assert level["y"] == pytest.approx([2.0, 2.0, 2.4, 2.4])
 
 
 def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
-    scripts = document(fleet / "site" / "robots" / "R001.html").scripts
-    friction = next(json.loads(one) for one in scripts if '"as recorded"' in one)
+    friction = figure(fleet / "site" / "robots" / "R001.html", '"as recorded"')
     recorded, cooled = (np.array(trace["y"]) for trace in friction["data"][:2])
     assert friction["data"][1]["name"].endswith("at one temperature")
     assert np.std(cooled) < 0.75 * np.std(recorded)
@@ -124,16 +128,7 @@ def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
 
 
 def test_names_with_markup_or_paths_do_no_harm(tmp_path: Path) -> None:
-    names = {
-        0: HOSTILE,
-        1: "../../up",
-        2: "CON",
-        3: "r005",
-        4: "R005",
-        5: "Größe 7",
-        6: ".",
-        7: "?",
-    }
+    names = dict(enumerate((HOSTILE, "../../up", "CON", "r005", "R005", "Größe 7", ".", "?")))
     folder = write_tables(tmp_path / "plant", 9, 3, names=names, rising=(0,), foreign=(0,))
     changed(folder, "recordings", HOSTILE, type=HOSTILE, reason=HOSTILE, path=f"/{HOSTILE}/a.csv")
     changed(folder, "drift", HOSTILE, drive=HOSTILE, reason=HOSTILE)
@@ -298,8 +293,7 @@ def test_a_line_is_drawn_to_the_last_recording_at_least(tmp_path: Path) -> None:
     folder = write_tables(tmp_path, 3, 15, foreign=())
     changed(folder, "drift", "R003", horizon=None)
     write(folder)
-    page = document(folder / "site" / "robots" / "R003.html")
-    friction = next(json.loads(one) for one in page.scripts if '"rate"' in one)
-    rate = next(one for one in friction["data"] if one["name"] == "rate")
-    seen = [one["x"] for one in friction["data"] if one["name"].startswith("friction")]
+    friction = figure(folder / "site" / "robots" / "R003.html", '"rate"')
+    rate = next(trace for trace in friction["data"] if trace["name"] == "rate")
+    seen = [trace["x"] for trace in friction["data"] if trace["name"].startswith("friction")]
     assert rate["x"][1] >= max(max(x) for x in seen)

@@ -38,7 +38,6 @@ TRUE = {
     "drive2": Friction(viscous=1.0, coulomb=4.0, stribeck=STRIBECK),
     "drive3": Friction(viscous=1.0, coulomb=4.0, load=0.08),
 }
-
 # What else may be put right is not looked for.
 FRICTION = Settings(lag="none", compliance="none", effects="none", events=False)
 
@@ -65,8 +64,7 @@ def recorded(
         without[dynamics.layout.friction] = 0.0
         tau += warm(time)[:, None] * (tau - dynamics.torque(z, qd, qdd, without))
     tau += 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    q = dynamics.kinematics.drive_motion(*motion.evaluate(time))[0]
-    q = 1e-6 * np.round(q / 1e-6)
+    q = 1e-6 * np.round(dynamics.kinematics.drive_motion(*motion.evaluate(time))[0] / 1e-6)
     columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
     return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
 
@@ -256,9 +254,8 @@ def cooling(time: np.ndarray) -> np.ndarray:
 def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     robot = load_robot(ROBOT)
     model = identify(robot, recorded(robot, 4, warm=cooling), settings=FRICTION).model
-    told = [one for one in model.corrections if one.kind == "temperature"]
-    assert len(told) == 1
-    assert told[0].value == pytest.approx(4.0, rel=0.3)
+    (told,) = (one for one in model.corrections if one.kind == "temperature")
+    assert told.value == pytest.approx(4.0, rel=0.3)
     assert not any(further(model.robot.friction).values())
     mean = 1 + np.mean(cooling(np.arange(0, SECONDS, 0.001)))
     for drive in robot.drives:
@@ -293,9 +290,8 @@ def test_friction_follows_a_temperature_that_is_recorded() -> None:
     for drive in robot.drives:
         change = problem.values[names.index(f"coulomb_change.{drive}")]
         assert change == pytest.approx(-robot.friction[drive].coulomb / 100, rel=0.2)
-    told = [one for one in result.model.corrections if one.kind == "temperature"]
-    assert len(told) == 1
-    assert "with its temperature" in told[0].text
+    (told,) = (one for one in result.model.corrections if one.kind == "temperature")
+    assert "with its temperature" in told.text
     mean = 1 + np.mean(cooling(log["t"].to_numpy()))
     law = robot.friction["drive1"]
     assert result.model.value("coulomb.drive1") == pytest.approx(mean * law.coulomb, rel=0.015)

@@ -16,7 +16,7 @@ from deltaid.estimation.objective import Objective, Solution, Solver
 from deltaid.estimation.posing import minimise
 from deltaid.identification.fit import fit
 from deltaid.identification.identify import identify
-from deltaid.identification.signs import against_motion, told
+from deltaid.identification.signs import against_motion, contradiction
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.recording import open_recordings
@@ -66,7 +66,7 @@ def test_inertia_alone_tells_where_there_is_no_friction() -> None:
     tau = (tau + 0.05 * rng.standard_normal(tau.shape)) * [1, -1, 1]
     found = against_motion(dynamics, gather_samples(dynamics, z, qd, qdd, tau))
     assert [one.drive for one in found] == ["drive2"]
-    assert "friction" not in told(found, dynamics.robot)
+    assert "friction" not in contradiction(found, dynamics.robot)
 
 
 def stopped(objective: Objective, solver: Solver) -> Solution:

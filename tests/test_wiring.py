@@ -1,105 +1,36 @@
-"""Units, gears, signs, order and zeros of columns: each fault is told, and its cure mends it."""
+"""Units, gears, signs and order of columns: each fault is told, and its cure mends it."""
 
-import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
-import polars as pl
 import pytest
 
-from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.identified import identify
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.evidence import evidence
 from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.contest import Patterns
-from deltaid.check.wiring.homing import shifts
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.residual import Map, residual
-from deltaid.check.wiring.search import _likely, explained
+from deltaid.check.wiring.search import _likely
 from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
-from deltaid.check.wiring.zeros import _zero
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.model.record import Settings
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from drives.cycles import cycling
 from drives.happening import Happening
 from drives.sensors import Sensors
 from faults import faulty
 from plants import true_parameters
-
-Columns = dict[str, np.ndarray]
-_RATE = 250.0
-OFFSETS = Settings(lag="none", compliance="none", effects="none", events=False)
-
-
-@cache
-def recorded(name: str, tilt: float = 0.0) -> Columns:
-    """Ten seconds of a random motion with noise: t, q, qd, tau, of a base tilted about x."""
-    robot, rng = load_robot(name), np.random.default_rng(4)
-    described = compiled(robot)
-    truth = surrogate_parameters(robot, rng)
-    path = random_motion(described.kinematics, rng)
-    gravity = (0.0, 9.81 * np.sin(tilt), -9.81 * np.cos(tilt))
-    level = described if not tilt else compiled(robot.changed(gravity=gravity))
-    table = simulate_recording(level, truth, path, rng, rate=_RATE, noise=SensorNoise(torque=0.01))
-    n = described.dof
-    columns = {"t": table["t"].to_numpy()}
-    for short in ("q", "tau"):
-        columns[short] = table.select(f"{short}{i + 1}" for i in range(n)).to_numpy()
-    _, zd, zdd = path.evaluate(columns["t"])
-    z, _, _ = path.evaluate(columns["t"])
-    columns["qd"] = described.kinematics.drive_motion(z, zd, zdd)[1]
-    return columns
-
-
-def table(columns: Columns) -> pl.DataFrame:
-    flat = {"t": columns["t"]}
-    for short in ("q", "qd", "tau"):
-        if short in columns:
-            flat |= {f"{short}{i + 1}": x for i, x in enumerate(columns[short].T)}
-    return pl.DataFrame(flat)
-
-
-def seen(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
-    return evidence(load_robot(name), table(columns), mapping)
-
-
-def bad(found: tuple[Verdict, ...]) -> list[Verdict]:
-    return [one for one in found if one.grade in (Grade.WRONG, Grade.DOUBTFUL)]
-
-
-def told(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
-    """The only verdict that is not good; the mapping that it proposes leaves none."""
-    looked_at = seen(name, columns)
-    found = bad(checked_wiring(looked_at))
-    assert len(found) == 1, found
-    if cured:
-        robot = load_robot(name)
-        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-        data = written_out(None, looked_at.table, looked_at.columns, linear)
-        wanted = changes(found, "mapping")
-        assert wanted
-        again = seen(name, columns, ColumnMapping.model_validate(mended(data, wanted)))
-        assert not bad(checked_wiring(again))
-    return found[0]
-
-
-def times(columns: Columns, **factors: object) -> Columns:
-    return columns | {name: columns[name] * np.asarray(by) for name, by in factors.items()}
+from wired import RATE, Columns, bad, only_verdict, recorded, seen, times
 
 
 @pytest.mark.parametrize("name", ["linear-delta", "par4", "irb360-6-1600", "clavel-delta3"])
 def test_nothing_is_said_of_right_columns(name: str) -> None:
-    found = checked_wiring(seen(name, recorded(name)))
-    assert {one.grade for one in found} == {Grade.GOOD}
-    assert {one.key for one in found} == {"drive-order", "homing-or-tilt", "velocity"}
+    verdicts = checked_wiring(seen(name, recorded(name)))
+    assert {verdict.grade for verdict in verdicts} == {Grade.GOOD}
+    assert {verdict.key for verdict in verdicts} == {"drive-order", "homing-or-tilt", "velocity"}
 
 
 @pytest.mark.parametrize(
@@ -111,14 +42,14 @@ def test_unit_of_positions(name: str, which: int | None, factor: float) -> None:
     columns = recorded(name)
     n = columns["q"].shape[1]
     by = np.where([which in (None, i) for i in range(n)], factor, 1.0)
-    verdict = told(name, times(columns, q=by))
+    verdict = only_verdict(name, times(columns, q=by))
     assert (verdict.key, verdict.grade) == ("angle-unit", Grade.WRONG)
     assert verdict.subject == ("" if which is None else f"drive{which + 1}")
 
 
 def test_motor_side_of_a_gear() -> None:
     columns = recorded("clavel-delta3")
-    verdict = told("clavel-delta3", times(columns, q=20.0, qd=20.0, tau=1 / 20))
+    verdict = only_verdict("clavel-delta3", times(columns, q=20.0, qd=20.0, tau=1 / 20))
     assert (verdict.key, verdict.subject) == ("gear", "")
     proposed = dict(verdict.proposals[0].changes)
     assert all(proposed[f"{quantity}[{i}].gear"] == 20
@@ -127,7 +58,7 @@ def test_motor_side_of_a_gear() -> None:
 
 def test_spindle_of_a_linear_drive() -> None:
     turns = 2 * np.pi / 0.02
-    verdict = told("linear-delta", times(recorded("linear-delta"), q=turns, qd=turns))
+    verdict = only_verdict("linear-delta", times(recorded("linear-delta"), q=turns, qd=turns))
     assert verdict.key == "gear"
     lead = dict(verdict.proposals[0].changes)["position[0].lead"]
     assert lead == pytest.approx(0.02, rel=0.1)  # a straight rail hardly shows it
@@ -135,10 +66,10 @@ def test_spindle_of_a_linear_drive() -> None:
 
 def test_scale_of_torques() -> None:
     columns = recorded("clavel-delta3")
-    motor = told("clavel-delta3", times(columns, tau=1 / 30), cured=False)
+    motor = only_verdict("clavel-delta3", times(columns, tau=1 / 30), cured=False)
     assert (motor.key, motor.subject) == ("gear", "")
-    assert told("clavel-delta3", times(columns, tau=1e3)).key == "torque-unit"
-    alone = told("clavel-delta3", times(columns, tau=[1, 1 / 25, 1]))
+    assert only_verdict("clavel-delta3", times(columns, tau=1e3)).key == "torque-unit"
+    alone = only_verdict("clavel-delta3", times(columns, tau=[1, 1 / 25, 1]))
     assert (alone.key, alone.subject) == ("gear", "drive2")
     assert alone.number == pytest.approx(25, rel=0.02)
 
@@ -148,13 +79,13 @@ def test_signs() -> None:
     columns = recorded(name)
     n = columns["q"].shape[1]
     turned = np.where(np.arange(n) == 1, -1.0, 1.0)
-    torque = told(name, times(columns, tau=turned))
+    torque = only_verdict(name, times(columns, tau=turned))
     assert (torque.key, torque.subject) == ("torque-sign", "drive2")
-    every = told(name, times(columns, tau=-1.0))
+    every = only_verdict(name, times(columns, tau=-1.0))
     assert (every.key, every.subject) == ("torque-sign", "")
-    angle = told(name, times(columns, q=turned, qd=turned))
+    angle = only_verdict(name, times(columns, q=turned, qd=turned))
     assert (angle.key, angle.subject) == ("angle-sign", "drive2")
-    both = told(name, times(columns, q=turned, qd=turned, tau=turned))
+    both = only_verdict(name, times(columns, q=turned, qd=turned, tau=turned))
     assert (both.key, both.subject) == ("angle-sign", "drive2")
     assert "torque" in both.cause
 
@@ -162,9 +93,11 @@ def test_signs() -> None:
 def test_a_sign_that_may_be_of_either_column() -> None:
     # Nothing ties the drive of a telescope to the others.
     columns = recorded("irb360-6-1600")
-    found = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
-    assert {one.key for one in found} == {"torque-sign", "angle-sign"}
-    assert {(one.grade, one.subject) for one in found} == {(Grade.DOUBTFUL, "drive4")}
+    verdicts = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
+    assert {verdict.key for verdict in verdicts} == {"torque-sign", "angle-sign"}
+    assert {(verdict.grade, verdict.subject) for verdict in verdicts} == {
+        (Grade.DOUBTFUL, "drive4")
+    }
 
 
 def test_limbs_that_are_alike_hide_no_simple_cause() -> None:
@@ -184,9 +117,9 @@ def test_limbs_that_are_alike_hide_no_simple_cause() -> None:
 
 def test_order_of_drives() -> None:
     columns = recorded("par4")
-    torques = told("par4", columns | {"tau": columns["tau"][:, [1, 0, 2, 3]]})
+    torques = only_verdict("par4", columns | {"tau": columns["tau"][:, [1, 0, 2, 3]]})
     assert (torques.key, torques.subject) == ("drive-order", "drive1, drive2")
-    together = told("par4", {k: x[:, [0, 2, 1, 3]] if x.ndim > 1 else x
+    together = only_verdict("par4", {k: x[:, [0, 2, 1, 3]] if x.ndim > 1 else x
                              for k, x in columns.items()})  # fmt: skip
     assert together.key == "drive-order"
     assert "together" in together.cause
@@ -196,94 +129,29 @@ def test_order_of_drives() -> None:
     assert not bad(checked_wiring(seen("linear-delta", turned)))
 
 
-def test_homing() -> None:
-    columns = recorded("clavel-delta3")
-    verdict = told("clavel-delta3", columns | {"q": columns["q"] + [0.0, 0.04, 0.0]})
-    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
-    assert "drive2" in verdict.subject
-    assert dict(verdict.proposals[0].changes)["position[1].zero"] == pytest.approx(0.04, rel=0.1)
-    assert (verdict.number, verdict.unit) == (pytest.approx(-40.0, rel=0.1), "mrad")
-    value, half = re.findall(r"drive2 that is ([\d.]+) ± ([\d.]+) mrad off", verdict.cause)[0]
-    assert abs(float(value) - 40.0) <= float(half)
-
-
-def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
-    """Of slopes and scatter where it has been corrected."""
-    rows = recorded("linear-delta")
-    looked_at = seen("linear-delta", rows | {"q": rows["q"] + [0.01, 0.0, 0.0]})
-    fine, dynamics = motion(looked_at.rows), looked_at.dynamics
-    assert fine is not None
-    best = explained(dynamics, fine, fine)[0]
-    told = shifts(dynamics, fine, best)
-    value, half = _zero(looked_at, fine, best, told, 0)
-    assert value == pytest.approx(-0.01, abs=half)
-    corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
-    assert corrected is not None
-    again = shifts(dynamics, fine, replace(best, residual=corrected))
-    assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
-    assert abs(again.told([0])[0][0]) < half
-
-
-def test_tilt() -> None:
-    columns = recorded("linear-delta-45", tilt=0.03)
-    verdict = told("linear-delta-45", columns, cured=False)
-    assert (verdict.key, verdict.subject) == ("homing-or-tilt", "")
-    assert "out of level" in verdict.cause
-    assert (verdict.number, verdict.unit) == (pytest.approx(30.0, abs=3.0), "mrad")
-    gravity = dict(verdict.proposals[0].changes)["gravity"]
-    assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
-
-
-def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
-    name, columns = "linear-delta", recorded("linear-delta")
-    pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
-    (verdict,) = bad(checked_wiring(seen(name, pushed)))
-    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
-    told = identify(load_robot(name), table(without(pushed, "qd")), settings=OFFSETS)
-    assert "offset" in " ".join(one.text for one in told.model.corrections)
-    assert "homing-or-tilt" not in [one.key for one in bad(told.verdicts)]
-    off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
-    told = identify(load_robot(name), table(without(off, "qd")), settings=OFFSETS)
-    (zero,) = (one for one in bad(told.verdicts) if one.key == "homing-or-tilt")
-    assert (zero.number, zero.unit) == (pytest.approx(-10.0, rel=0.1), "mm")
-
-
-def without(columns: Columns, key: str) -> Columns:
-    return {one: x for one, x in columns.items() if one != key}
-
-
 def test_velocities() -> None:
     columns = recorded("clavel-delta3")
-    assert told("clavel-delta3", times(columns, qd=30 / np.pi)).key == "velocity-unit"
-    order = told("clavel-delta3", columns | {"qd": columns["qd"][:, [0, 2, 1]]})
+    assert only_verdict("clavel-delta3", times(columns, qd=30 / np.pi)).key == "velocity-unit"
+    order = only_verdict("clavel-delta3", columns | {"qd": columns["qd"][:, [0, 2, 1]]})
     assert (order.key, order.subject) == ("velocity", "drive2, drive3")
-    scale = told("clavel-delta3", times(columns, qd=[1, 1, 1.4]), cured=False)
+    scale = only_verdict("clavel-delta3", times(columns, qd=[1, 1, 1.4]), cured=False)
     assert (scale.key, scale.grade, scale.subject) == ("velocity", Grade.WRONG, "drive3")
     late = columns | {"qd": np.vstack([columns["qd"][:1], columns["qd"][:-1]])}
-    lag = told("clavel-delta3", late, cured=False)
+    lag = only_verdict("clavel-delta3", late, cured=False)
     assert (lag.key, lag.grade) == ("velocity", Grade.DOUBTFUL)
-    assert lag.number == pytest.approx(1e3 / _RATE, abs=0.05)
-
-
-def test_zeros_that_are_far_off() -> None:
-    columns = recorded("clavel-delta3")
-    q = columns["q"] + np.array([0.0, 2.5, -2.5])
-    found = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
-    assert found
-    # Next to nothing is left of angles divided by 57, so that these explain gravity at least.
-    assert ("angle-unit", Grade.WRONG) not in {(one.key, one.grade) for one in found}
+    assert lag.number == pytest.approx(1e3 / RATE, abs=0.05)
 
 
 def test_gains_of_drives_are_no_order_of_them() -> None:
     columns = times(recorded("irb360-6-1600"), tau=[1.08, 0.92, 1.04, 0.944])
-    found = checked_wiring(seen("irb360-6-1600", columns))
-    assert Grade.WRONG not in {one.grade for one in found}
+    verdicts = checked_wiring(seen("irb360-6-1600", columns))
+    assert Grade.WRONG not in {verdict.grade for verdict in verdicts}
 
 
 def test_a_drive_at_rest_tells_neither_sign_nor_order() -> None:
     name = "linear-delta"
     robot, rng = load_robot(name), np.random.default_rng(2)
-    dynamics, time = compiled(robot), np.arange(2500) / _RATE
+    dynamics, time = compiled(robot), np.arange(2500) / RATE
     z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(time)
     q, *_ = dynamics.kinematics.drive_motion(z, zd, zdd)
     q[:, 0] = q[:, 0].mean()
@@ -301,7 +169,7 @@ def test_standing_still_is_left_out() -> None:
     still = {k: np.vstack([x, rest + x[-1]]) for k, x in columns.items() if k != "t"}
     still["qd"][-500:] = 0.0
     still["tau"][-500:] += [8.0, -8.0, 4.0]  # friction holds the arms
-    again = motion(seen("clavel-delta3", still | {"t": np.arange(3000) / _RATE}).rows)
+    again = motion(seen("clavel-delta3", still | {"t": np.arange(3000) / RATE}).rows)
     assert again is not None
     assert again.awake[: len(again.tau) // 2].all()
     assert not again.awake[-len(again.tau) // 10 :].any()
@@ -335,18 +203,18 @@ def picking(motion: str) -> tuple[str, Columns]:
 @pytest.mark.parametrize("angles", [[-1, 1, -1], [1, 1, 1]])
 def test_two_drives_reversed_while_packing(angles: list[int]) -> None:
     name, columns = picking("adept")
-    found = bad(checked_wiring(seen(name, times(columns, q=angles, tau=[-1, 1, -1]))))
-    assert {one.subject for one in found} == {"drive1", "drive3"}
-    assert {one.grade for one in found} == {Grade.WRONG}
-    assert all(("position" in str(one.proposals)) == (angles[0] < 0) for one in found)
+    verdicts = bad(checked_wiring(seen(name, times(columns, q=angles, tau=[-1, 1, -1]))))
+    assert {verdict.subject for verdict in verdicts} == {"drive1", "drive3"}
+    assert {verdict.grade for verdict in verdicts} == {Grade.WRONG}
+    assert all(("position" in str(verdict.proposals)) == (angles[0] < 0) for verdict in verdicts)
     assert not bad(checked_wiring(seen(name, columns)))
 
 
 def test_a_reversed_drive_that_masses_nearly_explain() -> None:
     """Free least squares, and masses near their prior, leave little of a rail's torques."""
     case = faulty("both-signs", 403)
-    found = bad(checked_wiring(evidence(case.robot, case.table)))
-    assert [(one.key, one.subject) for one in found] == [("angle-sign", "drive3")]
+    verdicts = bad(checked_wiring(evidence(case.robot, case.table)))
+    assert [(verdict.key, verdict.subject) for verdict in verdicts] == [("angle-sign", "drive3")]
 
 
 def test_several_recordings_get_one_verdict() -> None:
@@ -354,10 +222,10 @@ def test_several_recordings_get_one_verdict() -> None:
     wrong = times(columns, q=[-1, 1, 1], tau=[-1, 1, 1])
     half = {key: values[: len(values) // 2] for key, values in wrong.items()}
     common, each = checked_wirings([seen(name, wrong), seen(name, half)])
-    assert [(one.key, one.subject, one.grade) for one in common] == [
+    assert [(verdict.key, verdict.subject, verdict.grade) for verdict in common] == [
         ("angle-sign", "drive1", Grade.WRONG)
     ]
-    assert not [one for own in each for one in bad(own)]
+    assert not [verdict for own in each for verdict in bad(own)]
 
 
 def test_a_torque_column_copied_from_another_drive_is_refused() -> None:

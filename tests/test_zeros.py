@@ -1,5 +1,7 @@
-"""What is said of a zero that is off and of a base out of level: numbers, units, cures."""
+"""A zero that is off and a base out of level: how far they are, and what is said of them."""
 
+import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,22 +10,30 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.identified import identify
 from deltaid.check.wiring.cures import Entries
-from deltaid.check.wiring.homing import BLOCKS, Shifts
-from deltaid.check.wiring.zeros import _good, _verdict
+from deltaid.check.wiring.homing import BLOCKS, Shifts, shifts
+from deltaid.check.wiring.motion import motion
+from deltaid.check.wiring.residual import residual
+from deltaid.check.wiring.search import explained
+from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.check.wiring.zeros import _good, _verdict, _zero
 from deltaid.dynamics.geometry import across
+from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapping import ColumnMapping, DriveColumn
 from deltaid.robot.load import load_robot
+from wired import bad, only_verdict, recorded, seen, table, without
 
 # A zero of 30 mrad (or mm), and a tilt of 10 mrad, whose direction is (0.6, 0.8).
 ZERO, TILT = 0.03, (0.006, 0.008)
+OFFSETS = Settings(lag="none", compliance="none", effects="none", events=False)
 # What columns explain for each unit, and standard deviations of the zero and of the tilt.
 H, OF_ZERO, OF_TILT = 100.0, 1e-3, 2e-3
 
 
 @cache
-def seen(name: str, unit: str) -> Evidence:
+def blank(name: str, unit: str) -> Evidence:
     t = np.arange(400) / 100.0
     moved = 0.1 * np.sin(2.0 * t)
     table = {"t": t} | {f"q{i}": moved / (np.pi / 180 if unit == "deg" else 1) for i in (1, 2, 3)}
@@ -32,7 +42,7 @@ def seen(name: str, unit: str) -> Evidence:
     return evidence(load_robot(name), pl.DataFrame(table), ColumnMapping(position=columns))
 
 
-def told() -> Shifts:
+def scores() -> Shifts:
     """Of three drives; scores of blocks scatter as the standard deviations ask for."""
     means, signs = np.zeros(11), (-1.0) ** (np.arange(BLOCKS)[:, None] // [1, 1, 2, 1, 2])
     means[1], means[3:5] = ZERO, TILT
@@ -44,9 +54,9 @@ def told() -> Shifts:
 
 
 def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Verdict:
-    looked_at, rivals = seen(name, unit), [1] if which["zero"] else [1, 2]
+    empty, rivals = blank(name, unit), [1] if which["zero"] else [1, 2]
     way = -ZERO, 2 * OF_ZERO
-    return _verdict(looked_at, told(), Entries(looked_at), rivals, way, grade=Grade.WRONG, **which)
+    return _verdict(empty, scores(), Entries(empty), rivals, way, grade=Grade.WRONG, **which)
 
 
 def test_a_zero_that_is_off() -> None:
@@ -97,6 +107,66 @@ def test_where_it_may_be_either_both_are_told() -> None:
 
 
 def test_of_right_zeros_the_tilt_that_may_be_is_told() -> None:
-    found = _good(told())
+    found = _good(scores())
     assert found.seen.endswith("a tilt of 10 ± 4 mrad")
     assert found.number == pytest.approx(10.0)
+
+
+def test_homing() -> None:
+    columns = recorded("clavel-delta3")
+    verdict = only_verdict("clavel-delta3", columns | {"q": columns["q"] + [0.0, 0.04, 0.0]})
+    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
+    assert "drive2" in verdict.subject
+    assert dict(verdict.proposals[0].changes)["position[1].zero"] == pytest.approx(0.04, rel=0.1)
+    assert (verdict.number, verdict.unit) == (pytest.approx(-40.0, rel=0.1), "mrad")
+    value, half = re.findall(r"drive2 that is ([\d.]+) ± ([\d.]+) mrad off", verdict.cause)[0]
+    assert abs(float(value) - 40.0) <= float(half)
+
+
+def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
+    """Of slopes and scatter where it has been corrected."""
+    rows = recorded("linear-delta")
+    looked_at = seen("linear-delta", rows | {"q": rows["q"] + [0.01, 0.0, 0.0]})
+    fine, dynamics = motion(looked_at.rows), looked_at.dynamics
+    assert fine is not None
+    best = explained(dynamics, fine, fine)[0]
+    value, half = _zero(looked_at, fine, best, shifts(dynamics, fine, best), 0)
+    assert value == pytest.approx(-0.01, abs=half)
+    corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
+    assert corrected is not None
+    again = shifts(dynamics, fine, replace(best, residual=corrected))
+    assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
+    assert abs(again.told([0])[0][0]) < half
+
+
+def test_tilt() -> None:
+    columns = recorded("linear-delta-45", tilt=0.03)
+    verdict = only_verdict("linear-delta-45", columns, cured=False)
+    assert (verdict.key, verdict.subject) == ("homing-or-tilt", "")
+    assert "out of level" in verdict.cause
+    assert (verdict.number, verdict.unit) == (pytest.approx(30.0, abs=3.0), "mrad")
+    gravity = dict(verdict.proposals[0].changes)["gravity"]
+    assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
+
+
+def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
+    name, columns = "linear-delta", recorded("linear-delta")
+    pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
+    (verdict,) = bad(checked_wiring(seen(name, pushed)))
+    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
+    result = identify(load_robot(name), table(without(pushed, "qd")), settings=OFFSETS)
+    assert "offset" in " ".join(correction.text for correction in result.model.corrections)
+    assert "homing-or-tilt" not in [verdict.key for verdict in bad(result.verdicts)]
+    off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
+    result = identify(load_robot(name), table(without(off, "qd")), settings=OFFSETS)
+    (zero,) = (verdict for verdict in bad(result.verdicts) if verdict.key == "homing-or-tilt")
+    assert (zero.number, zero.unit) == (pytest.approx(-10.0, rel=0.1), "mm")
+
+
+def test_zeros_that_are_far_off() -> None:
+    columns = recorded("clavel-delta3")
+    q = columns["q"] + np.array([0.0, 2.5, -2.5])
+    verdicts = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
+    assert verdicts
+    # Next to nothing is left of angles divided by 57, so that these explain gravity at least.
+    assert ("angle-unit", Grade.WRONG) not in {(verdict.key, verdict.grade) for verdict in verdicts}

@@ -288,24 +288,6 @@ class ComposedOracle(TreeOracle):
         away = self._data.qpos[places] - self.rest
         return super()._joint_forces(proj, qd) + proj[places].T @ (self.stiffness * away)
 
-    def body_poses(self, z: ArrayLike) -> dict[str, tuple[Array, Array]]:
-        """Rotation and origin of every body in the world at one pose, by its name in the tree."""
-        z = np.asarray(z, float)
-        self._set(z, np.zeros(self.dof))
-        model, data = self._model, self._data
-        return {
-            model.body(k).name: (data.xmat[k].reshape(3, 3).copy(), data.xpos[k].copy())
-            for k in range(1, model.nbody)
-        }
-
-    def well_posed(self, z: Array) -> float:
-        """Least singular value of the closure for the passive joints: 0 where loops let go."""
-        self._set(z, np.zeros(self.dof))
-        free = [self._index[name] for name in self._actuators]
-        closure = self._closure()
-        rest = [k for k in range(self._model.nv) if k not in free]
-        return float(np.linalg.svd(closure[:, rest], compute_uv=False)[-1])
-
     def gain(self, z: Array) -> float:
         """Largest speed of the first part for a drive speed of one: large near singularities."""
         proj, _ = self._set(z, np.zeros(self.dof))

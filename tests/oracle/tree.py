@@ -231,6 +231,23 @@ class TreeOracle(ABC):
         self._set(np.asarray(pose, float), np.zeros(self.dof))
         return -float(self._model.body_mass @ (self._data.xipos @ self.gravity))
 
+    def body_poses(self, pose: ArrayLike) -> dict[str, tuple[Array, Array]]:
+        """Rotation and origin of every body in the world at one pose, by its name in the tree."""
+        self._set(np.asarray(pose, float), np.zeros(self.dof))
+        model, data = self._model, self._data
+        return {
+            model.body(k).name: (data.xmat[k].reshape(3, 3).copy(), data.xpos[k].copy())
+            for k in range(1, model.nbody)
+        }
+
+    def well_posed(self, pose: ArrayLike) -> float:
+        """Least singular value of the closure for the passive joints: 0 where loops let go."""
+        self._set(np.asarray(pose, float), np.zeros(self.dof))
+        free = [self._index[name] for name in self._actuators]
+        closure = self._closure()
+        rest = [k for k in range(self._model.nv) if k not in free]
+        return float(np.linalg.svd(closure[:, rest], compute_uv=False)[-1])
+
 
 def attached(parent: Any, name: str, body: Body, count: float, **pose: Any) -> Any:
     """Child body with the inertia of so many copies of a body."""

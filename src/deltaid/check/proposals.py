@@ -58,7 +58,7 @@ def _useful(record: Evidence, proposing: Sequence[Verdict], helps: _Judge) -> li
     best = _error(record, kept)
     while len(kept) > 1:
         # Of two proposals that exclude each other, the first stays.
-        fewer = ((_error(record, [v for v in kept if v is not one]), one) for one in kept[::-1])
+        fewer = ((_error(record, [v for v in kept if v is not last]), last) for last in kept[::-1])
         spare = next((trial for trial in fewer if not helps(best, trial[0])), None)
         if spare is None:
             break

@@ -16,7 +16,7 @@ from deltaid.check.spectra import bandwidth, density, white_noise
 from deltaid.check.unexplained import checked_rest
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.identification.study import Study, spoilt
@@ -61,13 +61,14 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     causes = causes_of(study.fit, study.account)
     effects = {effect.kind: effect for effect in EFFECTS}
     for cause in causes:
-        if effects[cause.kind].is_described:
-            yield _verdict(effects[cause.kind], cause, recording)
+        effect = effects[cause.kind]
+        if isinstance(effect, DescribedEffect):
+            yield _verdict(effect, cause, recording)
     known = ringing.grade is not Grade.GOOD
     yield checked_rest(study, causes, _white_noise(study), rings=known)
 
 
-def _verdict(effect: Effect, cause: Cause, recording: Recording) -> Verdict:
+def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Verdict:
     share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
     subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
@@ -200,7 +201,9 @@ def _lag(study: Study, *, unknown: bool = False) -> Verdict:
         return Verdict(key, grade, seen, "", cause, cure, number=lag, unit=unit)
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
     lags = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
-    seen = f"torques and positions do not agree in time, and drives differ: {_of(drives, lags)}"
+    seen = (
+        f"torques and positions do not agree in time, and drives differ: {_by_drive(drives, lags)}"
+    )
     differing = np.abs(values - lag) > np.maximum(halves, _APART)
     odd = "" if differing.all() else listed([drives[i] for i in np.flatnonzero(differing)])
     cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong friction "
@@ -218,11 +221,11 @@ def _agreement(study: Study) -> str:
     if not any(applied):
         return f"torques and positions agree in time: {lag}"
     corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
-    shift = corrected[0] if len(set(applied)) == 1 else _of(study.fit.drives, corrected)
+    shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
     return f"torques came {shift} against positions, which has been corrected: {lag} are left"
 
 
-def _of(drives: Sequence[str], texts: Sequence[str]) -> str:
+def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
     """Each drive with its text, if any."""
     return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
 

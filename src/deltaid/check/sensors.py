@@ -13,7 +13,7 @@ from deltaid.check.evidence import Evidence
 from deltaid.check.sensing.guesses import Guess, best_guess
 from deltaid.check.sensing.misfit import Lag, MapFit, Misfit, lag_of
 from deltaid.check.sensing.sheet import Sheet, Signal, sheet
-from deltaid.check.sensing.told import mapped, told
+from deltaid.check.sensing.wording import mapped, verdict_of
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 from deltaid.model.words import percent
@@ -86,7 +86,7 @@ def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
     rest = misfit.unexplained(as_mapped)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
     if share * as_mapped.Q > guess.Q:
-        return None if _is_allowed(guess, described) else told(guess, signal, described, rest)
+        return None if _is_allowed(guess, described) else verdict_of(guess, signal, described, rest)
     if as_mapped.Q < _CONTRADICTS:
         return None
     along, line = misfit.along, f"by the line `sensors: {{{signal.name}: null}}` of a mapping"

@@ -6,6 +6,7 @@ from pathlib import Path
 from deltaid.check.mended import Data, changes, files_of, mended, to_paste, written_out
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.all import EFFECTS
+from deltaid.effects.effect import DescribedEffect
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
@@ -36,7 +37,8 @@ KEYS = {
     ),
     "the information": ("base-parameters", "excitation"),
     "the fit": (
-        *dict.fromkeys(effect.key for effect in EFFECTS if effect.is_described), "residual",
+        *dict.fromkeys(effect.key for effect in EFFECTS if isinstance(effect, DescribedEffect)),
+        "residual",
     ),
     "what cannot be used": ("refused",),
 }  # fmt: skip

@@ -1,6 +1,7 @@
 """A plant under torques that are held from one sample of its drives to the next."""
 
 import numpy as np
+from scipy.linalg import inv
 
 from deltaid.control.plant import Plant
 from deltaid.control.simulation import time_steps
@@ -91,7 +92,7 @@ class _Gear:
         robot, p = plant.model.robot, loaded.p
         link = link_side(robot, p)
         self._robot, self._k = robot, np.array([robot.stiffness(d) for d in robot.drives])
-        yielding = np.linalg.inv(loaded.dynamics.mass_matrix(q, link)[0])
+        yielding = inv(loaded.dynamics.mass_matrix(q, link)[0], assume_a="pos")
         yielding += np.diag(1 / motor_inertia(robot, p))
         self._d = 2 * plant.damping * np.sqrt(self._k / np.diagonal(yielding))
         fastest = np.sqrt(np.linalg.eigvals(self._k[:, None] * yielding).real.max())

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import inv
 from scipy.special import logsumexp, stdtr
 
 from deltaid.drift.wander import Scatter, Sums
@@ -144,7 +145,7 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
     b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
     centred = b - np.einsum("kspq,sq->ksp", X, prior.mean)
     yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
-    inverse = np.linalg.inv(A)
+    inverse = inv(A, assume_a="pos")
     shift = np.einsum("kspq,ksq->ksp", inverse, centred)
     plain, per_size = shift + prior.mean, inverse @ C
     r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
@@ -205,16 +206,18 @@ def with_others(
         return prior
     spread = np.diag(unlike[common] ** 2)
     grid = np.ix_(np.arange(len(mean)), common, common)
-    W = np.linalg.inv(covariance[grid] + spread).reshape(-1, drives, len(common), len(common))
+    W = inv(covariance[grid] + spread, assume_a="pos")
+    W = W.reshape(-1, drives, len(common), len(common))
     Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, common].reshape(-1, drives, len(common)))
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
     start = (prior.precision[grid] / sigma2[:, None, None]).reshape(W.shape)
     total = W.sum(axis=1, keepdims=True) - W + start
-    covariance = np.linalg.inv(total)
+    covariance = inv(total, assume_a="pos")
     middle = np.einsum("rdpq,rdq->rdp", covariance, Wb.sum(axis=1, keepdims=True) - Wb)
     means, precision = prior.mean.copy(), prior.precision.copy()
     means[:, common] = middle.reshape(-1, len(common))
-    inverse = np.linalg.inv(covariance + spread).reshape(-1, len(common), len(common))
+    inverse = inv(covariance + spread, assume_a="pos")
+    inverse = inverse.reshape(-1, len(common), len(common))
     precision[grid] = inverse * sigma2[:, None, None]
     return replace(prior, mean=means, precision=precision)
 

@@ -6,40 +6,30 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics
-from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.model.corrections import Correction, Kind
+from deltaid.effects.along_motion import AlongMotion, InTask
+from deltaid.estimation.additions import Values
+from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
-InTask = Float[np.ndarray, "samples dof"]
 Position = Float[np.ndarray, " samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class AtDrives(Addition):
+class AtDrives(AlongMotion):
     """Columns of some drives' own torques.
 
     Attributes:
-        dynamics: of the robot.
         drives: which.
         deviation: prior standard deviation of each coefficient, drive by drive.
     """
 
-    dynamics: Dynamics
     drives: tuple[int, ...]
     deviation: tuple[float, ...]
-
-    kind: ClassVar[Kind]
-    name: ClassVar[str]
-    symbols: ClassVar[tuple[str, ...]]
 
     @property
     @abstractmethod
@@ -68,20 +58,9 @@ class AtDrives(Addition):
         rows = np.repeat(np.array(self.drives, dtype=int), len(self.symbols))
         return rows, np.arange(len(rows))
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        return self.of_motion(w.z, w.qd)
-
     def of_motion(self, z: InTask, qd: InTask) -> Values:
-        """Entries along a motion."""
         q = self.dynamics.kinematics.inverse(z)
         return np.vstack([self.of_drive(k, q[:, i]) for k, i in enumerate(self.drives)])
-
-    @property
-    def is_corrected(self) -> bool:
-        return True
-
-    def on(self, dynamics: Dynamics) -> "AtDrives":
-        return replace(self, dynamics=dynamics)
 
 
 class DriveSpring(AtDrives):

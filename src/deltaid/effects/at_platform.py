@@ -14,38 +14,32 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.model.corrections import Correction, Kind
+from deltaid.effects.along_motion import AlongMotion, InTask
+from deltaid.estimation.additions import Values
+from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # Velocities below this share of the largest have no direction yet.
 _STILL = 0.01
 
-InTask = Float[np.ndarray, "samples dof"]
 InWorld = Float[np.ndarray, "samples 3"]
 Forces = Float[np.ndarray, "columns samples 3"]
 
 
 @dataclass(frozen=True, eq=False)
-class AtPlatform(Addition):
-    """A force at the platform, linear in its coefficients.
+class AtPlatform(AlongMotion):
+    """A force at the platform.
 
     Attributes:
-        dynamics: of the robot.
         deviation: prior standard deviation of the coefficients, whose mean is zero.
         fastest: largest speed of the platform [m/s].
     """
 
-    dynamics: Dynamics
     deviation: tuple[float, ...]
     fastest: float
 
-    kind: ClassVar[Kind] = "platform-force"
-    name: ClassVar[str]
-    symbols: ClassVar[tuple[str, ...]]
+    kind = "platform-force"
     units: ClassVar[tuple[str, ...]]
 
     @abstractmethod
@@ -65,23 +59,12 @@ class AtPlatform(Addition):
         drives, count = np.arange(self.dynamics.dof), len(self.symbols)
         return np.tile(drives, count), np.repeat(np.arange(count), len(drives))
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        return self.of_motion(w.z, w.qd)
-
     def of_motion(self, z: InTask, qd: InTask) -> Values:
-        """Entries along a motion."""
         T, home = self.dynamics.kinematics.platform_jacobian(z), self.dynamics.kinematics.home
         x = self.dynamics.robot.task.point(z) - self.dynamics.robot.task.point(home)
         v = np.einsum("sij,sj->si", T, qd)
         torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
         return torques.reshape(-1, len(z))
-
-    @property
-    def is_corrected(self) -> bool:
-        return True
-
-    def on(self, dynamics: Dynamics) -> "AtPlatform":
-        return type(self)(dynamics, self.deviation, self.fastest)
 
     def correction(
         self, value: float, judged: Sequence[Judged], unit: str, text: str

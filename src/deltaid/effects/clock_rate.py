@@ -42,20 +42,18 @@ class ClockColumn(TimingColumns):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return np.arange(self.dynamics.dof), np.zeros(self.dynamics.dof, dtype=int)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """−(t − t_0) τ̇ of every drive."""
-        if not self.is_of(recording):
-            return np.zeros((self.dynamics.dof, own.shape[1]))
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """−(t − t_0) τ̇."""
         return (w.time - self.timing.about) * self.slopes(w, own, recording)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        (one,) = judged
+        (rest,) = judged
         rate = self.timing.rate
-        low, high = (None if end is None else _PPM * (rate + end) for end in (one.low, one.high))
+        low, high = (None if end is None else _PPM * (rate + end) for end in (rest.low, rest.high))
         word = "slow" if rate > 0 else "fast"
         return (
             Correction(
-                kind="clock", log=self.recording.path.name, value=_PPM * (rate + one.value),
+                kind="clock", log=self.recording.path.name, value=_PPM * (rate + rest.value),
                 low=low, high=high, unit="ppm",
                 text=f"the clock of torques runs {word} against that of positions, so their lag "
                 "grows: torques are read so much later or earlier as time goes on",

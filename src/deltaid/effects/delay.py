@@ -11,7 +11,6 @@ class Delay(Effect):
     """A lag of all drives, or one a drive; separate verdicts report its size."""
 
     kind = "torque-lag"
-    is_described = False
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         columns = slopes(fit.trace, fit.p)

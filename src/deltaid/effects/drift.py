@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.effect import DescribedEffect, torque_of
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
@@ -13,7 +13,7 @@ from deltaid.model.words import percent
 _WARM = (0.1, 0.25, 0.6)
 
 
-class Drift(Effect):
+class Drift(DescribedEffect):
     """Steadily, or as in warming up."""
 
     kind = "drift"

@@ -2,9 +2,10 @@
 
 Everything that is particular to a cause is in a file of its own; `deltaid.effects.all` lists them.
 A study asks each effect for its columns, and the contest (`contest`) decides which explain more
-than chance; an effect words what was detected of it.
+than chance; an effect that no other check judges words what was detected of it.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from typing import ClassVar
 
@@ -19,23 +20,13 @@ _MOSTLY = 0.7
 
 
 class Effect:
-    """A cause.
+    """A cause; another check judges it, unless it is a `DescribedEffect`.
 
     Attributes:
         kind: its name.
-        is_described: whether a residual's verdict is about it; other checks judge the rest.
-        likeliest: its likeliest cause in words, where that is always the same.
-        fix: what to do about it, where that is always the same.
     """
 
     kind: ClassVar[str]
-    is_described: ClassVar[bool] = True
-    likeliest: ClassVar[str] = ""
-    fix: ClassVar[str] = ""
-
-    @property
-    def key(self) -> str:
-        return self.kind
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Columns that it would add to the torques, to first order, known beforehand."""
@@ -46,6 +37,22 @@ class Effect:
         """A search for columns in the residual torques."""
         del fit
         return lambda residual: ()
+
+
+class DescribedEffect(Effect, ABC):
+    """A cause that a verdict on the residual is about.
+
+    Attributes:
+        likeliest: its likeliest cause in words, where that is always the same.
+        fix: what to do about it, where that is always the same.
+    """
+
+    likeliest: ClassVar[str] = ""
+    fix: ClassVar[str] = ""
+
+    @property
+    def key(self) -> str:
+        return self.kind
 
     def subject(self, cause: Cause) -> str:
         """The drive or joint that it is about; empty for all."""
@@ -60,6 +67,7 @@ class Effect:
             return alone[0].candidate.subject
         return ""
 
+    @abstractmethod
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         """A number, its unit, and what was detected in words.
 
@@ -67,7 +75,6 @@ class Effect:
             subject: the drive or joint.
             share: what it makes of the drive's torque that has most of it.
         """
-        raise NotImplementedError
 
     def why(self, cause: Cause) -> str:
         """The likeliest cause in words."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.geometry import of_each_drive
 from deltaid.effects.point import Point
 from deltaid.effects.rigid_fit import Candidate, RigidFit
@@ -42,7 +42,7 @@ class Saturation(Unknown):
         return of_each_drive("torque-constant", robot, 100 * lacking, 100 * wide, units, text)
 
 
-class FallingGain(Effect):
+class FallingGain(DescribedEffect):
     """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
 
     To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.effect import DescribedEffect, torque_of
 from deltaid.effects.joint import SHAPES, Joint, Shape, Speeds, of_load, one_way, one_way_speed
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
@@ -13,7 +13,7 @@ from deltaid.model.words import percent
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
 
 
-class FrictionLaw(Effect):
+class FrictionLaw(DescribedEffect):
     """Terms that a joint's friction law lacks, of one joint or of all."""
 
     kind = "friction-law"

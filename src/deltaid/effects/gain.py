@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.linalg import null_space
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.point import Point
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.effects.unknown import Deviations, Unknown
@@ -42,7 +42,7 @@ class Ratios(Unknown):
         return np.full(columns.shape[2], _RATIO)
 
 
-class Gain(Effect):
+class Gain(DescribedEffect):
     """A factor for one drive's torque, or for each."""
 
     kind = "drive-gain"

@@ -10,6 +10,7 @@ same first-order term, so the estimate is the sum of dead time and time constant
 them, `Trace.shifted` applies them exactly.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -76,6 +77,28 @@ class TimingColumns(Addition):
     groups: tuple[LagGroup, ...]
     several: bool = False
 
+    @property
+    def fitted(self) -> tuple[LagGroup, ...]:
+        """Groups that the fit has a coefficient of each."""
+        return self.groups
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """One entry a drive of these groups."""
+        entries = [(drive, k) for k, group in enumerate(self.fitted) for drive in group.drives]
+        drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
+        return drives, columns
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        drives, _ = self.pattern
+        if not self.is_of(recording):
+            return np.zeros((len(drives), own.shape[1]))
+        return self.changes(w, own, recording)[drives]
+
+    @abstractmethod
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """Of every drive's torque, for a coefficient of 1."""
+
     def is_of(self, recording: Recording) -> bool:
         return recording.log.sha256 == self.recording.log.sha256
 
@@ -122,22 +145,16 @@ class LagColumns(TimingColumns):
             Parameter("lag", self.name("+".join(group.subjects(self.dynamics)) or "torques"),
                       "lag", "s", -np.inf, np.inf, group.beside,
                       min(group.deviation / PRIOR_SPREAD, _SIZE))
-            for group in self._free
+            for group in self.fitted
         )  # fmt: skip
 
     @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """One entry a drive that lags."""
-        entries = [(drive, k) for k, group in enumerate(self._free) for drive in group.drives]
-        drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
-        return drives, columns
+    def fitted(self) -> tuple[LagGroup, ...]:
+        return tuple(group for group in self.groups if group.free)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """−τ̇ of each drive that lags."""
-        drives, _ = self.pattern
-        if not self.is_of(recording):
-            return np.zeros((len(drives), own.shape[1]))
-        return self.slopes(w, own, recording)[drives]
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """−τ̇."""
+        return self.slopes(w, own, recording)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
@@ -160,10 +177,6 @@ class LagColumns(TimingColumns):
             corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
         return tuple(corrections)
 
-    @property
-    def _free(self) -> tuple[LagGroup, ...]:
-        return tuple(group for group in self.groups if group.free)
-
 
 @dataclass(frozen=True, eq=False)
 class UnknownFilter(TimingColumns):
@@ -182,20 +195,10 @@ class UnknownFilter(TimingColumns):
             for group in self.groups
         )  # fmt: skip
 
-    @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """One entry a drive."""
-        entries = [(drive, k) for k, group in enumerate(self.groups) for drive in group.drives]
-        drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
-        return drives, columns
-
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
         """½ τ̈."""
-        drives, _ = self.pattern
-        if not self.is_of(recording):
-            return np.zeros((len(drives), own.shape[1]))
         slopes = self.slopes(w, own, recording)
-        return -0.5 * recording.log.rate * slope(slopes, self.reversals(own))[drives]
+        return -0.5 * recording.log.rate * slope(slopes, self.reversals(own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +256,10 @@ def timing_slopes(
         late = -rate * slope(once, columns.reversals(own) & sharp[:, None])
         return np.vstack([late, rate * slope(once - twice), (w.time - about) * late])
 
-    found = trace.filtered(derivatives, np.tile(drives, 3), trace.settling)
-    return found[: len(drives)], found[len(drives) : 2 * len(drives)], found[2 * len(drives) :]
+    late, longer, growing = np.split(
+        trace.filtered(derivatives, np.tile(drives, 3), trace.settling), 3
+    )
+    return late, longer, growing
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.load_times import refined, two_levels
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
@@ -19,7 +19,7 @@ _GONE = 1.0
 _BEYOND = 0.01
 
 
-class LoadChange(Effect):
+class LoadChange(DescribedEffect):
     """Parameters of a body that change between two sets of values.
 
     The times come from its mass alone at first; then times and all identifiable parameters of the

@@ -12,7 +12,6 @@ class MissingFriction(Effect):
     """Viscous and Coulomb friction; a verdict on the description reports it."""
 
     kind = "friction-missing"
-    is_described = False
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         robot = fit.trace.dynamics.robot

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.effect import DescribedEffect, torque_of
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.model.words import percent
 
@@ -14,7 +14,7 @@ from deltaid.model.words import percent
 _BENDS = 6.0
 
 
-class Place(Effect):
+class Place(DescribedEffect):
     """Squares of the task coordinates, alone and times what the drive gives."""
 
     kind = "geometry-or-cogging"

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.effects.cause import Cause
-from deltaid.effects.effect import Effect, torque_of
+from deltaid.effects.effect import DescribedEffect, torque_of
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
 from deltaid.model.words import percent
@@ -18,7 +18,7 @@ _COUNTS = np.arange(1.0, 81.0, 0.5)
 Waves = Float[np.ndarray, "2 counts samples"]
 
 
-class Ripple(Effect):
+class Ripple(DescribedEffect):
     """For each drive the largest ripple in the residual.
 
     One of k waves over the stroke passes the filter as far as its frequency, k q̇ / stroke, does.

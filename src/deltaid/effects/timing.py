@@ -75,29 +75,29 @@ def other_than_delays(
     unsure = np.zeros(dof, bool)
     while free.filters.any() or free.clock:
         start = replace(none, constants=np.where(free.filters, 0.5 * lags, 0.0))
-        found = _swept(rows, trace, start, free)
+        timing = _swept(rows, trace, start, free)
         kept = Free(
-            _filtered(rows, trace, found, free), free.clock and _is_clock(rows, trace, found)
+            _filtered(rows, trace, timing, free), free.clock and _is_clock(rows, trace, timing)
         )
         if np.array_equal(kept.columns, free.columns):
-            return _simplest(rows, trace, found, free), unsure & ~free.filters
-        long = found.constants + _LIKELY * found.deviation > 0.5 * found.lags
+            return _simplest(rows, trace, timing, free), unsure & ~free.filters
+        long = timing.constants + _LIKELY * timing.deviation > 0.5 * timing.lags
         unsure |= free.filters & ~kept.filters & long
         free = kept
     return None, unsure
 
 
-def _simplest(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Timing:
+def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Timing:
     """The same without dead times where all filters do without: their T is known as well as L."""
-    filters, dof = np.flatnonzero(free.filters), len(found.lags)
+    filters, dof = np.flatnonzero(free.filters), len(timing.lags)
     if not len(filters):
-        return found
-    S = np.zeros((len(filters), len(found.covariance)))
+        return timing
+    S = np.zeros((len(filters), len(timing.covariance)))
     S[np.arange(len(filters)), filters], S[np.arange(len(filters)), dof + filters] = 1.0, -1.0
-    dead = (found.lags - found.constants)[filters]
-    if exceeded(dead, S @ found.covariance @ S.T, _SELDOM):
-        return found
-    start = replace(found, constants=np.where(free.filters, found.lags, 0.0))
+    dead = (timing.lags - timing.constants)[filters]
+    if exceeded(dead, S @ timing.covariance @ S.T, _SELDOM):
+        return timing
+    start = replace(timing, constants=np.where(free.filters, timing.lags, 0.0))
     return _swept(rows, trace, start, replace(free, pure=True))
 
 
@@ -111,12 +111,12 @@ def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
 
 def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
     """Lags, time constants of some drives, and the rate of a clock, by Gauss and Newton."""
-    found, dof = start, len(start.lags)
+    timing, dof = start, len(start.lags)
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
     for _ in range(_SWEEPS):
-        problem = _linear(rows, found.beside(trace), found, free)
-        now = np.concatenate([found.lags, found.constants, [found.rate]])
+        problem = _linear(rows, timing.beside(trace), timing, free)
+        now = np.concatenate([timing.lags, timing.constants, [timing.rate]])
         places = slice(rows.size, rows.size + int(free.columns.sum()))
         now[free.columns] += problem.x[places]
         lags, constants, rate = np.split(now, [dof, 2 * dof])
@@ -125,29 +125,29 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
         if free.pure:
             constants, own = lags, np.flatnonzero(free.filters)
             covariance[np.ix_(dof + own, dof + own)] = covariance[np.ix_(own, own)]
-        before, found = found, Timing(
+        before, timing = timing, Timing(
             np.clip(lags, -_MOST[0], _MOST[0]),
             np.where(free.filters, np.clip(constants, low, _MOST[1]), 0.0),
-            float(np.clip(rate[0], -_MOST[2], _MOST[2])), found.about, covariance,
+            float(np.clip(rate[0], -_MOST[2], _MOST[2])), timing.about, covariance,
             rows.parameters(problem.x),
         )  # fmt: skip
-        steps = [found.lags - before.lags, found.constants - before.constants,
-                 [(found.rate - before.rate) * duration]]  # fmt: skip
+        steps = [timing.lags - before.lags, timing.constants - before.constants,
+                 [(timing.rate - before.rate) * duration]]  # fmt: skip
         if np.abs(np.concatenate(steps)).max() < _SETTLED:
             break
-    return found
+    return timing
 
 
-def _linear(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> LinearProblem:
+def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> LinearProblem:
     """Least squares of x, of steps from what is found, and of friction that warms up."""
-    late, longer, growing = timing_slopes(trace, found.p, rows.additions, found.about)
+    late, longer, growing = timing_slopes(trace, timing.p, rows.additions, timing.about)
     if free.pure:
         late = late + longer * free.filters[:, None]
     own = np.concatenate([of_own_drives(x[:, :, None]) for x in (late, longer)], axis=2)
     steps = np.concatenate([own, growing[:, :, None]], axis=2)[:, :, free.columns]
-    warm = _warm(rows, trace, found) if free.clock else own[:, :, :0]
+    warm = _warm(rows, trace, timing) if free.clock else own[:, :, :0]
     part = rows.of_trace(trace)
-    now = np.concatenate([found.lags, found.constants, [found.rate]])[free.columns]
+    now = np.concatenate([timing.lags, timing.constants, [timing.rate]])[free.columns]
     return rows.problem(
         [replace(part, A=np.concatenate([part.A, steps, warm], axis=2))],
         np.concatenate([-now, np.zeros(warm.shape[2])]),
@@ -155,14 +155,14 @@ def _linear(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> LinearP
     )
 
 
-def _warm(rows: TraceRows, trace: Trace, found: Timing) -> ColumnsOfDrives:
+def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     """(t − t_0) times each friction column of joints."""
     dynamics, (drives, columns) = rows.dynamics, trace.pattern(rows.additions)
     friction = [k for k, term in enumerate(dynamics.layout.parameters) if term.kind == "friction"]
     which = np.flatnonzero(np.isin(columns, friction))
 
     def growing(w: Samples) -> OfDrives:
-        return (w.time - found.about) * trace.entries(w, rows.additions)[which]
+        return (w.time - timing.about) * trace.entries(w, rows.additions)[which]
 
     values = trace.filtered(growing, drives[which], 1)
     out = np.zeros((dynamics.dof, values.shape[1], len(which)))
@@ -177,33 +177,35 @@ def _sizes(columns: ColumnsOfDrives, tau: OfDrives) -> Float[np.ndarray, " colum
     return size / np.maximum(rms, np.finfo(float).tiny)
 
 
-def _filtered(rows: TraceRows, trace: Trace, found: Timing, free: Free) -> Bool[np.ndarray, " dof"]:
+def _filtered(
+    rows: TraceRows, trace: Trace, timing: Timing, free: Free
+) -> Bool[np.ndarray, " dof"]:
     """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
-    dof, errors, row = len(found.lags), found.covariance, 1.0 / trace.low_pass.rate
-    kept = free.filters & (found.constants > row)
+    dof, errors, row = len(timing.lags), timing.covariance, 1.0 / trace.low_pass.rate
+    kept = free.filters & (timing.constants > row)
     S = np.hstack([-np.eye(dof), np.eye(dof), np.zeros((dof, 1))])
     beyond = row + _SURE * np.sqrt(np.diag(S @ errors @ S.T))
-    kept &= found.constants - found.lags < beyond
-    kept &= _seen(found.constants, errors[dof:-1, dof:-1], kept)
+    kept &= timing.constants - timing.lags < beyond
+    kept &= _seen(timing.constants, errors[dof:-1, dof:-1], kept)
     if not kept.any():
         return kept
-    away = _away_from_reversals(trace, int(np.ceil(_TAIL * found.constants.max() / row)))
-    problem = _linear(rows, found.beside(away), found, free)
+    away = _away_from_reversals(trace, int(np.ceil(_TAIL * timing.constants.max() / row)))
+    problem = _linear(rows, timing.beside(away), timing, free)
     places = np.flatnonzero(free.columns)
     of_constants = rows.size + np.searchsorted(places, dof + np.flatnonzero(kept))
     of_lags = rows.size + np.flatnonzero(kept)
     covariance = problem.covariance(slice(rows.size, rows.size + len(places)))
     at = of_constants - rows.size
     errors = covariance[np.ix_(at, at)]
-    step, T = problem.x[of_constants], found.constants[kept]
+    step, T = problem.x[of_constants], timing.constants[kept]
     if exceeded(step, errors, _SELDOM):
         return np.zeros(dof, bool)
     # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
     width, slope = T**2 + 2 * T * step, np.diag(2 * T)
     wide = exceeded(width, slope @ errors @ slope, _SELDOM)
     # A lag that is the T of the tails is a coincidence for anything but a filter.
-    dead, at = found.lags[kept] + problem.x[of_lags] - T, np.flatnonzero(kept)
-    variances = covariance[np.ix_(at, at)] + found.covariance[np.ix_(dof + at, dof + at)]
+    dead, at = timing.lags[kept] + problem.x[of_lags] - T, np.flatnonzero(kept)
+    variances = covariance[np.ix_(at, at)] + timing.covariance[np.ix_(dof + at, dof + at)]
     known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
     pure = known and not exceeded(dead, variances, _SELDOM)
     return kept if wide or pure else np.zeros(dof, bool)
@@ -235,15 +237,15 @@ def _away_from_reversals(trace: Trace, reach: int) -> Trace:
     return replace(trace, stretches=stretches)
 
 
-def _is_clock(rows: TraceRows, trace: Trace, found: Timing) -> bool:
+def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
     """Whether lags that grow are beyond chance, and those of all drives grow alike."""
-    variance = found.covariance[-1:, -1:]
-    if not exceeded(np.array([found.rate]), variance, 10**-SEEN):
+    variance = timing.covariance[-1:, -1:]
+    if not exceeded(np.array([timing.rate]), variance, 10**-SEEN):
         return False
-    corrected, dof = found.beside(trace), len(found.lags)
-    late, _, growing = timing_slopes(corrected, found.p, rows.additions, found.about)
+    corrected, dof = timing.beside(trace), len(timing.lags)
+    late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)
     part = rows.of_trace(corrected)
-    beside = [of_own_drives(late[:, :, None]), _warm(rows, corrected, found),
+    beside = [of_own_drives(late[:, :, None]), _warm(rows, corrected, timing),
               of_own_drives(growing[:, :, None])]  # fmt: skip
     problem = rows.problem([replace(part, A=np.concatenate([part.A, *beside], axis=2))])
     last = slice(problem.A.shape[1] - dof, None)

@@ -52,15 +52,13 @@ class FilterColumns(TimingColumns):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return self._free, np.arange(len(self._free))
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """T τ̈ of each drive with a filter."""
-        if not self.is_of(recording):
-            return np.zeros((len(self._free), own.shape[1]))
+    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """T τ̈."""
         bend = -recording.log.rate * slope(self.slopes(w, own, recording), self.reversals(own))
-        return (self.timing.constants[:, None] * bend)[self._free]
+        return self.timing.constants[:, None] * bend
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        found, rest = list[Correction](), dict(zip(self._free.tolist(), judged, strict=True))
+        corrections = list[Correction]()
         for group in self.groups:
             drives = [i for i in group.drives if self.timing.constants[i] > 0]
             if self.timing.pure and drives:
@@ -70,12 +68,14 @@ class FilterColumns(TimingColumns):
                 subjects = group.subjects(self.dynamics) if len(drives) == len(group.drives) else [
                     self.dynamics.robot.drives[i] for i in drives
                 ]  # fmt: skip
-                found += (self._correction(name, value, ends, _TEXT + _PURE) for name in subjects)
-        for i, one in rest.items():
+                corrections += (
+                    self._correction(name, value, ends, _TEXT + _PURE) for name in subjects
+                )
+        for i, rest in zip(self._free.tolist(), judged, strict=True):
             value, name = float(self.timing.constants[i]), self.dynamics.robot.drives[i]
-            ends = tuple(None if end is None else value + end for end in (one.low, one.high))
-            found.append(self._correction(name, value + one.value, ends, _TEXT))
-        return tuple(found)
+            ends = tuple(None if end is None else value + end for end in (rest.low, rest.high))
+            corrections.append(self._correction(name, value + rest.value, ends, _TEXT))
+        return tuple(corrections)
 
     def _correction(
         self, subject: str, value: float, ends: tuple[float | None, ...], text: str

@@ -15,7 +15,6 @@ class Zero(Effect):
     """The zero of a drive or of all; verdicts on wiring report how far they are off."""
 
     kind = "homing-or-tilt"
-    is_described = False
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Slopes of the torques by each zero."""

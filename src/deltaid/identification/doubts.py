@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.signs import CURE, against_motion, told
+from deltaid.identification.signs import CURE, against_motion, contradiction
 from deltaid.sensors.weighings import Weighing, weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
@@ -37,7 +37,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
 def _of_data(problem: FittedProblem) -> tuple[str, ...]:
     negatives = against_motion(problem.dynamics, problem.information)
     if negatives:
-        return (f"{told(negatives, problem.dynamics.robot)}; {CURE}",)
+        return (f"{contradiction(negatives, problem.dynamics.robot)}; {CURE}",)
     detected = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
     scale = _scale(problem)
     if detected and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:

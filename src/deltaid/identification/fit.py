@@ -22,7 +22,7 @@ from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.signs import CURE, against_motion, told
+from deltaid.identification.signs import CURE, against_motion, contradiction
 from deltaid.identification.widening import Evidence, evidence
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
@@ -228,7 +228,7 @@ def fit_to(
         wrong = against_motion(dynamics, information)
         if not wrong:
             raise
-        message = f"no consistent robot moves like this: {told(wrong, dynamics.robot)}"
+        message = f"no consistent robot moves like this: {contradiction(wrong, dynamics.robot)}"
         raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
     estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))

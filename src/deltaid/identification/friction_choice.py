@@ -26,13 +26,8 @@ from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
-from deltaid.identification.friction_rows import (
-    FrictionRows,
-    Judged,
-    Variant,
-    friction_rows,
-    shapes_of,
-)
+from deltaid.identification.friction_options import Variant, options, shapes_of
+from deltaid.identification.friction_rows import FrictionRows, Judged, friction_rows
 from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup
@@ -148,14 +143,14 @@ def _corrections(
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is significant; and the first round's trials."""
     residual = rows.residual
-    options = [option for option in rows.options() if _added_by(option) not in barred]
-    variants = [variant for option in options for variant in option]
+    left = [option for option in options(rows) if _added_by(option) not in barred]
+    variants = [variant for option in left for variant in option]
     columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
     ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
     bare = dict(zip(variants, np.split(_bare(rows, columns), ends, axis=1), strict=False))
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
-        trials = [step for option in options if (step := _tried(rows, option, bare, residual))]
+        trials = [step for option in left if (step := _tried(rows, option, bare, residual))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]
         if not useful:
@@ -167,7 +162,7 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
         # Laws for both directions include an offset.
         kinds = {best.variant.kind} | ({"offset"} if best.variant.kind == "both_ways" else set())
         added = {(best.joint, kind) for kind in kinds}
-        options = [option for option in options if _added_by(option) not in added]
+        left = [option for option in left if _added_by(option) not in added]
         U = best.judged.directions
         bare = {variant: _without(U, A) for variant, A in bare.items()}
         residual = _without(U, residual)

@@ -1,14 +1,13 @@
-"""Recordings in memory as rows in which further friction terms are searched, and these terms.
+"""Recordings in memory as rows in which further friction terms are searched.
 
 Rows are masked as the fit's are, reversals of joints included. What a friction law lacks and a lag
 of the torques look alike, so next to the robot's own columns there is one free lag for each drive
 of each recording: −τ̇ of the model. All columns that are searched are without what these explain.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,17 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.joint import (
-    Joint,
-    Shape,
-    joint_columns,
-    joints_of,
-    of_load,
-    of_slope,
-    of_term,
-    one_way,
-    one_way_speed,
-)
+from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
 from deltaid.effects.lag_columns import LagColumns, alone
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.chance import surprise
@@ -36,27 +25,14 @@ from deltaid.estimation.problem import level_along
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
-from deltaid.model.friction_record import AdditionKind
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
-from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction, PowerLaw, Stribeck
-from deltaid.robot.friction_terms import friction_terms
 
 # Windows of all recordings together at least, and seconds of each, that are used.
 _WINDOWS, _SECONDS = 6, 20.0
 # Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
 # in quick motions that is above what masses need.
 _CUTOFF = 50.0
-# First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
-_EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
-_SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
-FORMS = (1.0, 2.0)
-# Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
-_SIZE, _LOAD = 0.3, 0.05
-# Shares of a rotor's inertia that may be its link's, as torques show their sum only and losses what
-# the gear carries; below zero the other way.
-_SHARES = (0.0, -1.0, -0.5, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,25 +54,6 @@ class Judged:
     surprise: float
     error: float
     is_large: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Variant:
-    """One form of an addition to a joint's law; of a described term, other constants.
-
-    Attributes:
-        more: what the law gets, as keys of `Friction`.
-        shapes: of the columns that show it.
-        constants: how many are chosen with it, beside its coefficients.
-        positive: whether its coefficient must be.
-    """
-
-    joint: Joint
-    kind: AdditionKind
-    more: dict[str, Any]
-    shapes: tuple[Shape, ...]
-    constants: int
-    positive: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,68 +156,6 @@ class FrictionRows:
         traces = [replace(trace, load=self.p) for trace in self.traces]
         parts = [joint_columns(trace, self.p, shapes) for trace in traces]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
-
-    def options(self) -> Iterator[list[Variant]]:
-        """All additions to the laws of the robot, each with its variants."""
-        robot, names = self.dynamics.robot, self.dynamics.layout.names
-        for joint in self.joints.values():
-            law, rotor = robot.friction[joint.name], f"rotor.{joint.name}"
-            for kind, changes in _changes(joint, law).items():
-                joints = [joint]
-                if kind == "load" and rotor in names:
-                    inertia = float(self.p[names.index(rotor)])
-                    joints = [replace(joint, moved=share * inertia) for share in _SHARES]
-                count = len(joints) * len(changes)
-                constants = min(count - 1, 2 if kind == "stribeck" else 1)
-                positive = kind in ("load", "power", "stribeck") and changes != [{}]
-                laws = [(more, law.changed(**more)) for more in changes]
-                yield [
-                    Variant(joint, kind, more, shapes_of(robot, joint.name, changed, kind),
-                            constants, positive)
-                    for joint in joints for more, changed in laws
-                ]  # fmt: skip
-
-
-def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
-    """Forms of what a law may get, as keys of `Friction`; none where constants are others."""
-    c, changes = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
-    if joint.drive is not None and law.both_ways:
-        if law.offset is None:
-            changes["offset"] = [{"offset": 0.1 * c}]
-        changes["both_ways"] = [{"viscous_back": law.viscous, "coulomb_back": c, "offset": None}]
-    if joint.drive is not None and law.load is None:
-        changes["load"] = [{"load": _LOAD}]
-    changes["power"] = [{}] if law.power else [
-        {"power": PowerLaw(coefficient=_SIZE * c / joint.fastest**e, exponent=e)}
-        for e in _EXPONENTS
-    ]  # fmt: skip
-    if law.stribeck or not law.hess_soom:
-        changes["stribeck"] = [{}] if law.stribeck else [
-            {"stribeck": Stribeck(
-                coefficient=_SIZE * c, speed=share * joint.fastest, exponent=form)}
-            for share in _SPEEDS for form in FORMS
-        ]  # fmt: skip
-    return changes
-
-
-_SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
-    "offset": (one_way,),
-    "both_ways": (one_way, one_way_speed),
-    "load": (of_load,),
-}
-
-
-def shapes_of(
-    robot: RobotDescription, joint: str, law: Friction, kind: AdditionKind
-) -> tuple[Shape, ...]:
-    """What shows an addition in a law: its terms, or slopes by constants of a described one."""
-    if kind in _SHAPES:
-        return _SHAPES[kind]
-    terms = friction_terms({joint: (law, robot.units(joint))})
-    term = next(term for term in terms if term.kind == kind)
-    if getattr(robot.friction[joint], kind) is None:
-        return (of_term(term),)
-    return tuple(of_slope(term, name) for name in term.constants)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

@@ -20,15 +20,15 @@ def holds_filled(setup: Setup, progress: Progress) -> Setup:
         log = recording.brief.log
         if not log.columns.torque:
             continue
-        hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
-        if not any(hold):
+        held = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
+        if not any(held):
             continue
-        setup = setup.repaired(recording, hold=hold)
-        alike = len({one.rows for one in hold}) == 1
+        setup = setup.repaired(recording, hold=held)
+        alike = len({hold.rows for hold in held}) == 1
         corrections += (
             Correction(kind="hold", subject="" if alike else drive,
-                       log=recording.path.name, value=one.rows / log.rate, unit="s", text=_TEXT)
-            for drive, one in zip(setup.robot.drives, hold, strict=True)
-            if one
+                       log=recording.path.name, value=hold.rows / log.rate, unit="s", text=_TEXT)
+            for drive, hold in zip(setup.robot.drives, held, strict=True)
+            if hold
         )  # fmt: skip
     return setup.reported(list(dict.fromkeys(corrections)), "hold")

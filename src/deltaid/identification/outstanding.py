@@ -119,14 +119,14 @@ class Course:
 def outstanding(expected: Expectation) -> Outstanding:
     """Outliers of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
-    return _of(expected, recording.evaluate(kinematics, lambda w: glance(expected, w)))
+    return _outliers(expected, recording.evaluate(kinematics, lambda w: glance(expected, w)))
 
 
 def stands_out(expected: Expectation, window: Window) -> bool:
-    return not _of(expected, [glance(expected, window)]).is_empty
+    return not _outliers(expected, [glance(expected, window)]).is_empty
 
 
-def _of(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outstanding:
+def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outstanding:
     """Outliers of the inspected windows."""
     step, inspected = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)

@@ -57,14 +57,14 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
     return tuple(negatives)
 
 
-def told(found: tuple[Negative, ...], robot: RobotDescription) -> str:
-    """The contradiction as a sentence."""
-    first, names = found[0], ", ".join(negative.drive for negative in found)
+def contradiction(negatives: tuple[Negative, ...], robot: RobotDescription) -> str:
+    """What torques and motion of these drives say of each other, as a sentence."""
+    first, names = negatives[0], ", ".join(negative.drive for negative in negatives)
     units = robot.units(first.drive)
     text = f"an inertia of {first.inertia:.2g} {units.inertia}"
     if np.isfinite(first.friction):
         text += f" and a friction of {first.friction:.2g} {units.force} at 1 {units.coordinate}/s"
-    whose = f", for {first.drive}," if len(found) > 1 else ""
+    whose = f", for {first.drive}," if len(negatives) > 1 else ""
     return (
         f"torque and motion of {names} contradict each other: alone they give{whose} {text}, which "
         "no robot has"

@@ -163,11 +163,12 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
     lasting = tuple(addition for addition in setup.additions if not isinstance(addition, Warmth))
     bare = setup.changed(additions=lasting)
     rows = rows_for_friction(bare, progress, "changes with time")
-    return setup if rows is None else bare.changed(additions=(*lasting, *_found(rows)))
+    return setup if rows is None else bare.changed(additions=(*lasting, *_changes(rows)))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def _found(rows: FrictionRows) -> list[Warmth]:
+def _changes(rows: FrictionRows) -> list[Warmth]:
+    """What rows show beyond chance, by temperature first."""
     changes, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
     several = len(motions) > 1
     known = {

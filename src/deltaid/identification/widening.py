@@ -187,7 +187,7 @@ def evidence(
 
 
 def widened_priors(
-    widened: Mapping[str, float], found: Evidence, base: BaseParameters, estimate: BaseEstimate
+    widened: Mapping[str, float], evidence: Evidence, base: BaseParameters, estimate: BaseEstimate
 ) -> Iterator[Correction]:
     """The priors that were widened, as corrections: one a body or joint."""
     owners: dict[str, list[str]] = {}
@@ -195,7 +195,7 @@ def widened_priors(
         if parameter.name in widened:
             owners.setdefault(parameter.owner, []).append(parameter.name)
     for owner, names in owners.items():
-        k, apart = max(map(found.farthest, names), key=lambda place: place[1])
+        k, apart = max(map(evidence.farthest, names), key=lambda place: place[1])
         unit = base.layout.units[base.representatives[k]]
         factors = {widened[name] for name in names}
         priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
@@ -206,9 +206,10 @@ def widened_priors(
         value = estimate.values[k]
         text = (
             f"the recording alone gives {base.formulas[k]} = {value:.3g} ± "
-            f"{estimate.interval[k]:.2g} {unit}, the description {value - found.d[k]:.3g} {unit}, "
-            f"{apart:.2g} standard deviations away; so priors were taken to be less certain than "
-            f"stated, {priors}. Where only a sum shows, another term of it may be the wrong one"
+            f"{estimate.interval[k]:.2g} {unit}, the description {value - evidence.d[k]:.3g} "
+            f"{unit}, {apart:.2g} standard deviations away; so priors were taken to be less "
+            f"certain than stated, {priors}. Where only a sum shows, another term of it may be the "
+            "wrong one"
         )
         factor = max(widened[name] for name in names)
         yield Correction(kind="prior", subject=owner, value=factor, text=text)

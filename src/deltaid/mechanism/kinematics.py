@@ -15,7 +15,7 @@ from deltaid.mechanism.joint_states import WithJointStates
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.passive_joints import PassiveJoints
-from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
+from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
 from deltaid.mechanism.vectors import inverse
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
@@ -88,7 +88,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
         bad = np.flatnonzero(~found.closed)
         if bad.size:
             raise KinematicsError(
-                f"no platform position closes the loops at q = {_numbers(q[bad[0]])}"
+                f"no platform position closes the loops at q = {written(q[bad[0]])}"
                 f"{found.missing(int(bad[0]))}",
                 where=f"sample {bad[0]}",
                 cure=_CHECK_DRIVES,
@@ -97,7 +97,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
         wrong = np.flatnonzero(~found.in_mode)
         if wrong.size:
             raise KinematicsError(
-                f"{self._wrong_mode(int(found.limb[wrong[0]]))} at q = {_numbers(q[wrong[0]])}",
+                f"{self._wrong_mode(int(found.limb[wrong[0]]))} at q = {written(q[wrong[0]])}",
                 where=f"sample {wrong[0]}",
                 cure=f"{_CHECK_DRIVES}; limbs.working_mode says how the robot is assembled",
             )
@@ -194,25 +194,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
 
     def require_regular(self, z: Samples) -> None:
         """Raise KinematicsError when a pose is singular."""
-        regular = self.regularity(z)
-        loose = np.flatnonzero(~(regular.hold < SINGULAR_CONDITION))
-        if loose.size and np.isfinite(regular.condition[loose[0]]):
-            raise KinematicsError(
-                f"the pose z = {_numbers(z[loose[0]])} is singular: a part of the platform can "
-                "turn with all drives locked, because the parallelograms do not keep it parallel",
-                where=f"sample {loose[0]}",
-                cure="arrange the limbs of each part less symmetrically (docs: mechanisms)",
-            )
-        bad = np.flatnonzero(~(regular.condition < SINGULAR_CONDITION))
-        if bad.size:
-            i, linear = bad[0], self.robot.is_linear("drive1")
-            edge = "struts square to a rail" if linear else "an arm and its struts in line"
-            raise KinematicsError(
-                f"the pose z = {_numbers(z[i])} is singular: drives and platform lose their "
-                f"one-to-one relation ({edge}, or the struts coplanar)",
-                where=f"sample {i}",
-                cure="keep the motion away from the edge of the workspace",
-            )
+        self.regularity(z).require(z, linear=self.robot.is_linear("drive1"))
 
     def _require_reach(self, z: Samples, reach: Float[np.ndarray, "samples limbs"]) -> None:
         bad = np.argwhere(~(reach > _EDGE))
@@ -223,12 +205,12 @@ class Kinematics(WithJointStates, Shown, Plotted):
                 if self.robot.is_linear("drive1"):
                     stretched = f"the struts of limb {limb + 1} stand square to its rail"
                 raise KinematicsError(
-                    f"the pose z = {_numbers(z[i])} is singular: {stretched}",
+                    f"the pose z = {written(z[i])} is singular: {stretched}",
                     where=f"sample {i}",
                     cure="keep the motion away from the edge of the workspace",
                 )
             raise KinematicsError(
-                f"limb {limb + 1} cannot reach the pose z = {_numbers(z[i])}: "
+                f"limb {limb + 1} cannot reach the pose z = {written(z[i])}: "
                 f"{-reach[i, limb]:.4g} m are missing",
                 where=f"sample {i}",
                 cure="platform positions are in metres with z up, so they have z < 0",
@@ -244,7 +226,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
         at_home = self.regularity(self.home[None])
         if np.isfinite(at_home.determinant[0]) and not at_home.worst[0] < SINGULAR_CONDITION:
             raise KinematicsError(
-                f"the middle of the workspace, z = {_numbers(self.home)}, is singular",
+                f"the middle of the workspace, z = {written(self.home)}, is singular",
                 where="workspace",
                 cure="forward kinematics starts there; arrange the limbs less symmetrically (docs: "
                 "mechanisms), or move the workspace",
@@ -307,7 +289,3 @@ class Kinematics(WithJointStates, Shown, Plotted):
 
 def _matrices(out: Float[np.ndarray, "entries samples"], dof: int) -> np.ndarray:
     return out.T.reshape(-1, dof, dof).swapaxes(1, 2)  # CasADi stores columns
-
-
-def _numbers(x: Float[np.ndarray, " n"]) -> str:
-    return "[" + ", ".join(f"{value:.4g}" for value in x) + "]"

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from deltaid.errors import DescriptionError
 from deltaid.kernel.llvm_ir import operations_unknown
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.regularity import written
 from deltaid.robot.description import RobotDescription
 
 # Rounding leaves 1e-15 of RᵀR − 1, and of the smallest singular value of ∂q/∂z over the largest.
@@ -146,7 +147,7 @@ class Checker:
                 if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
                     raise self.wrong(
                         f"the rotation of body '{body.name}' is no rotation matrix (RᵀR = 1, "
-                        f"det R = 1) at z = {_numbers(pose)}"
+                        f"det R = 1) at z = {written(pose)}"
                     )
 
     def _at(self, expression: ca.SX, z: Float[np.ndarray, " dof"]) -> np.ndarray:
@@ -154,8 +155,4 @@ class Checker:
 
 
 def _middle(home: Float[np.ndarray, " dof"]) -> str:
-    return f"the middle of the workspace, z = {_numbers(home)}"
-
-
-def _numbers(z: Float[np.ndarray, " dof"]) -> str:
-    return "[" + ", ".join(f"{value:.4g}" for value in z) + "]"
+    return f"the middle of the workspace, z = {written(home)}"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.errors import KinematicsError
 from deltaid.shown import Shown
 
 # cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
@@ -33,6 +34,31 @@ class Regularity(Shown):
         """The larger of both conditions; NaN where either is."""
         return np.asarray(np.maximum(self.condition, self.hold))
 
+    def require(self, z: Float[np.ndarray, "samples dof"], *, linear: bool) -> None:
+        """Raise KinematicsError when one of the poses z is singular.
+
+        Args:
+            linear: whether the robot's drives are.
+        """
+        loose = np.flatnonzero(~(self.hold < SINGULAR_CONDITION))
+        if loose.size and np.isfinite(self.condition[loose[0]]):
+            raise KinematicsError(
+                f"the pose z = {written(z[loose[0]])} is singular: a part of the platform can turn "
+                "with all drives locked, because the parallelograms do not keep it parallel",
+                where=f"sample {loose[0]}",
+                cure="arrange the limbs of each part less symmetrically (docs: mechanisms)",
+            )
+        bad = np.flatnonzero(~(self.condition < SINGULAR_CONDITION))
+        if bad.size:
+            i = bad[0]
+            edge = "struts square to a rail" if linear else "an arm and its struts in line"
+            raise KinematicsError(
+                f"the pose z = {written(z[i])} is singular: drives and platform lose their "
+                f"one-to-one relation ({edge}, or the struts coplanar)",
+                where=f"sample {i}",
+                cure="keep the motion away from the edge of the workspace",
+            )
+
     def part(self, which: slice) -> "Regularity":
         """Of some of the poses."""
         fields = (self.condition, self.determinant, self.gain, self.hold)
@@ -49,3 +75,8 @@ def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
     falls = 2 * d[1:-2] < d[:-3]
     rises = 2 * d[2:-1] < d[3:]
     return np.flatnonzero(falls & rises) + 1
+
+
+def written(x: Float[np.ndarray, " n"]) -> str:
+    """Coordinates in a message."""
+    return "[" + ", ".join(f"{value:.4g}" for value in x) + "]"

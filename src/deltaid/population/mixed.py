@@ -19,6 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import inv
+
+from deltaid.estimation.scatter import inverse
 
 # Robots that are in memory at once.
 _AT_ONCE = 512
@@ -98,8 +101,8 @@ class Mean:
     @property
     def covariance(self) -> Square:
         """Λ⁻¹."""
-        half = np.linalg.inv(np.linalg.cholesky(self.information))
-        return half.T @ half
+        half = inverse(np.linalg.cholesky(self.information).T)
+        return half @ half.T
 
     @property
     def m(self) -> U:
@@ -160,6 +163,6 @@ def alone(rows: Rows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]
         data = np.concatenate([part.H, part.b[:, :, None]], axis=2)
         wide = np.hstack([np.repeat(described, len(data), axis=0), data])
         R = np.asarray(np.linalg.qr(wide, mode="r"))
-        inverse = np.linalg.inv(R[:, :n, :n])
-        u = np.einsum("ruv,rv->ru", inverse, R[:, :n, n])
-        yield from zip(u, inverse @ np.swapaxes(inverse, 1, 2), strict=True)
+        half = inv(R[:, :n, :n], assume_a="upper triangular")
+        u = np.einsum("ruv,rv->ru", half, R[:, :n, n])
+        yield from zip(u, half @ np.swapaxes(half, 1, 2), strict=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import inertia_scale
 from deltaid.dynamics.prior import with_prior
@@ -82,7 +83,7 @@ def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
     """Of each body's entries, as shares of their sizes in the new description."""
     reduction, p = fleet.coordinates.reduction, fleet.mean.value
     at = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
-    Q = np.linalg.inv((fleet.covariance + np.diag(fleet.variance))[np.ix_(at, at)])
+    Q = inv((fleet.covariance + np.diag(fleet.variance))[np.ix_(at, at)], assume_a="pos")
     T = fleet.coordinates.to_p[:, at]
     changed = np.any(T != 0, axis=1)
     sizes, std = np.linalg.norm(T[changed], axis=1), np.zeros(len(T))

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.estimation.conic import affine
 from deltaid.estimation.reduction import INTERIOR, Reduction
+from deltaid.estimation.scatter import inverse
 
 Entries = Float[np.ndarray, "entries points"]
 
@@ -86,7 +87,7 @@ class Cones:
         H = np.zeros((len(y), len(y)))
         for places in self.groups:
             for block in np.moveaxis(places, 2, 0):
-                W = np.linalg.inv(np.linalg.cholesky(entries[block]))
+                W = inverse(np.linalg.cholesky(entries[block]).T).T
                 flat = np.einsum("ij,jkn,lk->nil", W, self.slopes[block], W).reshape(len(y), -1)
                 H += flat @ flat.T
         return H

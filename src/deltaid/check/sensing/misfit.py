@@ -151,10 +151,12 @@ class Misfit:
         A = G + np.einsum("k,kij->ij", weights, XX[kept])
         b = g + weights @ np.einsum("kij,kj->ki", Xy[kept], T)
         constant += weights @ np.einsum("ki,ij,kj->k", T, self._scatter[0], T)
-        solution = np.linalg.solve(A, b)
+        of_added = np.eye(len(b))[:, len(b) - added :]
+        solved = np.linalg.solve(A, np.column_stack([b, of_added]))
+        solution = solved[:, 0]
         Q = max(float(constant - b @ solution), 0.0) / (_COUNTED * len(kept))
         size = len(solution) - added
-        variance = np.diag(np.linalg.inv(A))[size:] if added else np.zeros(0)
+        variance = np.diag(solved[size:, 1:])
         return MapFit(Q, solution[:size], solution[size:], np.sqrt(variance * max(Q, 1e-6)))
 
     def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:

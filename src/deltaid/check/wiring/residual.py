@@ -135,11 +135,11 @@ class Residual:
         offsets = np.repeat(np.eye(len(self.still)), self.rows.samples, axis=0)
         offsets /= np.where(self.still, 1 / _AT_REST, 1.0)
         patterns = Patterns.all_of(len(self.still))
-        found = evidences(self.Y, p_0, scale, offsets, self.E, patterns)
+        of_rows = evidences(self.Y, p_0, scale, offsets, self.E, patterns)
         # Of torques as shares of themselves, whatever the weights of rows under this map.
         sizes = np.sqrt(np.mean(self.tau**2, axis=0))
         sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))
-        return found + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
+        return of_rows + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
 
     def consistent(self, order: tuple[int, ...], gains: np.ndarray) -> Consistent:
         """The consistent fit of torque columns in an order, times gains."""

@@ -56,18 +56,18 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     settled = as_mapped is not None and as_mapped.clear
     maps = _wirings(dynamics) if settled else _maps(dynamics)
     maps = (map for map in maps if _decidable(map, fine.moves))
-    found = _likely(tried(dynamics, coarse, maps))
+    trials = _likely(tried(dynamics, coarse, maps))
     if as_mapped is not None and settled:
-        own = next((trial.evidence for trial in found if trial.changes == 0), -np.inf)
-        if not found or found[0].evidence - own < as_good(len(found[0].residual.Y)):
+        own = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
+        if not trials or trials[0].evidence - own < as_good(len(trials[0].residual.Y)):
             return (as_mapped,)
-    found = _ranked(found)
-    if not found or found[0].left > LITTLE or found[0].map.scaled:
-        found = _ranked([*found, *_of_motors(dynamics, coarse)])
-        if found and found[0].map.scaled:
-            found = _ranked([*found, *_refined(dynamics, coarse, found[0])])
+    trials = _ranked(trials)
+    if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
+        trials = _ranked([*trials, *_of_motors(dynamics, coarse)])
+        if trials and trials[0].map.scaled:
+            trials = _ranked([*trials, *_refined(dynamics, coarse, trials[0])])
     examined = list[Candidate]()
-    likely = sorted((t for t in found if t.as_likely_as(found[0])), key=_complexity)[:_DECIDED]
+    likely = sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
     for map in dict.fromkeys(trial.map for trial in likely):
         for solved in residuals(dynamics, fine, [map]):
             own = [trial for trial in likely if trial.map == map]

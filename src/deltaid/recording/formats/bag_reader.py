@@ -140,8 +140,9 @@ def storage(folder: Path) -> list[Path]:
 def _told(path: Path) -> Generator[None, None, None]:
     """Turn whatever comes out of the libraries that unpack a bag into one message.
 
-    Over damaged bytes they fail with assertions, lookups, struct and codec errors of their own, so
-    nothing less than all exceptions is caught; only calls of these libraries stand under this.
+    Over damaged bytes they fail with assertions, lookups, wrong types, struct and codec errors, too
+    little memory, and errors of libraries below them, which change with their versions. So nothing
+    less than all exceptions is caught; only calls of these libraries stand under this.
     """
     try:
         yield

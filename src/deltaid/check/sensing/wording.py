@@ -31,7 +31,7 @@ _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
-def told(guess: Guess, signal: Signal, sensor: Sensor, share: float) -> Verdict:
+def verdict_of(guess: Guess, signal: Signal, sensor: Sensor, share: float) -> Verdict:
     """The verdict of a guess about a sensor.
 
     Args:

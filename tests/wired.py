@@ -1,0 +1,78 @@
+"""Recordings whose columns tests connect wrongly, and what is said of them."""
+
+from collections.abc import Iterable
+from functools import cache
+
+import numpy as np
+import polars as pl
+
+from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.dynamics.dynamics import compiled
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.robot.load import load_robot
+
+Columns = dict[str, np.ndarray]
+RATE = 250.0
+
+
+@cache
+def recorded(name: str, tilt: float = 0.0) -> Columns:
+    """Ten seconds of a random motion with noise: t, q, qd, tau, of a base tilted about x."""
+    robot, rng = load_robot(name), np.random.default_rng(4)
+    described = compiled(robot)
+    truth = surrogate_parameters(robot, rng)
+    path = random_motion(described.kinematics, rng)
+    gravity = (0.0, 9.81 * np.sin(tilt), -9.81 * np.cos(tilt))
+    level = described if not tilt else compiled(robot.changed(gravity=gravity))
+    table = simulate_recording(level, truth, path, rng, rate=RATE, noise=SensorNoise(torque=0.01))
+    n = described.dof
+    columns = {"t": table["t"].to_numpy()}
+    for short in ("q", "tau"):
+        columns[short] = table.select(f"{short}{i + 1}" for i in range(n)).to_numpy()
+    columns["qd"] = described.kinematics.drive_motion(*path.evaluate(columns["t"]))[1]
+    return columns
+
+
+def table(columns: Columns) -> pl.DataFrame:
+    flat = {"t": columns["t"]}
+    for short in ("q", "qd", "tau"):
+        if short in columns:
+            flat |= {f"{short}{i + 1}": x for i, x in enumerate(columns[short].T)}
+    return pl.DataFrame(flat)
+
+
+def seen(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
+    return evidence(load_robot(name), table(columns), mapping)
+
+
+def bad(verdicts: Iterable[Verdict]) -> list[Verdict]:
+    return [verdict for verdict in verdicts if verdict.grade in (Grade.WRONG, Grade.DOUBTFUL)]
+
+
+def only_verdict(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
+    """The only verdict that is not good; the mapping that it proposes leaves none."""
+    looked_at = seen(name, columns)
+    verdicts = bad(checked_wiring(looked_at))
+    assert len(verdicts) == 1, verdicts
+    if cured:
+        robot = load_robot(name)
+        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+        data = written_out(None, looked_at.table, looked_at.columns, linear)
+        wanted = changes(verdicts, "mapping")
+        assert wanted
+        again = seen(name, columns, ColumnMapping.model_validate(mended(data, wanted)))
+        assert not bad(checked_wiring(again))
+    return verdicts[0]
+
+
+def times(columns: Columns, **factors: object) -> Columns:
+    return columns | {name: columns[name] * np.asarray(by) for name, by in factors.items()}
+
+
+def without(columns: Columns, key: str) -> Columns:
+    return {name: x for name, x in columns.items() if name != key}
