@@ -24,6 +24,7 @@ from deltaid.estimation.objective import data_term
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.fit import FittedProblem
+from deltaid.identification.inseparable import constants
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
 from deltaid.recording.recording import Recording
@@ -136,6 +137,9 @@ def friction_curves(
         return ()
     rows = [curve_rows(problem, joint, v) for joint, v in speeds.items()]
     half = uncertainty(problem, np.vstack(rows)).interval.reshape(len(rows), -1)
+    # Constants of friction may be offsets of what was measured.
+    constant = constants(problem)
+    half = half + np.array([[abs(constant.get(joint, 0.0))] for joint in speeds])
     return tuple(
         FrictionCurve(
             joint=joint,

@@ -8,6 +8,7 @@ import numpy as np
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_curves import friction_curves
+from deltaid.identification.inseparable import ambiguous, inseparable
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
 from deltaid.identification.sensor_stage import fitted_sensors
@@ -31,6 +32,7 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
     Those of additions follow the robot's.
     """
     labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
+    other = ambiguous(problem)
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
         label, value = labels.of(i), float(problem.values[i])
         low, high = label.low, label.high
@@ -38,6 +40,8 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
             # Ranges are those of the recording alone; where a fit holds what the recording would
             # have otherwise, its estimate may be at their end.
             low, high = min(low, value - label.std), max(high, value + label.std)
+        moved = other.get(parameter.name, 0.0)
+        low, high = min(low, low + moved), max(high, high + moved)
         rows.append(
             Parameter(
                 name=parameter.name,
@@ -133,7 +137,8 @@ def assembled(
         effects=effects,
         sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
-        absolute=known_absolutely(problem),
+        absolute=(absolute := known_absolutely(problem)),
+        inseparable=tuple(inseparable(problem, absolute=bool(absolute))),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,

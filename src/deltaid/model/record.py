@@ -15,6 +15,7 @@ from deltaid.model.corrections import Correction
 from deltaid.model.effect_record import FittedEffect
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
+from deltaid.model.inseparable import Inseparable
 from deltaid.model.left_out import LeftOut
 from deltaid.model.names import place
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
@@ -135,6 +136,11 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         default=None,
         description="what is known in kg or N m beside the torques: loads, sensors, weighed bodies;"
         " missing in earlier files",
+    )
+    inseparable: tuple[Inseparable, ...] = Field(
+        default=(),
+        description="causes that the recordings do not separate, intervals count both; missing in "
+        "earlier files",
     )
     friction_choice: FrictionChoice | None = None
     friction_curves: tuple[FrictionCurve, ...] = Field(

@@ -95,7 +95,13 @@ def summary(
     return Summary(
         grade,
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
-        (_numbers(known), corrected(known.corrections), *_scale(known), *_doubts(doubts)),
+        (
+            _numbers(known),
+            corrected(known.corrections),
+            *_scale(known),
+            *(pair.text for pair in known.inseparable),
+            *_doubts(doubts),
+        ),
     )
 
 
