@@ -1,13 +1,14 @@
 """The parameter vector p, the columns of the regressor: p = [bodies, friction, springs, rotors]."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
+from deltaid.robot.body import Entry, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
 from deltaid.robot.load import RobotLike, described
@@ -122,15 +123,21 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     return layout
 
 
-def _body_parameters(robot: RobotDescription, name: str) -> list[Parameter]:
+def _body_parameters(robot: RobotDescription, name: str) -> tuple[Parameter, ...]:
+    body = robot.bodies[name]
+    return _of_body(name, body.prior, body.free)  # pyright: ignore[reportArgumentType]
+
+
+@lru_cache(maxsize=256)  # descriptions with other friction have the same bodies
+def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[Parameter, ...]:
     """The ten of one body; an entry that is zero has the scale m ℓ or m ℓ² with ℓ² = tr Σ / m."""
-    prior = robot.bodies[name].reduced_prior()
+    prior = reduced_prior(given, free)
     scale = inertia_scale(prior)
-    return [
+    return tuple(
         Parameter("inertia", name, symbol, unit, 0.0 if symbol in _POSITIVE else -np.inf, np.inf,
                   float(prior[k]), float(scale[k]))
         for k, (symbol, unit) in enumerate(zip(INERTIA_NAMES, INERTIA_UNITS, strict=True))
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def stated_spreads(robot: RobotDescription) -> dict[str, float]:

@@ -62,9 +62,11 @@ class AtPlatform(AlongMotion):
     def of_motion(self, z: InTask, qd: InTask) -> Values:
         T, home = self.dynamics.kinematics.platform_jacobian(z), self.dynamics.kinematics.home
         x = self.dynamics.robot.task.point(z) - self.dynamics.robot.task.point(home)
-        v = np.einsum("sij,sj->si", T, qd)
-        torques = -np.einsum("ksi,sij->kjs", self.forces(x, v), T)
-        return torques.reshape(-1, len(z))
+        along = np.ascontiguousarray(T.transpose(1, 2, 0))
+        v = np.sum(along * qd.T, axis=1).T
+        forces = self.forces(x, v).transpose(0, 2, 1)
+        torques = sum(forces[:, None, i] * along[i] for i in range(3))
+        return -np.reshape(torques, (-1, len(z)))
 
     def correction(
         self, value: float, judged: Sequence[Judged], unit: str, text: str

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.at_drives import AtDrives, DriveSpring, RippleColumns
 from deltaid.effects.at_platform import FORCES, AtPlatform
-from deltaid.estimation.additions import Addition, of_each
+from deltaid.estimation.additions import Addition, of_each, torques_of
 from deltaid.model.effect_record import FittedEffect
 from deltaid.model.parameter_record import Parameter as Judged
 
@@ -24,11 +24,8 @@ class Fitted:
     values: tuple[float, ...]
 
     def torques(self, z: InTask, qd: InTask) -> InTask:
-        drives, columns = self.addition.pattern
-        entries = self.addition.of_motion(z, qd) * np.array(self.values)[columns][:, None]
-        taken = np.zeros((qd.shape[1], len(z)))
-        np.add.at(taken, drives, entries)
-        return taken.T
+        entries = self.addition.of_motion(z, qd)
+        return torques_of(self.addition.pattern, qd.shape[1], entries, np.array(self.values)).T
 
     @property
     def record(self) -> FittedEffect:

@@ -161,6 +161,16 @@ def of_each(
     return ((addition, tuple(islice(rest, len(addition.parameters)))) for addition in additions)
 
 
+def torques_of(
+    pattern: tuple[np.ndarray, np.ndarray], dof: int, values: Values, p: Parameters
+) -> Float[np.ndarray, "dof samples"]:
+    """Torques of p by entries with their drives and columns: one matrix product."""
+    drives, columns = pattern
+    weights = np.zeros((dof, len(drives)))
+    weights[drives, np.arange(len(drives))] = p[columns]
+    return weights @ values
+
+
 def entries(
     regressor: Regressor | Extended,
     w: Samples,

@@ -13,6 +13,7 @@ The entropic part needs −log det A of the normalised block A: with Z lower tri
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import clarabel
@@ -95,8 +96,9 @@ def normalised(
 def affine(block: Block) -> Affine:
     """A normalised block as constant plus Σ x_k slope_k."""
     variables = np.unique(block.index[block.index >= 0])
-    slopes = [normalised(block.prior, (block.index == k).astype(float)) for k in variables]
-    return variables, normalised(block.prior, block.constant), np.array(slopes)
+    root = np.linalg.inv(np.linalg.cholesky(block.prior))
+    slopes = root @ (block.index == variables[:, None, None]) @ root.T
+    return variables, normalised(block.prior, block.constant), slopes
 
 
 class _Program:
@@ -106,7 +108,7 @@ class _Program:
         self._objective, self._quadratic, self._settings = objective, quadratic, settings
         self._reduction = objective.reduction
         self._size = 2 * objective.reduction.size
-        self._rows: list[sparse.csc_matrix] = []
+        self._rows: list[np.ndarray] = []
         self._right: list[np.ndarray] = []
         self._cones: list[object] = []
         self._linear: dict[int, float] = {}
@@ -118,8 +120,9 @@ class _Program:
         self._require(np.hstack([R, -np.eye(n)]), self._quadratic.b, clarabel.ZeroConeT(n))
         if spectral is None:
             for block in self._reduction.blocks:
-                constant, slopes = self._affine(block)
-                self._require_psd(constant - INTERIOR * np.eye(len(constant)), slopes)
+                variables, constant, slopes = self._affine(block)
+                lowest = INTERIOR * np.eye(len(constant))
+                self._require_psd(constant - lowest, variables, slopes)
         else:
             for block, weight in zip(spectral.blocks, spectral.weights, strict=True):
                 self._add_entropy(block, weight)
@@ -130,13 +133,16 @@ class _Program:
         diagonal, q = np.zeros(size), np.zeros(size)
         diagonal[n : 2 * n] = 2.0
         q[list(self._linear)] = list(self._linear.values())
+        right = np.concatenate(self._right)
+        left, first = np.zeros((len(right), size)), 0
         for rows in self._rows:
-            rows.resize((rows.shape[0], size))
+            left[first : first + len(rows), : rows.shape[1]] = rows
+            first += len(rows)
         solution = clarabel.DefaultSolver(
             sparse.diags(diagonal, format="csc"),
             q,
-            sparse.vstack(self._rows, format="csc"),
-            np.concatenate(self._right),
+            sparse.csc_matrix(left),
+            right,
             self._cones,
             quiet_settings(self._settings.tolerance),
         ).solve()
@@ -156,54 +162,69 @@ class _Program:
 
     def _require(self, rows: np.ndarray, right: np.ndarray, cone: object) -> None:
         """right − rows · u in the cone; rows may be shorter than u."""
-        self._rows.append(sparse.csc_matrix(rows))
+        self._rows.append(rows)
         self._right.append(right)
         self._cones.append(cone)
 
-    def _affine(self, block: Block) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """Normalised block as constant and one matrix for each variable of u."""
-        index, constant, slopes = affine(block)
-        scale = self._reduction.scale
-        return constant, {int(k): slope * scale[k] for k, slope in zip(index, slopes, strict=True)}
+    def _affine(self, block: Block) -> Affine:
+        """A normalised block over variables of u."""
+        variables, constant, slopes = affine(block)
+        return variables, constant, slopes * self._reduction.scale[variables, None, None]
 
-    def _require_psd(self, constant: np.ndarray, slopes: dict[int, np.ndarray]) -> None:
+    def _require_psd(
+        self, constant: np.ndarray, variables: np.ndarray, slopes: Float[np.ndarray, "own k k"]
+    ) -> None:
         right = svec(constant)
         rows = np.zeros((len(right), self._size))
-        for k, slope in slopes.items():
-            rows[:, k] = -svec(slope)
+        rows[:, variables] = -svec(slopes).T
         self._require(rows, right, definite(len(constant)))
 
     def _add_entropy(self, block: Block, weight: float) -> None:
         """2 w (tr A − log det A − k) of the normalised block A, with a weight w."""
-        constant, slopes = self._affine(block)
-        k = len(constant)
+        variables, constant, slopes = self._affine(block)
+        k, corners = len(constant), _corners(len(constant))
         self._constant += 2 * weight * (np.trace(constant) - k)
-        for variable, slope in slopes.items():
-            linear = 2 * weight * np.trace(slope)
-            self._linear[variable] = self._linear.get(variable, 0.0) + linear
-        lower = [(i, j) for j in range(k) for i in range(j, k)]
-        Z = {ij: self._size + a for a, ij in enumerate(lower)}
-        t = [self._size + len(lower) + i for i in range(k)]
-        self._size += len(lower) + k
-        big = {v: np.pad(s, (0, k)) for v, s in slopes.items()}
-        for (i, j), variable in Z.items():
-            entry = np.zeros((2 * k, 2 * k))
-            entry[i, k + j] = entry[k + j, i] = 1.0
-            if i == j:
-                entry[k + i, k + i] = 1.0
-            big[variable] = entry
-        self._require_psd(np.pad(constant, (0, k)), big)
+        traces = np.trace(slopes, axis1=1, axis2=2).tolist()
+        for variable, trace in zip(variables.tolist(), traces, strict=True):
+            self._linear[variable] = self._linear.get(variable, 0.0) + 2 * weight * trace
+        Z = self._size + np.arange(len(corners))
+        diagonal = Z[np.any(corners[:, range(k, 2 * k), range(k, 2 * k)], axis=1)].tolist()
+        self._size += len(corners) + k
+        t = range(self._size - k, self._size)
+        wide = np.pad(slopes, ((0, 0), (0, k), (0, k)))
+        self._require_psd(
+            np.pad(constant, (0, k)), np.append(variables, Z), np.concatenate([wide, corners])
+        )
         for i in range(k):
             rows = np.zeros((3, self._size))
-            rows[0, t[i]] = rows[2, Z[i, i]] = -1.0
+            rows[0, t[i]] = rows[2, diagonal[i]] = -1.0
             self._require(rows, np.array([0.0, 1.0, 0.0]), clarabel.ExponentialConeT())
             self._linear[t[i]] = -2.0 * weight
 
 
-def svec(M: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " entries"]:
+@lru_cache
+def _corners(k: int) -> Float[np.ndarray, "entries 2k 2k"]:
+    """Slopes of [[A, Z], [Zᵀ, diag Z]] along the entries of Z, column by column."""
+    places = [(i, j) for j in range(k) for i in range(j, k)]
+    slopes = np.zeros((len(places), 2 * k, 2 * k))
+    for slope, (i, j) in zip(slopes, places, strict=True):
+        slope[i, k + j] = slope[k + j, i] = 1.0
+        if i == j:
+            slope[k + i, k + i] = 1.0
+    return slopes
+
+
+def svec(M: Float[np.ndarray, "*many k k"]) -> Float[np.ndarray, "*many entries"]:
     """Upper triangle column by column, off-diagonal entries times √2, as Clarabel wants it."""
-    rows, columns = np.tril_indices(len(M))  # of the transpose: upper triangle by columns
-    return np.where(rows == columns, 1.0, np.sqrt(2.0)) * M[columns, rows]
+    rows, columns, factors = _upper(M.shape[-1])
+    return factors * M[..., columns, rows]
+
+
+@lru_cache
+def _upper(k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of a lower triangle row by row, and their factors."""
+    rows, columns = np.tril_indices(k)  # of the transpose: upper triangle by columns
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 def definite(size: int) -> object:

@@ -9,10 +9,10 @@ torque are excluded from the blocks and completed afterwards, for they can be ma
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import (
     ParameterLayout,
@@ -22,6 +22,7 @@ from deltaid.dynamics.parameters import (
 )
 from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Block, Free, free_body, free_coefficients
+from deltaid.robot.body import Entry, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
@@ -140,7 +141,9 @@ def build_reduction(
     is_visible = np.isin(np.arange(len(layout.names)), visible)
     parts, completed = [], dict[str, tuple[int, ...]]()
     for body in layout.bodies:
-        part, completed[body] = _of_body(robot, body, is_visible[layout.body(body)])
+        own, seen = robot.bodies[body], tuple(is_visible[layout.body(body)].tolist())
+        prior = own.prior
+        part, completed[body] = _of_body(body, prior, own.free, seen)  # pyright: ignore[reportArgumentType]
         parts.append(part)
     parts.append(free_coefficients(layout.parameters[layout.coefficients]))
     parts += [free for _, free in additions]
@@ -165,10 +168,11 @@ def build_reduction(
     )
 
 
+@lru_cache(maxsize=256)  # fits of other columns have the same bodies
 def _of_body(
-    robot: RobotDescription, body: str, is_visible: Bool[np.ndarray, " 10"]
+    body: str, prior: Prior, free: tuple[Entry, ...], is_visible: tuple[bool, ...]
 ) -> tuple[Free, tuple[int, ...]]:
-    p_reg = robot.bodies[body].reduced_prior()
+    p_reg = reduced_prior(prior, free)
     if consistency(p_reg) <= 0:
         raise IdentificationError(
             f"with the entries that 'free' leaves out set to zero, the prior of body {body} is "
@@ -176,7 +180,7 @@ def _of_body(
             where=f"bodies.{body}",
             cure="free the first moments of its centre of mass, or change the prior",
         )
-    return free_body("inertia", body, p_reg, robot.bodies[body].free, is_visible)
+    return free_body("inertia", body, p_reg, free, np.array(is_visible))
 
 
 def _complete(p: Float[np.ndarray, " 10"], completed: tuple[int, ...]) -> Float[np.ndarray, " 10"]:

@@ -203,7 +203,8 @@ def _spectral_block(
     Gamma = np.where(
         close, middle, (slope[:, None] - slope[None, :]) / np.where(close, 1.0, difference)
     )
-    E = np.stack([V.T @ L_inverse @ (block.index == k) @ L_inverse.T @ V for k in at])
+    W = V.T @ L_inverse
+    E = W @ (block.index == at[:, None, None]) @ W.T
     gradient = np.einsum("kii,i->k", E, slope)
-    hessian = np.einsum("kij,ij,lij->kl", E, Gamma, E)
+    hessian = (E * Gamma).reshape(len(at), -1) @ E.reshape(len(at), -1).T
     return float(np.sum(divergence.values(lam))), gradient, hessian

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solve_triangular
 
 from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import NOISE_FLOOR, POSITION_ERROR
@@ -127,11 +127,11 @@ class Shrunk:
 
     @property
     def _scales(self) -> Float[np.ndarray, " groups"]:
-        alpha = self.alpha.copy()
+        alpha, variance = self.alpha.copy(), np.sum(self._root**2, axis=0)
         for k, group in enumerate(self.groups):
             u = (self.x[group.columns] - group.mean) / group.deviation
-            variance = np.diag(self.covariance)[group.columns] / group.deviation**2
-            gamma = max(float(np.sum(1.0 - variance / self.alpha[k] ** 2)), 0.0)
+            told = variance[group.columns] / (self.alpha[k] * group.deviation) ** 2
+            gamma = max(len(told) - float(told.sum()), 0.0)
             alpha[k] = np.sqrt((u @ u + _PULL) / (gamma + 1.0))
         return np.clip(alpha, _LOW, _HIGH)
 
@@ -144,16 +144,17 @@ class Shrunk:
         return block.b - block.A @ self.x
 
     @cached_property
-    def _size(self) -> Float[np.ndarray, " n"]:
-        return 1.0 / np.sqrt(np.diag(self._precision))
+    def _factor(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+        """L with L Lᵀ = the precision of x in units of `size`, and these."""
+        size = 1.0 / np.sqrt(np.diag(self._precision))
+        scaled = self._precision * np.outer(size, size)
+        return np.linalg.cholesky(scaled + _DEPENDENT * np.eye(len(size))), size
 
     @cached_property
-    def _factor(self) -> tuple[np.ndarray, bool]:
-        scaled = self._precision * np.outer(self._size, self._size)
-        return cho_factor(scaled + _DEPENDENT * np.eye(len(scaled)), lower=True)
-
-    def _solved(self, right: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
-        return self._size * cho_solve(self._factor, self._size * right)
+    def _root(self) -> Float[np.ndarray, "n n"]:
+        """W with WᵀW = the covariance of x."""
+        L, size = self._factor
+        return solve_triangular(L, np.diag(size), lower=True, check_finite=False)
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, "n n"]:
@@ -171,12 +172,11 @@ class Shrunk:
             right = right + block.right / sigma**2
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             right[group.columns] += group.mean * (alpha * group.deviation) ** -2.0
-        return self._solved(right)
+        return self._root.T @ (self._root @ right)
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        inverse = cho_solve(self._factor, np.diag(self._size))
-        return self._size[:, None] * inverse
+        return self._root.T @ self._root
 
     def deviation(self, group: Group) -> Float[np.ndarray, " k"]:
         """Standard deviations of a group's coefficients, by scatter where that is larger."""
@@ -220,7 +220,7 @@ class Shrunk:
             return self
         gone = np.concatenate([group.columns for group in dropped])
         held = np.concatenate([group.mean for group in dropped])
-        stay = np.setdiff1d(np.arange(len(self._size)), gone)
+        stay = np.setdiff1d(np.arange(len(self.x)), gone)
         groups = tuple(
             replace(self.groups[k], columns=np.searchsorted(stay, self.groups[k].columns))
             for k in kept
@@ -232,7 +232,7 @@ class Shrunk:
 
     def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
         """The same with columns of one more candidate, given for each block."""
-        places = np.arange(len(self._size), len(self._size) + len(deviation))
+        places = np.arange(len(self.x), len(self.x) + len(deviation))
         group = Group(name, places, deviation, np.zeros(len(deviation)))
         blocks = tuple(
             block.over(np.hstack([block.A, more]), block.b)
@@ -246,7 +246,8 @@ class Shrunk:
     def evidence(self) -> float:
         """Logarithm of the probability of the rows, but for a constant."""
         cost = float(np.sum((self.D @ self.x - self.d) ** 2))
-        volume = 2.0 * float(np.sum(np.log(np.diag(self._factor[0]) / self._size)))
+        L, size = self._factor
+        volume = 2.0 * float(np.sum(np.log(np.diag(L) / size)))
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             cost += float(np.sum(self.residual(block) ** 2)) / sigma**2
         for group, alpha in zip(self.groups, self.alpha, strict=True):
@@ -289,9 +290,11 @@ class Shrunk:
             self.of_candidates([other, *(name for name in now.candidates if name != kept)])
             for kept in now.candidates for other in dropped
         ]  # fmt: skip
-        needed = [trial for trial in trials if trial._least_surprising >= least]
-        best = max(needed, key=lambda trial: trial.evidence, default=now)
-        return self._exchanged(best, least) if best.evidence > now.evidence else now
+        better = [trial for trial in trials if trial.evidence > now.evidence]
+        for best in sorted(better, key=lambda trial: -trial.evidence):
+            if best._least_surprising >= least:
+                return self._exchanged(best, least)
+        return now
 
     @property
     def _least_surprising(self) -> float:

@@ -22,7 +22,7 @@ from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
-from deltaid.estimation.additions import Addition, Own, Values, extended
+from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
 from deltaid.estimation.free_body import Free
 from deltaid.identification.fit import fit
 from deltaid.identification.setup import Progress, Setup
@@ -103,11 +103,9 @@ class Gains(Addition):
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
-        torque = w.carried.T.copy()
         Y = np.vstack([own, *(addition.entries(w, own, recording) for addition in self.others)])
-        drives, columns = extended(self.dynamics, self.others).regressor_pattern
-        np.add.at(torque, drives, Y * self.values[columns][:, None])
-        return -torque
+        pattern = extended(self.dynamics, self.others).regressor_pattern
+        return -(w.carried.T + torques_of(pattern, self.dynamics.dof, Y, self.values))
 
     @property
     def shows_in_torques(self) -> bool:

@@ -56,6 +56,9 @@ class ExplicitInertia(Part):
         return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
 
 
+Prior = ExplicitInertia | tuple[Shape, ...]
+
+
 class Body(Part):
     """A body's prior and which of its ten parameters the identification may change.
 
@@ -67,7 +70,7 @@ class Body(Part):
     list is a body that is known, such as a tool with CAD data (Sec. VI f): all ten stay as given.
     """
 
-    prior: ExplicitInertia | tuple[Shape, ...] = Field(
+    prior: Prior = Field(
         description="what is known before any recording: shapes, or numbers from CAD"
     )
     free: tuple[Entry, ...] = Field(
@@ -98,19 +101,28 @@ class Body(Part):
 
     def prior_parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten prior inertia parameters p_reg, before the reduction by `free`."""
-        if isinstance(self.prior, ExplicitInertia):
-            return self.prior.parameters()
-        return np.sum([shape.parameters() for shape in self.prior], axis=0)
+        return _parameters(self.prior)
 
     def reduced_prior(self) -> Float[np.ndarray, " 10"]:
         """The prior with the first moments and products that `free` leaves out set to zero.
 
         Bodies without thickness are made barely solid (`inertia.with_thickness`).
         """
-        if not self.free:
-            return with_thickness(self.prior_parameters())
-        M = pseudo_inertia(self.prior_parameters())
-        for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            if i != j and name not in self.free:
-                M[i, j] = M[j, i] = 0.0
-        return with_thickness(inertia_parameters(M))
+        return reduced_prior(self.prior, self.free)
+
+
+def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
+    """`Body.reduced_prior` of what a body says."""
+    if not free:
+        return with_thickness(_parameters(prior))
+    M = pseudo_inertia(_parameters(prior))
+    for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+        if i != j and name not in free:
+            M[i, j] = M[j, i] = 0.0
+    return with_thickness(inertia_parameters(M))
+
+
+def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:
+    if isinstance(prior, ExplicitInertia):
+        return prior.parameters()
+    return np.sum([shape.parameters() for shape in prior], axis=0)

@@ -11,6 +11,7 @@ body has. Rows W are shares of each drive's recorded torque, so that units do no
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import permutations, product
 
 import numpy as np
@@ -52,6 +53,7 @@ class Patterns:
     weights: Float[np.ndarray, "patterns pairs"]
 
     @classmethod
+    @lru_cache
     def all_of(cls, dof: int) -> "Patterns":
         """n! orders with 2ⁿ signs each, the first one as mapped."""
         pairs = list(product(permutations(range(dof)), product((1.0, -1.0), repeat=dof)))
@@ -76,7 +78,7 @@ def evidences(
         offsets: columns of a constant torque of each drive.
     """
     expected, weights = Y @ p_0, patterns.weights.T
-    size = np.sqrt(np.einsum("ip,ij,jp->p", weights, E.T @ E, weights))
+    size = np.sqrt(np.sum(weights * (E.T @ E @ weights), axis=0))
     usual = float(np.linalg.norm(expected))
     by = np.where(np.abs(np.log(usual / size)) < np.log(_UNIT), 1.0, usual / size)
     U, s, _ = np.linalg.svd(np.hstack([Y * scale, _OFFSET * offsets]), full_matrices=False)

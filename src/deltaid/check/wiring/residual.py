@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Int
 from deltaid.check.wiring.contest import Consistent, Patterns, consistent_fit, evidences
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.span import Span
@@ -175,7 +174,7 @@ def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     columns, place = np.unique(entries, return_inverse=True)
     Y = np.zeros((dynamics.dof, len(tau), len(columns)))
     Y[drives, :, place] = motion.filtered(values)[:, keep]
-    expected = Y @ prior_parameters(dynamics.robot)[columns]
+    expected = Y @ np.array([dynamics.layout.parameters[k].prior for k in columns])
     prior = np.sqrt(np.mean(expected**2, axis=1))
     still = ~motion.moves[list(map.order)]
     scale = np.maximum(prior, 1e-3 * prior.max()) / np.where(still, _AT_REST, 1.0)
