@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import NOISE_FLOOR, POSITION_ERROR
@@ -32,6 +32,8 @@ _PULL = 1e-2
 _HELD = 1e-6
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
+# Of two fits, one is certain that is a hundred times as probable as the other.
+_CERTAIN = float(np.log(100.0))
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
 _SLOW, _REDDEST = 8, 30.0
 
@@ -282,19 +284,37 @@ class Shrunk:
             if prices[cheapest] >= least:
                 break
             now = self.of_candidates([name for name in prices if name != cheapest])
-        return self._exchanged(now, least)
-
-    def _exchanged(self, now: "Shrunk", least: float) -> "Shrunk":
-        dropped = [name for name in self.candidates if name not in now.candidates]
-        trials = [
-            self.of_candidates([other, *(name for name in now.candidates if name != kept)])
-            for kept in now.candidates for other in dropped
-        ]  # fmt: skip
-        better = [trial for trial in trials if trial.evidence > now.evidence]
-        for best in sorted(better, key=lambda trial: -trial.evidence):
-            if best._least_surprising >= least:
-                return self._exchanged(best, least)
+        while better := self._rivals(now, least, 0.0):
+            now = max(better.values(), key=lambda rival: rival.evidence)
         return now
+
+    def rivals(self, now: "Shrunk", least: float) -> dict[tuple[str, str], "Shrunk"]:
+        """Fits with another candidate in the place of one of those of `now` that are so nearly as
+        probable that rows do not separate both, by what was kept and what takes its place."""
+        return self._rivals(now, least, -_CERTAIN)
+
+    def _rivals(self, now: "Shrunk", least: float, more: float) -> dict[tuple[str, str], "Shrunk"]:
+        """Exchanges whose evidence exceeds that of a fit by more than this."""
+        dropped = [name for name in self.candidates if name not in now.candidates]
+        trials = {
+            (kept, other): self.of_candidates([other, *(n for n in now.candidates if n != kept)])
+            for kept in now.candidates for other in dropped
+        }  # fmt: skip
+        return {
+            pair: trial for pair, trial in trials.items()
+            if trial.evidence > now.evidence + more and trial._least_surprising >= least
+        }  # fmt: skip
+
+    def follows(self, groups: Collection[Group]) -> Float[np.ndarray, "n k"]:
+        """What x moves by where coefficients of some groups are off as they may be: the columns are
+        of independent causes, one standard deviation each."""
+        columns = np.concatenate([np.zeros(0, dtype=int), *(group.columns for group in groups)])
+        own = self.covariance[np.ix_(columns, columns)]
+        size = np.sqrt(np.diag(own))
+        by_scatter = np.concatenate([np.zeros(0), *(self.deviation(group) for group in groups)])
+        half = np.linalg.cholesky(own / np.outer(size, size) + _DEPENDENT * np.eye(len(size)))
+        moves = cho_solve((half, True), (self.covariance[:, columns] / size).T).T
+        return moves @ (half * (by_scatter / size)[:, None])
 
     @property
     def _least_surprising(self) -> float:

@@ -5,7 +5,7 @@ together (`estimation.shrinkage`); what rows do not need beside all others is dr
 end of a sweep. What is kept is applied exactly, and slopes are taken again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +106,20 @@ class Contest:
     def reduced(self) -> "Contest":
         """With what rows need beside all others."""
         return replace(self, shrunk=self.shrunk.reduced(SEEN))
+
+    def rivals(self, reduced: "Contest") -> dict[tuple[str, str], "Contest"]:
+        """Contests that rows do not separate from a reduced one, by what was kept and what takes
+        its place."""
+        rivals = self.shrunk.rivals(reduced.shrunk, SEEN)
+        return {pair: replace(self, shrunk=shrunk) for pair, shrunk in rivals.items()}
+
+    def follows(self, names: Collection[str]) -> list[Parameters]:
+        """What parameters of the robot move by where effects are off as they may be, one standard
+        deviation of each of independent causes."""
+        groups = [group for group in self.shrunk.groups if group.name in names]
+        count = len(self.rows.dynamics.layout.names)
+        moves = self.shrunk.follows(groups).T
+        return [(self.rows.reduction.A @ move[: self.rows.size])[:count] for move in moves]
 
 
 def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:

@@ -21,7 +21,8 @@ from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.model.corrections import Kind
+from deltaid.model.corrections import Kind, cause_in_words
+from deltaid.model.inseparable import Inseparable
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
 
@@ -54,12 +55,17 @@ class Outcome:
         described: the robot as it is described.
         kept: names of effects.
         values, deviations: of those that are applied exactly.
+        moves: what parameters of the robot, by name, move by where these are off as they may be,
+            or where another cause takes the place of one of them: one standard deviation each.
+        inseparable: causes that rows do not separate.
     """
 
     described: RobotDescription
     kept: tuple[str, ...] = ()
     values: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
     deviations: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
+    moves: tuple[dict[str, float], ...] = ()
+    inseparable: tuple[Inseparable, ...] = ()
 
     @property
     def read(self) -> dict[str, Coefficients]:
@@ -99,7 +105,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         if sweep == _SWEEPS or _is_settled(before, after):
             if not after.kept:
                 return bare
-            setup = _finished(now, after, last)
+            setup = _finished(now, _doubted(after, full, last), last)
             for stage in _ANEW:
                 setup = stage(setup, progress)
             return setup
@@ -172,6 +178,22 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
         values[unknown.name] = np.maximum(applied, 0.0) if unknown.is_positive else applied
         deviations[unknown.name] = last.shrunk.deviation(group)
     return Outcome(before.described, kept, values, deviations)
+
+
+def _doubted(outcome: Outcome, full: Contest, last: Contest) -> Outcome:
+    """With what is uncertain about it."""
+    names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
+    exact = (*outcome.kept, *outcome.values)
+    held = [unknown.name for unknown in UNKNOWNS if unknown.name in exact]
+    moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    return replace(
+        outcome,
+        moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
+        inseparable=tuple(
+            Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
+            for kept, other in rivals
+        ),
+    )
 
 
 def _is_settled(before: Outcome, after: Outcome) -> bool:

@@ -1,6 +1,6 @@
 """A fit: posed from recordings, solved, and kept with all that judging it needs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -45,6 +45,7 @@ class FittedProblem:
         estimate: their weighted least-squares values, without prior and consistency.
         additions: what was fitted with the robot.
         geometry: what the robot's tolerances do to base parameters; None before that is known.
+        moves: what parameters, by name, move by where corrected causes are off as they may be.
     """
 
     dynamics: Dynamics
@@ -56,6 +57,7 @@ class FittedProblem:
     estimate: BaseEstimate
     additions: tuple[Addition, ...] = ()
     geometry: Geometry | None = None
+    moves: tuple[Mapping[str, float], ...] = ()
 
     @property
     def information(self) -> Information:
@@ -142,7 +144,7 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
     base, information = problem.base, problem.information
     geometric = geometry(
         problem.dynamics, recordings, base, information, problem.values, problem.additions
-    )
+    ).beside(base, problem.moves)
     estimate = problem.estimate.with_shifts(geometric.shifts)
     return replace(problem, estimate=estimate, geometry=geometric)
 
@@ -159,6 +161,7 @@ def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) 
 
     def posed(load: Parameters | None) -> FittedProblem:
         again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
+        again = replace(again, moves=problem.moves)
         return widened(with_geometry(again, recordings))
 
     return _settled(posed, wide.p)[0]

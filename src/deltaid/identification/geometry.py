@@ -9,7 +9,7 @@ and the fit with a prior as much of these as of all other data. D is evaluated
 at the fitted parameters, at some samples spread over the beginning of the recordings.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -47,6 +47,14 @@ class Geometry:
 
     names: tuple[str, ...]
     shifts: Float[np.ndarray, "base quantities"]
+
+    def beside(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
+        """With other causes, of which each moves parameters, by name, by one standard deviation."""
+        names = base.layout.names
+        parameters = np.array([[move.get(name, 0.0) for name in names] for move in moves])
+        shifts = base.combination() @ parameters.reshape(-1, len(names)).T
+        causes = tuple(f"cause {k + 1}" for k in range(len(moves)))
+        return Geometry((*self.names, *causes), np.hstack([self.shifts, shifts]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,6 +125,8 @@ def identify(
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
     setup, problem = _fitted(setup, progress)
     robot, recordings = setup.robot, setup.recordings
+    if setup.outcome is not None:
+        problem = replace(problem, moves=setup.outcome.moves)
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged, count = judged_parameters(freed(problem)), len(problem.p)
     loads = found_loads(setup.additions, judged[count:], held(recordings))
@@ -142,6 +144,7 @@ def identify(
         loads=loads,
         readings=recordings[0].repairs.readings,
         effects=tuple(effect.record for effect in effects),
+        inseparable_causes=() if setup.outcome is None else setup.outcome.inseparable,
         corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
         sources=tuple(
             _source(recording, used, error, robot.drives)

@@ -18,6 +18,7 @@ from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction
 from deltaid.model.effect_record import FittedEffect
 from deltaid.model.friction_record import FrictionChoice
+from deltaid.model.inseparable import Inseparable
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
 from deltaid.recording.readings import Readings
@@ -97,6 +98,7 @@ def assembled(
     sources: tuple[Source, ...],
     remarks: Sequence[str],
     choice: FrictionChoice | None = None,
+    inseparable_causes: tuple[Inseparable, ...] = (),
 ) -> IdentifiedModel:
     """The model of a fit.
 
@@ -109,6 +111,7 @@ def assembled(
         sources: the recordings behind it.
         remarks: warnings about these.
         choice: how friction laws were chosen, if they were.
+        inseparable_causes: those that decided what was corrected.
     """
     count, layout = len(problem.p), problem.layout
     consistency = tuple(
@@ -138,7 +141,7 @@ def assembled(
         sensors=fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened),
         absolute=(absolute := known_absolutely(problem)),
-        inseparable=tuple(inseparable(problem, absolute=bool(absolute))),
+        inseparable=(*inseparable(problem, absolute=bool(absolute)), *inseparable_causes),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,

@@ -33,6 +33,41 @@ Kind = Literal[
 ]
 
 
+# What each kind is, in words.
+NAMES: dict[Kind, str] = {
+    "velocity": "recorded velocities left out",
+    "lag": "lag between torques and positions",
+    "filter": "filter of torques",
+    "hold": "torques held between updates",
+    "clock": "clocks that differ",
+    "load": "held load",
+    "contact": "contacts",
+    "backlash": "play in gears",
+    "friction": "friction law",
+    "temperature": "friction that warms up",
+    "gain": "torque constant",
+    "sensor": "sensor",
+    "compliance": "gears that wind up",
+    "zero": "zero of a drive",
+    "gear-ratio": "gear ratio",
+    "length": "length",
+    "tilt": "tilt of the base",
+    "torque-constant": "torque constant that falls with current",
+    "ripple": "ripple",
+    "drive-spring": "springs at drives",
+    "platform-force": "force at the platform",
+    "prior": "prior made wider",
+    "cutoff": "cut-off of the filter",
+}
+
+
+def cause_in_words(name: str) -> str:
+    """A cause by the name of an effect, such as `tilt` or 'ripple of drive1, 34'."""
+    words: dict[str, str] = {str(kind): said for kind, said in NAMES.items()}
+    further = {"platform-spring": "spring at the platform", "platform-drag": "drag at the platform"}
+    return (words | further).get(name, name)
+
+
 class Correction(Part):
     """One thing that was put right, on the evidence of the recordings.
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from deltaid.model.corrections import Correction, Kind
+from deltaid.model.corrections import NAMES, Correction, Kind
 from deltaid.robot.body_words import body_in_words
 
 # Longer rows of drives are told by their ends.
@@ -13,31 +13,6 @@ _WORDS = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
     "twelve",
 )  # fmt: skip
-_NAMES: dict[Kind, str] = {
-    "velocity": "recorded velocities left out",
-    "lag": "lag between torques and positions",
-    "filter": "filter of torques",
-    "hold": "torques held between updates",
-    "clock": "clocks that differ",
-    "load": "held load",
-    "contact": "contacts",
-    "backlash": "play in gears",
-    "friction": "friction law",
-    "temperature": "friction that warms up",
-    "gain": "torque constant",
-    "sensor": "sensor",
-    "compliance": "gears that wind up",
-    "zero": "zero of a drive",
-    "gear-ratio": "gear ratio",
-    "length": "length",
-    "tilt": "tilt of the base",
-    "torque-constant": "torque constant that falls with current",
-    "ripple": "ripple",
-    "drive-spring": "springs at drives",
-    "platform-force": "force at the platform",
-    "prior": "prior made wider",
-    "cutoff": "cut-off of the filter",
-}
 
 
 def corrected(corrections: Sequence[Correction]) -> str:
@@ -62,7 +37,7 @@ def in_words(count: int) -> str:
 
 
 def _thing(kind: Kind, subjects: tuple[str, ...]) -> str:
-    return _NAMES[kind] + (f" ({', '.join(_short(subjects))})" if subjects else "")
+    return NAMES[kind] + (f" ({', '.join(_short(subjects))})" if subjects else "")
 
 
 def _short(subjects: tuple[str, ...]) -> list[str]:
