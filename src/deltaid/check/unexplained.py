@@ -71,7 +71,9 @@ def checked_rest(
     if rings or not (follows or far):
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         return Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
-    part = systematic[worst] / max(float(study.fit.model[worst].std()), 1e-300)
+    least_power = trend.share * power if follows else 0.0
+    size = np.sqrt(max(float(systematic[worst]) ** 2, least_power))
+    part = size / max(float(study.fit.model[worst].std()), 1e-300)
     unexplained = f"unexplained: {percent(part)} of {drive}'s torque"
     cause, cure = "no known effect, and what is corrected may stand for a part of it", _LOOK
     if follows:
