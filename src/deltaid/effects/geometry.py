@@ -14,6 +14,8 @@ from deltaid.robot.description import RobotDescription
 # Standard deviations before any recording: of zeros and a tilt [rad; m for a rail], gear ratios,
 # and lengths [m].
 _ZERO, _TILT, _RATIO, _LENGTH = 4e-3, 1e-2, 4e-3, 5e-4
+# A base that leans more [rad] is seen by eye, and is no error of mounting.
+_LEANS = 0.05
 # Lengths of a limb that may be off, and the place of each among a limb's symbols of growth.
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 
@@ -68,6 +70,7 @@ class Tilt(Unknown):
     name = "tilt"
     is_geometry = True
     corrects = "robot"
+    limit = _LEANS
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         slopes = point.slopes
@@ -87,6 +90,14 @@ class Tilt(Unknown):
             Correction(kind="tilt", value=angle, low=max(angle - max(half), 0.0),
                        high=angle + max(half), unit="rad", text=text),
         )  # fmt: skip
+
+    def doubt(self, values: Deviations) -> str:
+        return (
+            f"torques look like those of a base that is tilted by {np.linalg.norm(values):.2g} "
+            "rad, more than mounting explains, and nothing is corrected. Likeliest something pulls "
+            "at the robot, or gravity is not as described; look at hoses and springs, and check "
+            "gravity"
+        )
 
 
 class Lengths(Unknown):

@@ -30,6 +30,8 @@ class Unknown(ABC):
         is_geometry: whether it is about where the links are.
         corrects: what its coefficients are applied to exactly: readings of the drives, the robot,
             or nothing where they stay columns of a fit or stages of their own estimate them.
+        limit: size of all coefficients together above which the description is wrong, or something
+            else looks like it: that is said and not corrected.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Unknown(ABC):
     is_own: ClassVar[bool] = False
     is_geometry: ClassVar[bool] = False
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""
+    limit: ClassVar[float] = np.inf
 
     @abstractmethod
     def columns(self, point: Point) -> ColumnsOfDrives:
@@ -55,6 +58,11 @@ class Unknown(ABC):
         """What was corrected, for coefficients and half widths of their 95 % intervals; none where
         other stages say it."""
         return ()
+
+    def doubt(self, values: Deviations) -> str:
+        """A sentence on what is beyond the limit: what torques look like, the likeliest cause, and
+        what to do."""
+        return ""
 
 
 class Added(Unknown):

@@ -1,9 +1,8 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
@@ -20,11 +19,11 @@ from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
+from deltaid.identification.outcome import WIND_UP, Coefficients, Outcome
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.model.corrections import Kind, cause_in_words
 from deltaid.model.inseparable import Inseparable
 from deltaid.recording.readings import Readings
-from deltaid.robot.description import RobotDescription
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
 _SWEEPS, _SETTLED = 4, 0.2
@@ -38,48 +37,10 @@ _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
 
-WIND_UP = "compliance"
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant")
 
 # What other effects hide or look like is estimated anew once these are known.
 _ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
-
-Coefficients = Float[np.ndarray, " coefficients"]
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What won a contest.
-
-    Attributes:
-        described: the robot as it is described.
-        kept: names of effects.
-        values, deviations: of those that are applied exactly.
-        moves: what parameters of the robot, by name, move by where these are off as they may be,
-            or where another cause takes the place of one of them: one standard deviation each.
-        inseparable: causes that rows do not separate.
-    """
-
-    described: RobotDescription
-    kept: tuple[str, ...] = ()
-    values: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
-    deviations: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
-    moves: tuple[dict[str, float], ...] = ()
-    inseparable: tuple[Inseparable, ...] = ()
-
-    @property
-    def read(self) -> dict[str, Coefficients]:
-        """Those that recordings have been corrected by."""
-        robot = [unknown.name for unknown in UNKNOWNS if unknown.corrects == "robot"]
-        return {name: values for name, values in self.values.items() if name not in robot}
-
-    @property
-    def winds_up(self) -> bool:
-        """Whether rows need gears that wind up beside all else."""
-        return WIND_UP in self.values
-
-    def of(self, name: str) -> tuple[float, ...]:
-        return tuple(self.values.get(name, np.zeros(0)).tolist())
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
@@ -100,11 +61,13 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         unknowns = _allowed(_unknowns(points[0]), before, sweep)
         full = contest(rows, points, unknowns, before.read).with_ripples()
         last = full.reduced()
-        after, sweep = _outcome(before, last), sweep + 1
+        after, sweep = _outcome(before, last).within_limits(), sweep + 1
         now = _read(bare, after, largest, last.p)
-        if sweep == _SWEEPS or _is_settled(before, after):
+        if after.doubts != before.doubts:
+            sweep = 0  # others may take part in its place
+        elif sweep == _SWEEPS or _is_settled(before, after):
             if not after.kept:
-                return bare
+                return bare.changed(outcome=after) if after.doubts else bare
             setup = _finished(now, _doubted(after, full, last), last)
             for stage in _ANEW:
                 setup = stage(setup, progress)
@@ -151,13 +114,15 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
 
 def _allowed(unknowns: tuple[Unknown, ...], before: Outcome, sweep: int) -> tuple[Unknown, ...]:
     """Those that take part: later sweeps only drop, and a geometry that is off is no correction
-    beside gears that wind up, since each may stand for what the other's slopes lack."""
+    beside gears that wind up, since each may stand for what the other's slopes lack; what has been
+    beyond its limit is no correction at all."""
     late = sweep >= _DECIDED
     return tuple(
         unknown for unknown in unknowns
         if not unknown.is_candidate or not (
             (late and unknown.name not in before.kept)
             or (before.winds_up and unknown.is_geometry)
+            or unknown.name in before.doubts
         )
     )  # fmt: skip
 
@@ -177,7 +142,7 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
         applied = last.shrunk.x[group.columns] - group.mean
         values[unknown.name] = np.maximum(applied, 0.0) if unknown.is_positive else applied
         deviations[unknown.name] = last.shrunk.deviation(group)
-    return Outcome(before.described, kept, values, deviations)
+    return Outcome(before.described, kept, values, deviations, doubts=before.doubts)
 
 
 def _doubted(outcome: Outcome, full: Contest, last: Contest) -> Outcome:

@@ -18,6 +18,8 @@ _WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
 # A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
 # interval away from what the recording alone gives.
 _APART = 3.0
+# A prior that has to be so many times as wide is no estimate of this body.
+_OTHER = 10.0
 # Standard deviations between a measured value and all else that are no chance, and what is left of
 # its row where all else determines it too.
 _NO_CHANCE, _REDUNDANT = 4.0, 1e-4
@@ -31,7 +33,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     where nothing better is; and each measured value that recordings, other values or consistency
     contradict.
     """
-    return (*_of_data(problem), *_of_measured(problem))
+    return (*_of_data(problem), *_of_priors(problem), *_of_measured(problem))
 
 
 def _of_data(problem: FittedProblem) -> tuple[str, ...]:
@@ -78,6 +80,21 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
             f"{names} to keep its body consistent, whose moments in the torques are too large for "
             "the described mass. Likeliest the prior is too light or too small; weigh the body, or "
             "describe its size"
+        )
+
+
+def _of_priors(problem: FittedProblem) -> Iterator[str]:
+    """Priors that recordings contradict by more than a description may be off."""
+    owners: dict[str, float] = {}
+    for parameter in problem.layout.parameters:
+        factor = problem.reduction.widened.get(parameter.name, 1.0)
+        if factor > _OTHER:
+            owners[parameter.owner] = max(factor, owners.get(parameter.owner, 0.0))
+    for owner, factor in owners.items():
+        yield (
+            f"the prior of {owner} has to be {factor:.2g} times as wide as stated for the recording"
+            ", so it is that of something else. Likeliest the description has a wrong mass, size "
+            "or unit there, or a tool or cable is not described; weigh it"
         )
 
 

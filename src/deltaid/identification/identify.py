@@ -144,7 +144,7 @@ def identify(
         loads=loads,
         readings=recordings[0].repairs.readings,
         effects=tuple(effect.record for effect in effects),
-        inseparable_causes=() if setup.outcome is None else setup.outcome.inseparable,
+        outcome=setup.outcome,
         corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
         sources=tuple(
             _source(recording, used, error, robot.drives)

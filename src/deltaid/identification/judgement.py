@@ -11,6 +11,7 @@ from deltaid.identification.friction_curves import friction_curves
 from deltaid.identification.inseparable import ambiguous, inseparable
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
+from deltaid.identification.outcome import Outcome
 from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.torque_scale import torque_scale
@@ -18,7 +19,6 @@ from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction
 from deltaid.model.effect_record import FittedEffect
 from deltaid.model.friction_record import FrictionChoice
-from deltaid.model.inseparable import Inseparable
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
 from deltaid.recording.readings import Readings
@@ -98,7 +98,7 @@ def assembled(
     sources: tuple[Source, ...],
     remarks: Sequence[str],
     choice: FrictionChoice | None = None,
-    inseparable_causes: tuple[Inseparable, ...] = (),
+    outcome: Outcome | None = None,
 ) -> IdentifiedModel:
     """The model of a fit.
 
@@ -111,9 +111,11 @@ def assembled(
         sources: the recordings behind it.
         remarks: warnings about these.
         choice: how friction laws were chosen, if they were.
-        inseparable_causes: those that decided what was corrected.
+        outcome: of the contest that decided what was corrected.
     """
     count, layout = len(problem.p), problem.layout
+    inseparable_causes = () if outcome is None else outcome.inseparable
+    doubted = () if outcome is None else tuple(outcome.doubts.values())
     consistency = tuple(
         Consistency(
             body=body,
@@ -145,7 +147,7 @@ def assembled(
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
-        warnings=(*remarks, *doubts_of_fit(problem)),
+        warnings=(*remarks, *doubted, *doubts_of_fit(problem)),
     )
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
+from deltaid.identification.outcome import Outcome
 from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.friction_record import FrictionChoice, JointTerm
@@ -14,9 +15,6 @@ from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import Repairs
 from deltaid.robot.description import RobotDescription
-
-if TYPE_CHECKING:
-    from deltaid.identification.contest_stage import Outcome
 
 Progress = Callable[[str], None]
 
@@ -41,7 +39,7 @@ class Setup:
     # what each recording looks like before anything in it is corrected that was not declared; none
     # before they have been studied
     studies: tuple[Study | None, ...] = ()
-    outcome: "Outcome | None" = None  # of the contest of causes
+    outcome: Outcome | None = None  # of the contest of causes
 
     def is_disturbed(self, k: int) -> bool:
         """Whether an undeclared load comes and goes in the k-th recording."""
