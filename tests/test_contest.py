@@ -1,5 +1,6 @@
 """The contest of causes: columns of its effects, what it keeps, and what goes with the model."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,9 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.at_drives import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import lengths_of, reshaped
+from deltaid.identification.fit import with_geometry
+from deltaid.identification.inseparable import constants
+from deltaid.identification.outcome import Outcome
 from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.readings import Readings
 from deltaid.robot.load import described
@@ -134,3 +138,38 @@ def test_a_cause_is_corrected_and_no_other(row: str, kind: str, size: float | No
 
 def test_nothing_is_corrected_on_a_clean_recording() -> None:
     assert identified(case("clean", "delta3", 2)).model.corrections == ()
+
+
+@pytest.mark.parametrize(("angle", "is_doubted"), [(0.03, False), (0.08, True)])
+def test_a_base_that_nobody_mounts_so_is_a_doubt_and_no_correction(
+    angle: float, *, is_doubted: bool
+) -> None:
+    values = {"tilt": np.array([0.0, angle]), "zero": np.ones(3)}
+    robot = described("clavel-delta3")
+    outcome = Outcome(robot, ("tilt", "zero"), values).within_limits()
+    assert ("tilt" not in outcome.values) == is_doubted
+    assert ("tilt" not in outcome.kept) == is_doubted
+    assert "zero" in outcome.kept
+    assert ("0.08 rad" in outcome.doubts.get("tilt", "")) == is_doubted
+
+
+def test_a_constant_is_of_friction_or_of_what_measures_it() -> None:
+    of_friction = case("direction", "delta3")
+    result = identified(of_friction)
+    (pair,) = (pair for pair in result.model.inseparable if "friction" in pair.causes[0])
+    assert pair.subjects == result.robot.drives
+    assert "separate" in pair.text
+    assert min(judge(of_friction, result).curves) > 0.95
+    problem = result.problem
+    for drive, constant in constants(problem).items():
+        (curve,) = (curve for curve in result.model.friction_curves if curve.joint == drive)
+        assert min(curve.half_width) > abs(constant) > 0
+
+
+def test_intervals_count_what_corrected_causes_may_be_off_by() -> None:
+    result = identified(case("gear-ratio", "delta3"))
+    problem = result.problem
+    assert problem.moves
+    alone = with_geometry(replace(problem, moves=()), result.recordings)
+    assert np.all(problem.estimate.std >= alone.estimate.std)
+    assert np.any(problem.estimate.std > 1.05 * alone.estimate.std)

@@ -110,3 +110,35 @@ def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
     full = problem(size=0.02)
     blocks = [replace(block, largest=1e4) for block in full.blocks]
     assert Shrunk.of(blocks, full.D, full.d, full.groups).reduced(LEAST).candidates == ()
+
+
+def test_what_cannot_be_negative_stays_at_zero() -> None:
+    free = problem()
+    bounded = Shrunk.of(
+        free.blocks, free.D, free.d, [replace(free.groups[0], is_positive=True), free.groups[1]]
+    )
+    assert free.x[3] == pytest.approx(-0.5, abs=0.03)
+    assert bounded.x[3] == pytest.approx(0.0, abs=1e-5)
+    assert bounded.x[[2, 4]] == pytest.approx(free.x[[2, 4]], abs=0.1)
+
+
+def test_the_rest_follows_a_group_as_if_fitted_to_it() -> None:
+    full = problem()
+    group, others = full.groups[0], [0, 1, 5, 6]
+    follows = full.follows([group])
+    K, own = np.linalg.inv(full.covariance), group.columns
+    refitted = -np.linalg.solve(K[np.ix_(others, others)], K[np.ix_(others, own)] @ follows[own])
+    assert follows[others] == pytest.approx(refitted, rel=1e-6, abs=1e-12)
+    assert np.linalg.norm(follows[own], axis=1) == pytest.approx(full.deviation(group), rel=1e-6)
+    assert full.follows([]).shape == (7, 0)
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1.0])
+def test_a_cause_that_looks_like_another_is_its_rival(apart: float) -> None:
+    full = problem()
+    rng = np.random.default_rng(3)
+    like = [block.A[:, 2:5] + apart * rng.standard_normal((400, 3)) for block in full.blocks]
+    both = full.with_group("double", like, np.full(3, 0.5))
+    kept = both.reduced(LEAST)
+    rivals = {frozenset(pair) for pair in both.rivals(kept, LEAST)}
+    assert rivals == ({frozenset({"cause", "double"})} if apart < 0.1 else set())
