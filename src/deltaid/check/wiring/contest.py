@@ -23,6 +23,7 @@ from deltaid.estimation.conic import Conic
 from deltaid.estimation.objective import DataTerm, Objective
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import Regularizer
 
 # No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
 # about this share of its torques.
@@ -130,19 +131,27 @@ def consistent_fit(
     sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=1e-300))
     by = np.linalg.norm(expected * weights[:, None]) / np.linalg.norm(tau * weights[:, None])
     by = 1.0 if abs(np.log(by)) < np.log(_UNIT) else by
-    reduction = build_reduction(dynamics.robot, columns)
+    reduction, regularizer = _prior(dynamics, tuple(columns.tolist()))
     rows = (weights / (by * sizes))[:, None]
     A = Y @ reduction.A[columns] * rows[:, :, None]
     b = by * tau * rows - Y @ reduction.p_0[columns] * rows
-    return _fit(reduction, A, b)
+    return _fit(reduction, regularizer, A, b)
+
+
+@lru_cache(maxsize=8)
+def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Regularizer]:
+    """What every hypothesis about columns is fitted with."""
+    reduction = build_reduction(dynamics.robot, np.array(columns))
+    return reduction, METRICS["entropic"].regularizer(reduction)
 
 
 def _fit(
     reduction: Reduction,
+    regularizer: Regularizer,
     A: Float[np.ndarray, "drives samples free"],
     b: Float[np.ndarray, "drives samples"],
 ) -> Consistent:
-    regularizer, noise, best = METRICS["entropic"].regularizer(reduction), 0.02, IMPOSSIBLE
+    noise, best = 0.02, IMPOSSIBLE
     for _ in range(_ROUNDS):
         rows = np.concatenate([A, b[:, :, None]], axis=2)
         # A constant torque of a drive costs what its prior says.
