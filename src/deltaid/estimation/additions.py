@@ -8,6 +8,7 @@ solvers, base parameters and intervals treat all alike.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import TypeVar
 
@@ -115,7 +116,7 @@ class Extended:
     def dof(self) -> int:
         return self.regressor.dof
 
-    @property
+    @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every entry that is not always zero."""
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))

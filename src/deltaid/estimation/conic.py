@@ -18,18 +18,15 @@ from typing import ClassVar
 
 import clarabel
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.free_body import Block
+from deltaid.estimation.free_body import Affine, Block
 from deltaid.estimation.objective import DataTerm, Objective, Solution
 from deltaid.estimation.reduction import INTERIOR
 from deltaid.estimation.regularizer import LOG_DET, Vector
-
-# Variables of a block, its constant part, and its slope along each variable.
-Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarray, "own k k"]]
 
 
 @dataclass(frozen=True)
@@ -81,24 +78,7 @@ def _unconstrained(quadratic: DataTerm) -> Vector | None:
 
 
 def _interior(block: Block, x: Vector) -> bool:
-    A = normalised(block.prior, block.matrix(x))
-    return bool(np.linalg.eigvalsh(A)[0] > INTERIOR)
-
-
-def normalised(
-    prior: Float[np.ndarray, "k k"], M: Float[np.ndarray, "k k"]
-) -> Float[np.ndarray, "k k"]:
-    """L⁻¹ M L⁻ᵀ with a prior of L Lᵀ, which becomes the identity."""
-    L = np.linalg.cholesky(prior)
-    return solve_triangular(L, solve_triangular(L, M, lower=True).T, lower=True)
-
-
-def affine(block: Block) -> Affine:
-    """A normalised block as constant plus Σ x_k slope_k."""
-    variables = np.unique(block.index[block.index >= 0])
-    root = np.linalg.inv(np.linalg.cholesky(block.prior))
-    slopes = root @ (block.index == variables[:, None, None]) @ root.T
-    return variables, normalised(block.prior, block.constant), slopes
+    return bool(np.linalg.eigvalsh(block.normalised_at(x))[0] > INTERIOR)
 
 
 class _Program:
@@ -168,7 +148,7 @@ class _Program:
 
     def _affine(self, block: Block) -> Affine:
         """A normalised block over variables of u."""
-        variables, constant, slopes = affine(block)
+        variables, constant, slopes = block.normalised
         return variables, constant, slopes * self._reduction.scale[variables, None, None]
 
     def _require_psd(

@@ -3,9 +3,11 @@ parameters, and the blocks that keep it consistent."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_triangular
 
 from deltaid.robot.inertia import (
     INERTIA_UNITS,
@@ -14,6 +16,9 @@ from deltaid.robot.inertia import (
     pseudo_inertia,
 )
 from deltaid.robot.parameter import Parameter, ParameterKind
+
+# Variables of a block, its constant part, and its slope along each variable.
+Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarray, "own k k"]]
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,19 @@ class Block:
 
     def matrix(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
         return self.constant + np.where(self.index >= 0, x[self.index], 0.0)
+
+    @cached_property
+    def normalised(self) -> Affine:
+        """Constant and slopes of L⁻¹ M L⁻ᵀ with a prior of L Lᵀ, which becomes the identity."""
+        variables = np.unique(self.index[self.index >= 0])
+        root = solve_triangular(np.linalg.cholesky(self.prior), np.eye(len(self.prior)), lower=True)
+        slopes = root @ (self.index == variables[:, None, None]) @ root.T
+        return variables, root @ self.constant @ root.T, slopes
+
+    def normalised_at(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
+        """L⁻¹ M(x) L⁻ᵀ."""
+        variables, constant, slopes = self.normalised
+        return constant + np.tensordot(x[variables], slopes, axes=1)
 
     def moved(self, first: int) -> "Block":
         """The same where the variables that it counts from 0 begin at `first`."""

@@ -75,9 +75,8 @@ class SpectralTerm:
         """Values alone, at many points inside the cone."""
         total = np.zeros(len(x))
         for block, weight in zip(self.blocks, self.weights, strict=True):
-            inverse = _inverse_root(block)
-            M = block.constant + np.where(block.index >= 0, x[:, block.index], 0.0)
-            lam = np.linalg.eigvalsh(inverse @ M @ inverse.T)
+            at, constant, slopes = block.normalised
+            lam = np.linalg.eigvalsh(constant + np.tensordot(x[:, at], slopes, axes=1))
             total += weight * self.divergence.values(lam).sum(axis=1)
         return total
 
@@ -85,8 +84,8 @@ class SpectralTerm:
         """Value, gradient and Hessian; infinite outside the cone."""
         value, gradient, hessian = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         for block, weight in zip(self.blocks, self.weights, strict=True):
-            at = np.unique(block.index[block.index >= 0])
-            v, g, H = _spectral_block(self.divergence, block, x, at)
+            at, _, slopes = block.normalised
+            v, g, H = _spectral_block(self.divergence, block.normalised_at(x), slopes)
             value += weight * v
             gradient[at] += weight * g
             hessian[np.ix_(at, at)] += weight * H
@@ -178,13 +177,8 @@ def prior_root(scaled: Matrix) -> Matrix:
         ) from None
 
 
-def _inverse_root(block: Block) -> Float[np.ndarray, "size size"]:
-    """L⁻¹ with L Lᵀ = M_reg."""
-    return np.linalg.solve(np.linalg.cholesky(block.prior), np.eye(len(block.prior)))
-
-
 def _spectral_block(
-    divergence: Divergence, block: Block, x: Vector, at: np.ndarray
+    divergence: Divergence, A: Float[np.ndarray, "k k"], slopes: Float[np.ndarray, "own k k"]
 ) -> tuple[float, Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Value, gradient and Hessian of one block with respect to its own variables.
 
@@ -192,10 +186,10 @@ def _spectral_block(
     V diag(φ′) Vᵀ, and its derivative along E is V (Γ ∘ VᵀEV) Vᵀ with the divided differences Γ of
     φ′ (Daleckii–Krein).
     """
-    L_inverse = _inverse_root(block)
-    lam, V = np.linalg.eigh(L_inverse @ block.matrix(x) @ L_inverse.T)
+    lam, V = np.linalg.eigh(A)
     if lam[0] <= 0:
-        return np.inf, np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan)
+        own = len(slopes)
+        return np.inf, np.full(own, np.nan), np.full((own, own), np.nan)
     slope, curvature = divergence.slope(lam), divergence.curvature(lam)
     difference = lam[:, None] - lam[None, :]
     close = np.abs(difference) < 1e-7 * lam[-1]
@@ -203,8 +197,7 @@ def _spectral_block(
     Gamma = np.where(
         close, middle, (slope[:, None] - slope[None, :]) / np.where(close, 1.0, difference)
     )
-    W = V.T @ L_inverse
-    E = W @ (block.index == at[:, None, None]) @ W.T
+    E = V.T @ slopes @ V
     gradient = np.einsum("kii,i->k", E, slope)
-    hessian = (E * Gamma).reshape(len(at), -1) @ E.reshape(len(at), -1).T
+    hessian = (E * Gamma).reshape(len(E), -1) @ E.reshape(len(E), -1).T
     return float(np.sum(divergence.values(lam))), gradient, hessian

@@ -86,6 +86,15 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
+class Normal:
+    """K x = r of rows and of what is known at some noise levels, without the priors of groups."""
+
+    sigma: Float[np.ndarray, " blocks"]
+    K: Float[np.ndarray, "n n"]
+    r: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, eq=False)
 class Shrunk:
     """The minimiser with its scales of priors and noise.
 
@@ -95,6 +104,7 @@ class Shrunk:
         groups: of columns that are shrunk; other columns have the prior D only.
         alpha: of each group.
         sigma: noise of each block.
+        given: normal equations, as far as they have been put together for the same noise.
     """
 
     blocks: tuple[Block, ...]
@@ -103,6 +113,7 @@ class Shrunk:
     groups: tuple[Group, ...]
     alpha: Float[np.ndarray, " groups"]
     sigma: Float[np.ndarray, " blocks"]
+    given: Normal | None = None
 
     @classmethod
     def of(cls, blocks: Sequence[Block], D: Columns, d: Rows, groups: Sequence[Group]) -> "Shrunk":
@@ -119,7 +130,8 @@ class Shrunk:
         """With scales, and the noise unless that is kept, at their fixed point."""
         now = self
         for _ in range(_SWEEPS):
-            after = replace(now, alpha=now._scales, sigma=now._noise if noise else now.sigma)
+            sigma = now._noise if noise else now.sigma
+            after = replace(now, alpha=now._scales, sigma=sigma, given=now._normal)
             change = np.abs(np.log(after.alpha / now.alpha)).max(initial=0.0)
             change = max(change, float(np.abs(np.log(after.sigma / now.sigma)).max()))
             now = after
@@ -159,19 +171,24 @@ class Shrunk:
         return solve_triangular(L, np.diag(size), lower=True, check_finite=False)
 
     @cached_property
-    def _precision(self) -> Float[np.ndarray, "n n"]:
-        K = self.D.T @ self.D
+    def _normal(self) -> Normal:
+        if self.given is not None and self.given.sigma is self.sigma:
+            return self.given
+        K, r = self.D.T @ self.D, self.D.T @ self.d
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
-            K = K + block.normal / sigma**2
+            K, r = K + block.normal / sigma**2, r + block.right / sigma**2
+        return Normal(self.sigma, K, r)
+
+    @cached_property
+    def _precision(self) -> Float[np.ndarray, "n n"]:
+        K = self._normal.K.copy()
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             K[group.columns, group.columns] += (alpha * group.deviation) ** -2.0
         return K
 
     @cached_property
     def x(self) -> Float[np.ndarray, " n"]:
-        right = self.D.T @ self.d
-        for block, sigma in zip(self.blocks, self.sigma, strict=True):
-            right = right + block.right / sigma**2
+        right = self._normal.r.copy()
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             right[group.columns] += group.mean * (alpha * group.deviation) ** -2.0
         return self._root.T @ (self._root @ right)
@@ -230,7 +247,9 @@ class Shrunk:
         blocks = tuple(
             block.over(block.A[:, stay], block.b - block.A[:, gone] @ held) for block in self.blocks
         )
-        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], self.sigma)
+        K, r, D = self._normal.K[stay], self._normal.r[stay], self.D[:, stay]
+        given = Normal(self.sigma, K[:, stay], r - K[:, gone] @ held)
+        return Shrunk(blocks, D, self.d, groups, self.alpha[kept], self.sigma, given)
 
     def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
         """The same with columns of one more candidate, given for each block."""

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import sparse
 
-from deltaid.estimation.conic import affine, definite, quiet_settings, svec
+from deltaid.estimation.conic import definite, quiet_settings, svec
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.free_body import Block
 from deltaid.estimation.scatter import half_width, quantile
@@ -162,7 +162,7 @@ class ConsistentRanges:
             return None
         M = block.matrix(self._centre)
         part = replace(block, index=block.index[inner], constant=M[inner], prior=block.prior[inner])
-        columns, at_centre, slopes = affine(part)
+        columns, at_centre, slopes = part.normalised
         rows = -np.column_stack([svec(slope) for slope in slopes]) @ self._map[columns]
         right = svec(at_centre)
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))

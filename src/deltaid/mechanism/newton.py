@@ -124,8 +124,10 @@ class NewtonForward:
         return self._iterate(z, q, _AT_THE_END)
 
     def _iterate(self, z: Samples, q: Samples, times: int) -> Samples:
+        both = np.vstack([z.T, q.T])
         for _ in range(times):
-            z = self._step(np.hstack([z, q]).T).T
+            both[: self._dof] = self._step(both)
+        z = both[: self._dof].T
         period = self._mechanism.period
         if period is not None:
             z[:, 3] -= period * np.round((z[:, 3] - self._home[3]) / period)

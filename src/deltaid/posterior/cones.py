@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.estimation.conic import affine
 from deltaid.estimation.reduction import INTERIOR, Reduction
 from deltaid.estimation.scatter import inverse
 
@@ -39,7 +38,7 @@ class Cones:
         """
         blocks = [
             (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
-            for variables, fixed, per_variable in map(affine, reduction.blocks)
+            for variables, fixed, per_variable in (b.normalised for b in reduction.blocks)
         ]
         for k, variable in enumerate(reduction.variables):
             if np.isfinite(variable.high):

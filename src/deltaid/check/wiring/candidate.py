@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.check.wiring.contest import Consistent, Patterns
+from deltaid.check.wiring.contest import Consistent, Patterns, Posed
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map, Residual, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
@@ -67,9 +67,14 @@ class Candidate:
         return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
 
     @cached_property
+    def posed(self) -> Posed:
+        """Its torques, to be fitted."""
+        return self.residual.posed(self.order, self.gains)
+
+    @property
     def fit(self) -> Consistent:
         """Of a robot that may exist."""
-        return self.residual.consistent(self.order, self.gains)
+        return self.posed.fit
 
     @property
     def score(self) -> float:

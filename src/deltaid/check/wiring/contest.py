@@ -11,7 +11,7 @@ body has. Rows W are shares of each drive's recorded torque, so that units do no
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import permutations, product
 
 import numpy as np
@@ -23,6 +23,7 @@ from deltaid.estimation.conic import Conic
 from deltaid.estimation.objective import DataTerm, Objective
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import Regularizer
 
 # No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
 # about this share of its torques.
@@ -113,57 +114,83 @@ class Consistent:
 IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)
 
 
-def consistent_fit(
-    dynamics: Dynamics,
-    columns: Int[np.ndarray, " columns"],
-    Y: Float[np.ndarray, "drives samples columns"],
-    tau: Float[np.ndarray, "drives samples"],
-    weights: Float[np.ndarray, " drives"],
-) -> Consistent:
-    """The consistent fit of torques in the order and sign of the drives.
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """Torques in the order and sign of the drives, A x = b over what is free of a robot, each drive
+    as a share of its torques."""
 
-    Args:
+    reduction: Reduction
+    regularizer: Regularizer
+    A: Float[np.ndarray, "drives samples free"]
+    b: Float[np.ndarray, "drives samples"]
+
+    @classmethod
+    def of(
+        cls,
+        dynamics: Dynamics,
+        columns: Int[np.ndarray, " columns"],
+        Y: Float[np.ndarray, "drives samples columns"],
+        tau: Float[np.ndarray, "drives samples"],
+        weights: Float[np.ndarray, " drives"],
+    ) -> "Posed":
+        """Args:
         weights: of each drive's rows, 1 for one whose torques count.
-    """
-    expected = Y @ np.array([entry.prior for entry in dynamics.layout.parameters])[columns]
-    sizes = np.sqrt(np.mean(tau**2, axis=1))
-    sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=1e-300))
-    by = np.linalg.norm(expected * weights[:, None]) / np.linalg.norm(tau * weights[:, None])
-    by = 1.0 if abs(np.log(by)) < np.log(_UNIT) else by
-    reduction = build_reduction(dynamics.robot, columns)
-    rows = (weights / (by * sizes))[:, None]
-    A = Y @ reduction.A[columns] * rows[:, :, None]
-    b = by * tau * rows - Y @ reduction.p_0[columns] * rows
-    return _fit(reduction, A, b)
+        """
+        expected = Y @ np.array([entry.prior for entry in dynamics.layout.parameters])[columns]
+        sizes = np.sqrt(np.mean(tau**2, axis=1))
+        sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=1e-300))
+        by = np.linalg.norm(expected * weights[:, None]) / np.linalg.norm(tau * weights[:, None])
+        by = 1.0 if abs(np.log(by)) < np.log(_UNIT) else by
+        reduction, regularizer = _prior(dynamics, tuple(columns.tolist()))
+        rows = (weights / (by * sizes))[:, None]
+        A = Y @ reduction.A[columns] * rows[:, :, None]
+        b = by * tau * rows - Y @ reduction.p_0[columns] * rows
+        return cls(reduction, regularizer, A, b)
+
+    @cached_property
+    def highest(self) -> float:
+        """No robot has a higher score: that of the least squares of any masses and constants."""
+        left = DataTerm.of(self._rows(1.0)).c
+        return -self.b.size * float(np.log(self._level(left)))
+
+    @cached_property
+    def fit(self) -> Consistent:
+        """Of a robot that may exist."""
+        noise, best = 0.02, IMPOSSIBLE
+        for _ in range(_ROUNDS):
+            data = DataTerm.of(self._rows(_whitened(self.b.shape[1], noise)) / noise)
+            objective = Objective(self.reduction, data, self.regularizer, _GAMMA)
+            try:
+                solution = _SOLVER.solve(objective)
+            except IdentificationError:
+                return IMPOSSIBLE
+            misfit = data.evaluate(solution.x)[0]
+            distance, settled = solution.objective - misfit, self._level(misfit * noise**2)
+            score = -self.b.size * np.log(settled) - 0.5 * distance
+            best, before, noise = Consistent(score, settled, distance), noise, settled
+            if abs(np.log(noise / before)) < _SETTLED:
+                break
+        return best
+
+    def _rows(self, constant: float) -> Float[np.ndarray, "rows augmented"]:
+        """[A b] without a share of each drive's mean."""
+        rows = np.concatenate([self.A, self.b[:, :, None]], axis=2)
+        rows = rows - constant * rows.mean(axis=1, keepdims=True)
+        return rows.reshape(-1, rows.shape[2])
+
+    def _level(self, squares: float) -> float:
+        """Share of the torques that squares of so much leave."""
+        return float(np.sqrt(squares / self.b.size + _LEAST**2))
 
 
-def _fit(
-    reduction: Reduction,
-    A: Float[np.ndarray, "drives samples free"],
-    b: Float[np.ndarray, "drives samples"],
-) -> Consistent:
-    regularizer, noise, best = METRICS["entropic"].regularizer(reduction), 0.02, IMPOSSIBLE
-    for _ in range(_ROUNDS):
-        rows = np.concatenate([A, b[:, :, None]], axis=2)
-        # A constant torque of a drive costs what its prior says.
-        rows = rows - _whitened(b.shape[1], noise) * rows.mean(axis=1, keepdims=True)
-        rows = rows.reshape(-1, rows.shape[2])
-        data = DataTerm.of(rows / noise)
-        objective = Objective(reduction, data, regularizer, _GAMMA)
-        try:
-            solution = _SOLVER.solve(objective)
-        except IdentificationError:
-            return IMPOSSIBLE
-        residual = data.evaluate(solution.x)[0] * noise**2
-        distance = solution.objective - data.evaluate(solution.x)[0]
-        settled = np.sqrt(residual / len(rows) + _LEAST**2)
-        score = -len(rows) * np.log(settled) - 0.5 * distance
-        best, before, noise = Consistent(score, float(settled), distance), noise, float(settled)
-        if abs(np.log(noise / before)) < _SETTLED:
-            break
-    return best
+@lru_cache(maxsize=8)
+def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Regularizer]:
+    """What every hypothesis about columns is fitted with."""
+    reduction = build_reduction(dynamics.robot, np.array(columns))
+    return reduction, METRICS["entropic"].regularizer(reduction)
 
 
 def _whitened(samples: int, noise: float) -> float:
-    """What of a mean is taken off so that a constant of the usual size is as likely as noise."""
+    """What of a mean is taken off so that a constant of the usual size is as likely as noise: a
+    constant torque of a drive costs what its prior says."""
     return 1 - 1 / np.sqrt(1 + samples * (_OFFSET / noise) ** 2)

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.check.wiring.contest import Consistent, Patterns, consistent_fit, evidences
+from deltaid.check.wiring.contest import Patterns, Posed, evidences
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
@@ -140,11 +140,11 @@ class Residual:
         sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))
         return of_rows + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
 
-    def consistent(self, order: tuple[int, ...], gains: np.ndarray) -> Consistent:
-        """The consistent fit of torque columns in an order, times gains."""
+    def posed(self, order: tuple[int, ...], gains: np.ndarray) -> Posed:
+        """Torque columns in an order, times gains, to be fitted by a robot that may exist."""
         Y = self.Y.reshape(len(order), self.rows.samples, -1) * self.rows.scale[:, None, None]
         weights = np.where(self.still, _AT_REST, 1.0)
-        return consistent_fit(
+        return Posed.of(
             self.dynamics, self.columns, Y, (self.tau[:, list(order)] * gains).T, weights
         )
 

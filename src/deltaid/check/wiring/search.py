@@ -4,7 +4,7 @@ A hypothesis is a map of the position columns: another sign, order or unit, or p
 behind gears that are not declared, by the factor that explains the torques best.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
@@ -61,20 +61,20 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         own = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
         if not trials or trials[0].evidence - own < as_good(len(trials[0].residual.Y)):
             return (as_mapped,)
-    trials = _ranked(trials)
+    trials = _ranked(dynamics, trials)
     if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
-        trials = _ranked([*trials, *_of_motors(dynamics, coarse)])
+        trials = _ranked(dynamics, [*trials, *_of_motors(dynamics, coarse)])
         if trials and trials[0].map.scaled:
-            trials = _ranked([*trials, *_refined(dynamics, coarse, trials[0])])
+            trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
     examined = list[Candidate]()
     likely = sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
     for map in dict.fromkeys(trial.map for trial in likely):
         for solved in residuals(dynamics, fine, [map]):
             own = [trial for trial in likely if trial.map == map]
             examined += [Candidate(solved, trial.order, trial.gains) for trial in own]
-    examined = [trial for trial in examined if trial.sensible]
-    if as_mapped is not None:
-        examined = [*(trial for trial in examined if trial.key != as_mapped.key), as_mapped]
+    mapped = [] if as_mapped is None else [as_mapped]
+    others = (trial for trial in examined if all(trial.key != own.key for own in mapped))
+    examined = [*(trial for trial in others if trial.sensible), *mapped]
     if not examined:
         return ()
     best = max(examined, key=lambda trial: trial.score)
@@ -144,8 +144,16 @@ def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(fitted, key=lambda candidate: -candidate.evidence)
 
 
-def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
-    return sorted(candidates, key=lambda candidate: -candidate.score)
+def _ranked(dynamics: Dynamics, candidates: Collection[Candidate]) -> list[Candidate]:
+    """By likelihood, without those that cannot be as likely as the best whatever masses are: these
+    need no fit of a consistent robot."""
+    margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
+    for trial in sorted(candidates, key=lambda candidate: -candidate.posed.highest):
+        if trial.posed.highest < best - margin:
+            break
+        best = max(best, trial.score)
+    fitted = (trial for trial in candidates if trial.posed.highest >= best - margin)
+    return sorted(fitted, key=lambda candidate: -candidate.score)
 
 
 def _wirings(dynamics: Dynamics) -> Iterator[Map]:
