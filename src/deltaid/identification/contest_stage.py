@@ -1,5 +1,6 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,7 +59,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     while True:
         rows = TraceRows.of(now.dynamics, without_lags(bare.additions), spread)
         points = points_of(traces, start(rows, traces) if p is None else p)
-        unknowns = _allowed(_unknowns(points[0]), before, sweep)
+        unknowns = [u for u in _unknowns(points[0]) if u.name not in setup.barred_effects]
+        unknowns = _allowed(unknowns, before, sweep)
         full = contest(rows, points, unknowns, before.read).with_ripples()
         last = full.reduced()
         after, sweep = _outcome(before, last).within_limits(), sweep + 1
@@ -112,7 +114,7 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
     return (*UNKNOWNS, Added("drive-spring", spring), *forces)
 
 
-def _allowed(unknowns: tuple[Unknown, ...], before: Outcome, sweep: int) -> tuple[Unknown, ...]:
+def _allowed(unknowns: Sequence[Unknown], before: Outcome, sweep: int) -> tuple[Unknown, ...]:
     """Those that take part: later sweeps only drop, and a geometry that is off is no correction
     beside gears that wind up, since each may stand for what the other's slopes lack; what has been
     beyond its limit is no correction at all."""

@@ -22,7 +22,7 @@ from deltaid.identification.fit import (
     with_widened_prior,
 )
 from deltaid.identification.friction_curves import freed
-from deltaid.identification.idle_terms import idle_terms
+from deltaid.identification.idle_terms import idle_effects, idle_terms
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import without_doubtful_lags
 from deltaid.identification.left_out import events, left_out
@@ -163,13 +163,15 @@ def pulled(recording: Recording, effects: tuple[Fitted, ...]) -> Recording:
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
-    excerpts missed anything, and without terms of friction that it puts at zero."""
+    excerpts missed anything, and without terms of friction and effects that it puts at zero."""
     setup, problem = _confirmed(watched(prepared(first, progress)), progress)
     setup, detected = unwatched(setup)
     if detected:
         return _fitted(first.changed(closely=True), progress)
-    if idle := idle_terms(setup, problem):
-        return _fitted(first.changed(barred=first.barred | idle), progress)
+    terms, effects = idle_terms(setup, problem), idle_effects(problem)
+    if terms or effects:
+        barred = {"barred": first.barred | terms, "barred_effects": first.barred_effects | effects}
+        return _fitted(first.changed(**barred), progress)
     return setup, problem
 
 

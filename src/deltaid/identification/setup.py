@@ -29,8 +29,9 @@ class Setup:
     additions: tuple[Addition, ...] = ()  # extra columns
     corrections: tuple[Correction, ...] = ()  # in the order in which they were made
     friction_choice: FrictionChoice | None = None
-    # terms of friction that are not chosen, for a fit has put them at zero
+    # terms of friction and effects that are not chosen, for a fit has put them at zero
     barred: frozenset[JointTerm] = frozenset()
+    barred_effects: frozenset[str] = frozenset()
     # whether every row of recordings is inspected for events; else excerpts are first
     closely: bool = False
     # numbers of the recordings of which nothing but an excerpt was inspected for events, and what
