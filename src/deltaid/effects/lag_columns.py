@@ -13,12 +13,13 @@ them, `Trace.shifted` applies them exactly.
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
+from deltaid.estimation.additions import Addition, Own, Values, extended
 from deltaid.estimation.drive_rows import OfDrives
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction
@@ -109,9 +110,16 @@ class TimingColumns(Addition):
     def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
         """τ of each drive."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
-        pattern = extended(self.dynamics, self.beside).regressor_pattern
-        # With those of loads, which lag with all else.
-        return w.carried.T + torques_of(pattern, self.dynamics.dof, values, self.p)
+        rows, columns = self._columns
+        tau = w.carried.T.copy()  # of loads, which lag with all else
+        for i in range(len(tau)):
+            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
+        return tau
+
+    @cached_property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and parameter of every entry of torques."""
+        return extended(self.dynamics, self.beside).regressor_pattern
 
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
         """Whether a joint with friction turns round between a sample and the next, in whose row."""

@@ -15,6 +15,7 @@ where these explain more of a recording than anything else, Σ log c_i = 0 over 
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -104,8 +105,12 @@ class Gains(Addition):
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
         Y = np.vstack([own, *(addition.entries(w, own, recording) for addition in self.others)])
-        pattern = extended(self.dynamics, self.others).regressor_pattern
-        return -(w.carried.T + torques_of(pattern, self.dynamics.dof, Y, self.values))
+        return -(w.carried.T + torques_of(self._columns, self.dynamics.dof, Y, self.values))
+
+    @cached_property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and parameter of every entry of torques."""
+        return extended(self.dynamics, self.others).regressor_pattern
 
     @property
     def shows_in_torques(self) -> bool:
