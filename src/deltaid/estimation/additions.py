@@ -116,9 +116,13 @@ class Extended:
     def dof(self) -> int:
         return self.regressor.dof
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every entry that is not always zero."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
         first = self.own
         for addition in self.additions:
