@@ -11,9 +11,12 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.at_drives import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import lengths_of, reshaped
+from deltaid.effects.point import Point
+from deltaid.effects.structure import Structure
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.inseparable import constants
 from deltaid.identification.outcome import Outcome
+from deltaid.identification.study import studied_trace
 from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.readings import Readings
 from deltaid.robot.load import described
@@ -173,3 +176,28 @@ def test_intervals_count_what_corrected_causes_may_be_off_by() -> None:
     alone = with_geometry(replace(problem, moves=()), result.recordings)
     assert np.all(problem.estimate.std >= alone.estimate.std)
     assert np.any(problem.estimate.std > 1.05 * alone.estimate.std)
+
+
+def test_columns_of_structure_are_torques_of_what_free_leaves_out() -> None:
+    result = identified(case("clean", "delta4"))
+    robot, recording = result.robot, result.recordings[0]
+    record = studied_trace(compiled(robot), recording, result.model.p)
+    assert record is not None
+    point = Point(record, result.model.p)
+    columns, names = Structure().columns(point), compiled(robot).layout.names
+    shown = np.any(columns != 0, axis=(0, 1))
+    assert columns.shape[2] > shown.sum() > 10
+    less, p = point.trace.model(result.model.p), result.model.p.copy()
+    p[names.index("U.mcy")] += 0.01
+    more = point.trace.model(p)
+    own = int(np.flatnonzero([name == "U.mcy" for name in Structure().names(point)])[0])
+    assert 0.01 * columns[:, :, own] == pytest.approx(more - less, abs=1e-9)
+
+
+def test_bodies_that_are_askew_are_fitted_with_all_their_entries() -> None:
+    askew = case("askew", "delta4")
+    judged = judge(askew, identified(askew))
+    assert dict(judged.said)["structure"] == 1
+    assert judged.M < 0.003  # 3 % where `free` decides
+    assert np.mean(judged.bodies) > 0.9
+    assert not judged.verdicts

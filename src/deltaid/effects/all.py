@@ -16,6 +16,7 @@ from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import Place
 from deltaid.effects.ripple import Ripple
+from deltaid.effects.structure import Structure
 from deltaid.effects.unknown import Unknown
 from deltaid.effects.zero import Zero
 
@@ -40,4 +41,5 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Ratios(),
     Tilt(),
     Lengths(),
+    Structure(),
 )

@@ -30,6 +30,7 @@ class Unknown(ABC):
         is_geometry: whether it is about where the links are.
         corrects: what its coefficients are applied to exactly: readings of the drives, the robot,
             or nothing where they stay columns of a fit or stages of their own estimate them.
+        is_fitted: whether the fit estimates it anew, as parameters of the robot.
         limit: size of all coefficients together above which the description is wrong, or something
             else looks like it: that is said and not corrected.
     """
@@ -40,6 +41,7 @@ class Unknown(ABC):
     is_own: ClassVar[bool] = False
     is_geometry: ClassVar[bool] = False
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""
+    is_fitted: ClassVar[bool] = False
     limit: ClassVar[float] = np.inf
 
     @abstractmethod

@@ -12,6 +12,7 @@ from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import reshaped
 from deltaid.effects.point import Point, points_of
+from deltaid.effects.structure import Structure, opened
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
@@ -38,7 +39,7 @@ _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
 
-_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant")
+_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant", "structure")
 
 # What other effects hide or look like is estimated anew once these are known.
 _ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
@@ -90,7 +91,7 @@ def _bare(setup: Setup) -> Setup:
     if setup.outcome is not None:
         described = setup.outcome.described
         same = {"limbs": described.limbs, "gravity": described.gravity,
-                "tolerances": described.tolerances}  # fmt: skip
+                "tolerances": described.tolerances, "bodies": described.bodies}  # fmt: skip
         robot = robot.model_copy(update=same)
     kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
     bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
@@ -151,7 +152,7 @@ def _doubted(outcome: Outcome, full: Contest, last: Contest) -> Outcome:
     """With what is uncertain about it."""
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     exact = (*outcome.kept, *outcome.values)
-    held = [unknown.name for unknown in UNKNOWNS if unknown.name in exact]
+    held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
     moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
     return replace(
         outcome,
@@ -199,6 +200,8 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
         robot = reshaped(outcome.described, outcome.of("length"), outcome.of("tilt"))
         same = {"limbs": robot.limbs, "gravity": robot.gravity}
         now = now.with_robot(now.robot.model_copy(update=same))
+    if Structure.name in outcome.kept:
+        now = now.with_robot(opened(now.robot))
     additions = list(without_lags(now.additions))
     for name in outcome.kept:
         unknown = last.unknown(name)
@@ -207,14 +210,15 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
             scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
             assert isinstance(unknown.addition, AtPlatform | AtDrives)
             additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
+    nothing = np.zeros(0)
     corrections = [
         correction
         for unknown in UNKNOWNS
-        if unknown.corrects and unknown.name in outcome.kept
+        if unknown.name in outcome.kept
         for correction in unknown.corrections(
             outcome.described,
-            outcome.values[unknown.name],
-            _HALF * outcome.deviations[unknown.name],
+            outcome.values.get(unknown.name, nothing),
+            _HALF * outcome.deviations.get(unknown.name, nothing),
         )
     ]
     now = now.changed(additions=tuple(additions), outcome=outcome).reported(

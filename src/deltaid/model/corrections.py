@@ -28,6 +28,7 @@ Kind = Literal[
     "ripple",
     "drive-spring",
     "platform-force",
+    "structure",
     "prior",
     "cutoff",
 ]
@@ -56,6 +57,7 @@ NAMES: dict[Kind, str] = {
     "ripple": "ripple",
     "drive-spring": "springs at drives",
     "platform-force": "force at the platform",
+    "structure": "shape of bodies",
     "prior": "prior made wider",
     "cutoff": "cut-off of the filter",
 }
