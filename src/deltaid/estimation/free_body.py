@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import solve_triangular
 
 from deltaid.robot.inertia import (
     INERTIA_UNITS,
@@ -37,7 +36,7 @@ class Block:
     def normalised(self) -> Affine:
         """Constant and slopes of L⁻¹ M L⁻ᵀ with a prior of L Lᵀ, which becomes the identity."""
         variables = np.unique(self.index[self.index >= 0])
-        root = solve_triangular(np.linalg.cholesky(self.prior), np.eye(len(self.prior)), lower=True)
+        root = np.linalg.solve(np.linalg.cholesky(self.prior), np.eye(len(self.prior)))
         slopes = root @ (self.index == variables[:, None, None]) @ root.T
         return variables, root @ self.constant @ root.T, slopes
 

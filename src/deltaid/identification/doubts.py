@@ -33,7 +33,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     where nothing better is; and each measured value that recordings, other values or consistency
     contradict.
     """
-    return (*_of_data(problem), *_of_priors(problem), *_of_measured(problem))
+    return (*_of_data(problem), *_of_measured(problem))
 
 
 def _of_data(problem: FittedProblem) -> tuple[str, ...]:
@@ -41,6 +41,7 @@ def _of_data(problem: FittedProblem) -> tuple[str, ...]:
     if negatives:
         return (f"{contradiction(negatives, problem.dynamics.robot)}; {CURE}",)
     detected = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
+    detected = detected or tuple(_of_priors(problem))
     scale = _scale(problem)
     if detected and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
         return (

@@ -44,8 +44,6 @@ _SEEN = 3.5 + 1.3
 _MOST = 25
 
 # Columns of each variant, without what has been explained.
-# Typical size of an offset as a share of Coulomb's friction.
-_OFFSET = 0.1
 _Bare = dict[Variant, Columns]
 
 
@@ -64,11 +62,6 @@ class _Step:
     def is_useful(self) -> bool:
         """Whether it is beyond chance, and large enough to matter."""
         return self.judged.surprise > _SEEN and self.judged.is_large
-
-    @property
-    def has_constant(self) -> bool:
-        """Whether it adds friction that does not change its sign with the speed."""
-        return self.variant.kind in ("offset", "both_ways")
 
     def trial(self, *, useful: bool) -> FrictionTrial:
         judged, kind = self.judged, self.variant.kind
@@ -125,21 +118,7 @@ def choose_friction(
         steps=tuple(step.trial(useful=step in kept) for step in steps),
         trials=tuple(step.trial(useful=step.is_useful) for step in first),
     )
-    chosen = robot.changed(friction=dict(robot.friction) | refit.laws)
-    return _with_all_offsets(chosen, {step.joint for step in kept if step.has_constant}), choice
-
-
-def _with_all_offsets(robot: RobotDescription, shown: Collection[str]) -> RobotDescription:
-    """Where a drive shows a constant, all drives may have one: gravity looks like constants of
-    several drives, and one that is held at zero would be taken for it."""
-    if not shown:
-        return robot
-    laws = {
-        drive: law.changed(offset=_OFFSET * law.coulomb)
-        for drive in robot.drives
-        if (law := robot.friction[drive]).both_ways and law.offset is None
-    }
-    return robot.changed(friction=dict(robot.friction) | laws)
+    return robot.changed(friction=dict(robot.friction) | refit.laws), choice
 
 
 def _corrections(
