@@ -167,6 +167,16 @@ def test_a_constant_is_of_friction_or_of_what_measures_it() -> None:
     for drive, constant in constants(problem).items():
         (curve,) = (curve for curve in result.model.friction_curves if curve.joint == drive)
         assert min(curve.half_width) > abs(constant) > 0
+        law, of = result.robot.friction[drive], result.model.parameter
+        if law.both_ways:
+            offset = of(f"offset.{drive}")
+            assert offset.value == constant
+            assert offset.low <= 0 <= offset.high
+        else:  # all of an offset: the same friction both ways
+            ways = of(f"coulomb.{drive}"), of(f"coulomb_back.{drive}")
+            mean = np.mean([way.value for way in ways])
+            assert abs(ways[0].value - mean) == pytest.approx(abs(constant))
+            assert all(way.low <= mean <= way.high for way in ways)
 
 
 def test_intervals_count_what_corrected_causes_may_be_off_by() -> None:

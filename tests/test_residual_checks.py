@@ -27,9 +27,9 @@ def truth() -> tuple[np.ndarray, ...]:
     return t, z, *dynamics.kinematics.drive_motion(z, zd, zdd)
 
 
-def said(added: Added | None = None, late: float = 0.0) -> dict[str, Verdict]:
+def said(added: Added | None = None, late: float = 0.0, noise: float = 0.01) -> dict[str, Verdict]:
     """Verdicts on a recording to whose torques something is added, by key."""
-    table = frame(np.full(3, late), noise=0.01)
+    table = frame(np.full(3, late), noise=noise)
     if added is not None:
         t, _, q, qd, _ = truth()
         tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
@@ -213,3 +213,12 @@ def test_what_no_effect_explains_is_unexplained(added: Added, words: str) -> Non
     assert verdict.seen.startswith("unexplained: ")
     assert words in verdict.seen
     assert 4 < (verdict.number or 0) < 8  # per cent of its rms torque
+
+
+def test_noise_is_no_part_of_what_is_unexplained() -> None:
+    own = np.array([0.0, 1.0, 0.0])
+    quiet, noisy = (
+        said(lambda *at: 0.03 * own * np.abs(at[3]).max(axis=0) * np.cos(9 * _scaled(at[2])),
+             noise=noise)["residual"].number for noise in (0.01, 0.03)
+    )  # fmt: skip
+    assert noisy == pytest.approx(quiet, rel=0.06)

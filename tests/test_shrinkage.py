@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deltaid.estimation.selection import reduced, rivals
 from deltaid.estimation.shrinkage import Block, Group, Shrunk
 
 LEAST = 6.0
@@ -32,13 +33,13 @@ def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
     assert full.x[2:5] == pytest.approx([1.0, -0.5, 0.8], abs=0.03)
     assert full.sigma == pytest.approx([0.1, 0.4], rel=0.4)
     assert full.surprise(full.groups[0]) > 100 > 2 > full.surprise(full.groups[1])
-    assert full.reduced(LEAST).candidates == ("cause",)
+    assert reduced(full, LEAST).candidates == ("cause",)
 
 
 def test_what_is_not_needed_shrinks_and_what_is_large_widens() -> None:
     small, large = problem(size=0.0), problem(size=10.0)
     assert small.alpha[0] < 0.2 < 2.9 < large.alpha[0]
-    assert small.reduced(LEAST).candidates == ()
+    assert reduced(small, LEAST).candidates == ()
 
 
 def test_the_minimiser_is_that_of_ridge_regression() -> None:
@@ -94,7 +95,7 @@ def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
         Group("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
     ]
     full = Shrunk.of([block], np.zeros((0, 4)), np.zeros(0), groups)
-    assert full.reduced(LEAST).candidates == ("right",)
+    assert reduced(full, LEAST).candidates == ("right",)
 
 
 def test_slow_errors_count_as_noise() -> None:
@@ -109,7 +110,7 @@ def test_slow_errors_count_as_noise() -> None:
 def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
     full = problem(size=0.02)
     blocks = [replace(block, largest=1e4) for block in full.blocks]
-    assert Shrunk.of(blocks, full.D, full.d, full.groups).reduced(LEAST).candidates == ()
+    assert reduced(Shrunk.of(blocks, full.D, full.d, full.groups), LEAST).candidates == ()
 
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:
@@ -139,6 +140,6 @@ def test_a_cause_that_looks_like_another_is_its_rival(apart: float) -> None:
     rng = np.random.default_rng(3)
     like = [block.A[:, 2:5] + apart * rng.standard_normal((400, 3)) for block in full.blocks]
     both = full.with_group("double", like, np.full(3, 0.5))
-    kept = both.reduced(LEAST)
-    rivals = {frozenset(pair) for pair in both.rivals(kept, LEAST)}
-    assert rivals == ({frozenset({"cause", "double"})} if apart < 0.1 else set())
+    kept = reduced(both, LEAST)
+    pairs = {frozenset(pair) for pair in rivals(both, kept, LEAST)}
+    assert pairs == ({frozenset({"cause", "double"})} if apart < 0.1 else set())

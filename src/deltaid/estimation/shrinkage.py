@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.estimation.chance import surprise
-from deltaid.estimation.drive_rows import NOISE_FLOOR, POSITION_ERROR
+from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.problem import group_sums
 from deltaid.estimation.span import Columns, Rows
 
@@ -32,8 +32,6 @@ _PULL = 1e-2
 _HELD = 1e-6
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
-# Of two fits, one is certain that is a hundred times as probable as the other.
-_CERTAIN = float(np.log(100.0))
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
 _SLOW, _REDDEST = 8, 30.0
 
@@ -286,44 +284,6 @@ class Shrunk:
         out = [name for name in self.candidates if name not in names]
         return self.without(out)._settled(noise=False)
 
-    def reduced(self, least: float) -> "Shrunk":
-        """The same with the candidates that rows need beside all others.
-
-        The least surprising is dropped first, until all exceed `least` [decades]; then others take
-        the places of what is kept, one for one, where rows are more probable so.
-        """
-        now = self
-        while now.candidates:
-            groups = [group for group in now.groups if group.is_candidate]
-            prices = {
-                group.name: now.surprise(group) if now.size(group) > POSITION_ERROR else 0.0
-                for group in groups
-            }
-            cheapest = min(prices, key=lambda name: prices[name])
-            if prices[cheapest] >= least:
-                break
-            now = self.of_candidates([name for name in prices if name != cheapest])
-        while better := self._rivals(now, least, 0.0):
-            now = max(better.values(), key=lambda rival: rival.evidence)
-        return now
-
-    def rivals(self, now: "Shrunk", least: float) -> dict[tuple[str, str], "Shrunk"]:
-        """Fits with another candidate in the place of one of those of `now` that are so nearly as
-        probable that rows do not separate both, by what was kept and what takes its place."""
-        return self._rivals(now, least, -_CERTAIN)
-
-    def _rivals(self, now: "Shrunk", least: float, more: float) -> dict[tuple[str, str], "Shrunk"]:
-        """Exchanges whose evidence exceeds that of a fit by more than this."""
-        dropped = [name for name in self.candidates if name not in now.candidates]
-        trials = {
-            (kept, other): self.of_candidates([other, *(n for n in now.candidates if n != kept)])
-            for kept in now.candidates for other in dropped
-        }  # fmt: skip
-        return {
-            pair: trial for pair, trial in trials.items()
-            if trial.evidence > now.evidence + more and trial._least_surprising >= least
-        }  # fmt: skip
-
     def follows(self, groups: Collection[Group]) -> Float[np.ndarray, "n k"]:
         """What x moves by where coefficients of some groups are off as they may be: the columns are
         of independent causes, one standard deviation each."""
@@ -336,7 +296,8 @@ class Shrunk:
         return moves @ (half * (by_scatter / size)[:, None])
 
     @property
-    def _least_surprising(self) -> float:
+    def least_surprising(self) -> float:
+        """Surprise of the candidate that rows need least [decades]."""
         candidates = [group for group in self.groups if group.is_candidate]
         return min((self.surprise(group) for group in candidates), default=np.inf)
 

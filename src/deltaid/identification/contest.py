@@ -20,6 +20,7 @@ from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, stretch_numbers
 from deltaid.estimation.problem import KNOWN
+from deltaid.estimation.selection import reduced, rivals
 from deltaid.estimation.shrinkage import Block, Group, Shrunk
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
@@ -105,13 +106,13 @@ class Contest:
 
     def reduced(self) -> "Contest":
         """With what rows need beside all others."""
-        return replace(self, shrunk=self.shrunk.reduced(SEEN))
+        return replace(self, shrunk=reduced(self.shrunk, SEEN))
 
-    def rivals(self, reduced: "Contest") -> dict[tuple[str, str], "Contest"]:
+    def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
         """Contests that rows do not separate from a reduced one, by what was kept and what takes
         its place."""
-        rivals = self.shrunk.rivals(reduced.shrunk, SEEN)
-        return {pair: replace(self, shrunk=shrunk) for pair, shrunk in rivals.items()}
+        others = rivals(self.shrunk, last.shrunk, SEEN)
+        return {pair: replace(self, shrunk=shrunk) for pair, shrunk in others.items()}
 
     def follows(self, names: Collection[str]) -> list[Parameters]:
         """What parameters of the robot move by where effects are off as they may be, one standard
