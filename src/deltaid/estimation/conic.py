@@ -183,7 +183,7 @@ class _Program:
 
 
 @lru_cache
-def _corners(k: int) -> Float[np.ndarray, "entries 2k 2k"]:
+def _corners(k: int) -> Float[np.ndarray, "entries wide wide"]:
     """Slopes of [[A, Z], [Zᵀ, diag Z]] along the entries of Z, column by column."""
     places = [(i, j) for j in range(k) for i in range(j, k)]
     slopes = np.zeros((len(places), 2 * k, 2 * k))
