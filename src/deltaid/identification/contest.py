@@ -66,6 +66,12 @@ class Contest:
         scaled = [row / size for row, size in zip(rows, sizes, strict=True)]
         return [np.array(scaled[k : k + dof]) for k in range(0, len(rows), dof)]
 
+    @property
+    def noise(self) -> float:
+        """Logarithm of the level of the noise, in the mean over the rows of all drives."""
+        rows = [len(block.b) for block in self.shrunk.blocks]
+        return float(np.average(np.log(self.shrunk.sigma), weights=rows))
+
     def with_ripples(self) -> "Contest":
         """With columns of ripples, the largest of each drive, and again, until none is beyond
         chance; orders as they are beside all others."""

@@ -55,14 +55,15 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not traces:
         return setup
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    spread = _WIDER * bare.settings.prior_spread
     now, before, p, sweep = bare, _begun(bare), None, 0
+    if before.values:  # or something else looks like gears that wind up
+        stiff, nothing = _rigid(bare), Outcome(bare.robot)
+        rigid = _traces(stiff)
+        wound = _swept(now, before, traces, p, sweep)
+        if _swept(stiff, nothing, rigid, p, sweep).noise < wound.noise:
+            now, before, traces = stiff, nothing, rigid
     while True:
-        rows = TraceRows.of(now.dynamics, without_lags(bare.additions), spread)
-        points = points_of(traces, start(rows, traces) if p is None else p)
-        unknowns = [u for u in _unknowns(points[0]) if u.name not in setup.barred_effects]
-        unknowns = _allowed(unknowns, before, sweep)
-        full = contest(rows, points, unknowns, before.read).with_ripples()
+        full = _swept(now, before, traces, p, sweep)
         last = full.reduced()
         after, sweep = _outcome(before, last).within_limits(), sweep + 1
         now = _read(bare, after, largest, last.p)
@@ -76,6 +77,25 @@ def contested(setup: Setup, progress: Progress) -> Setup:
                 setup = stage(setup, progress)
             return setup
         before, p, traces = after, last.p, _traces(now)
+
+
+def _swept(
+    now: Setup, before: Outcome, traces: Sequence[Trace], p: Parameters | None, sweep: int
+) -> Contest:
+    """All effects at the recordings as they have been corrected."""
+    spread = _WIDER * now.settings.prior_spread
+    rows = TraceRows.of(now.dynamics, without_lags(now.additions), spread)
+    points = points_of(traces, start(rows, traces) if p is None else p)
+    unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
+    unknowns = _allowed(unknowns, before, sweep)
+    return contest(rows, points, unknowns, before.read).with_ripples()
+
+
+def _rigid(bare: Setup) -> Setup:
+    """With positions as recorded."""
+    for recording in bare.recordings:
+        bare = bare.repaired(recording, gears=None)
+    return bare
 
 
 def _begun(bare: Setup) -> Outcome:
