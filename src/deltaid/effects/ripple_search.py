@@ -18,7 +18,8 @@ _NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
 _PASSED = 0.1
 
-Residuals = Sequence[Float[np.ndarray, "dof samples"]]
+# Of each recording, whose samples differ in number.
+Residuals = Sequence[Float[np.ndarray, "dof _"]]
 
 
 def largest_ripples(

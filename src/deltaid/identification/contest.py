@@ -18,7 +18,7 @@ from deltaid.effects.contest import SEEN
 from deltaid.effects.point import Point
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
 from deltaid.effects.unknown import Added, Unknown
-from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, stretch_numbers
+from deltaid.estimation.drive_rows import stretch_numbers
 from deltaid.estimation.problem import KNOWN
 from deltaid.estimation.selection import reduced, rivals
 from deltaid.estimation.shrinkage import Block, Group, Shrunk
@@ -27,6 +27,10 @@ from deltaid.estimation.traces import Trace
 
 # Orders of ripples that a drive has at most.
 _RIPPLES = 3
+
+# Of each recording, whose samples differ in number.
+ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
+ResidualOfRecording = Float[np.ndarray, "dof _"]
 
 Applied = dict[str, Float[np.ndarray, " coefficients"]]
 
@@ -59,7 +63,7 @@ class Contest:
         return next(unknown for unknown in self.unknowns if unknown.name == name)
 
     @property
-    def residuals(self) -> list[OfDrives]:
+    def residuals(self) -> list[ResidualOfRecording]:
         """Of each recording, each drive's in units of its own size."""
         dof, rows = self.points[0].dof, [self.shrunk.residual(b) for b in self.shrunk.blocks]
         sizes = [max(float(np.sqrt(np.mean(row**2))), np.finfo(float).tiny) for row in rows]
@@ -179,7 +183,7 @@ def contest(
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
 
 
-def _side_by_side(own: Sequence[ColumnsOfDrives]) -> list[ColumnsOfDrives]:
+def _side_by_side(own: Sequence[ColumnsOfRecording]) -> list[ColumnsOfRecording]:
     """Columns that each recording has of its own."""
     width = own[0].shape[2]
     ends = [(k * width, (len(own) - 1 - k) * width) for k in range(len(own))]

@@ -166,7 +166,7 @@ class Posed:
                 return IMPOSSIBLE
             misfit = data.evaluate(solution.x)[0]
             distance, settled = solution.objective - misfit, self._level(misfit * noise**2)
-            score = -self.b.size * np.log(settled) - 0.5 * distance
+            score = float(-self.b.size * np.log(settled) - 0.5 * distance)
             best, before, noise = Consistent(score, settled, distance), noise, settled
             if abs(np.log(noise / before)) < _SETTLED:
                 break
