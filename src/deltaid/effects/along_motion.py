@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -41,5 +41,5 @@ class AlongMotion(Addition):
     def is_corrected(self) -> bool:
         return True
 
-    def on(self, dynamics: Dynamics) -> Self:
+    def on(self, dynamics: Dynamics) -> "AlongMotion":
         return replace(self, dynamics=dynamics)
