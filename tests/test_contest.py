@@ -218,3 +218,10 @@ def test_a_ripple_is_no_gear_that_winds_up() -> None:
     judged = judge(ripple, identified(ripple))
     assert dict(judged.said) == {"ripple": 3}
     assert judged.M < 0.003  # 1.7 % where gears are turned back first
+
+
+def test_a_robot_without_friction_at_some_drives_identifies() -> None:
+    made = case("clean", "delta3")
+    friction = {"drive1": made.robot.friction["drive1"]}
+    result = deltaid.identify(made.robot.changed(friction=friction), list(made.logs))
+    assert set(constants(result.problem)) <= set(result.robot.friction)

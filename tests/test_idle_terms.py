@@ -5,16 +5,19 @@ from dataclasses import replace
 from functools import cache
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import friction_rows
-from deltaid.identification.idle_terms import idle_terms
+from deltaid.identification.idle_terms import idle
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.setup import Setup
 from deltaid.model.friction_record import FrictionChoice, FrictionTrial
 from deltaid.model.record import Settings
 from deltaid.recording.recording import open_recordings
 from drives import case
+from drives.told import identified as cause_identified
 from identified import identified
 
 LOG = "clavel-delta3"
@@ -47,8 +50,8 @@ def with_loads() -> tuple[Setup, FittedProblem]:
 
 def test_a_term_at_zero_is_idle() -> None:
     setup, problem = with_loads()
-    assert ("drive1", "load") in idle_terms(setup, problem)
-    assert not idle_terms(replace(setup, friction_choice=None), problem)
+    assert ("drive1", "load") in idle(setup, problem).terms
+    assert not idle(replace(setup, friction_choice=None), problem).terms
 
 
 def test_a_term_that_the_recording_asks_for_is_not() -> None:
@@ -58,7 +61,27 @@ def test_a_term_that_the_recording_asks_for_is_not() -> None:
     recordings = open_recordings(made.logs[0], compiled(robot).kinematics)
     choice = chosen_loads(robot.drives)
     setup = Setup(robot, tuple(recordings), PLAIN, friction_choice=choice)
-    assert not idle_terms(setup, fit(setup.dynamics, setup.recordings, PLAIN))
+    assert not idle(setup, fit(setup.dynamics, setup.recordings, PLAIN)).terms
+
+
+def test_a_force_that_nothing_pulls_with_is_idle_and_a_ripple_is_searched() -> None:
+    result = identified(LOG).result
+    dynamics = compiled(result.robot)
+    force = platform_forces(dynamics, 1.0)[0]
+    ripple = RippleColumns(dynamics, (0,), (1.0, 1.0), (12.5,))
+    setup = Setup(result.robot, result.recordings, PLAIN, additions=(force, ripple))
+    assert idle(setup, fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)) == (
+        frozenset(),
+        {force.name},
+    )
+
+
+def test_a_force_that_pulls_is_not_idle() -> None:
+    result = cause_identified(case("hose", "delta3", 1))
+    problem = result.problem
+    setup = Setup(result.robot, result.recordings, PLAIN)
+    assert {a.name for a in problem.additions if isinstance(a, AtPlatform)}
+    assert not idle(setup, problem).effects
 
 
 def test_barred_terms_are_not_chosen() -> None:

@@ -46,48 +46,79 @@ class _Trend(NamedTuple):
     surprise: float
 
 
+_NOTHING = _Trend("", 0.0, 0.0)
+
+
+class _Rest(NamedTuple):
+    """What neither parameters nor effects explain of a drive's torque.
+
+    Attributes:
+        times: its rms, in units of the noise.
+        systematic: its rms beyond the noise, as a share of the largest torque.
+        follows: what it varies with; none if that is chance or the first order of an effect.
+        is_far: whether it is far above noise, whatever it follows.
+    """
+
+    drive: int
+    times: float
+    systematic: float
+    follows: _Trend | None
+    is_far: bool
+
+
 def checked_rest(
     study: Study, causes: Sequence[Cause], noise: Float[np.ndarray, " dof"], *, rings: bool
 ) -> Verdict:
-    """Verdict on what neither parameters nor effects explain.
+    """Verdict on what neither parameters nor effects explain, by the drive that has most of it.
 
     Args:
         causes: effects that were detected, whose columns hold to first order.
         noise: of the torques after the filter, where it is white.
         rings: whether a resonance explains it.
     """
-    residual = study.fit.rows.of_drives(study.account.left)
-    rms = np.sqrt(np.mean(residual**2, axis=1))
-    largest = np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
-    times = rms / np.maximum(noise, _FLOOR * largest)
-    systematic = np.sqrt(np.maximum(rms**2 - noise**2, 0.0))
-    worst = int(np.argmax(systematic / largest))
-    number, drive = float(times[worst]), study.fit.drives[worst]
-    trend = max(_trends(study, worst), key=lambda trend: trend.share)
-    power, first_order = float(rms[worst]) ** 2, SHARE * sum(c.rms[worst] ** 2 for c in causes)
-    least = max((POSITION_ERROR * largest[worst]) ** 2, first_order)
-    follows = trend.surprise > SEEN and trend.share * power > least
-    far = number > _FAR and power > max((_SEEN * largest[worst]) ** 2, first_order)
-    if rings or not (follows or far):
+    rests = _rests(study, causes, noise)
+    unexplained = [rest for rest in rests if rest.follows or rest.is_far]
+    if rings or not unexplained:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
-        return Verdict("residual", Grade.GOOD, seen, number=number, unit="times the noise")
-    least_power = trend.share * power if follows else 0.0
-    size = np.sqrt(max(float(systematic[worst]) ** 2, least_power))
-    part = size / max(float(study.fit.model[worst].std()), 1e-300)
-    unexplained = f"unexplained: {percent(part)} of {drive}'s torque"
+        times = max(rests, key=lambda rest: rest.systematic).times
+        return Verdict("residual", Grade.GOOD, seen, number=times, unit="times the noise")
+    rest = max(unexplained, key=lambda rest: rest.systematic)
+    drive, model = study.fit.drives[rest.drive], study.fit.model[rest.drive]
+    part = rest.systematic * np.abs(model).max() / max(float(model.std()), 1e-300)
+    amount = f"unexplained: {percent(part)} of {drive}'s torque"
     cause, cure = "no known effect, and what is corrected may stand for a part of it", _LOOK
-    if follows:
-        seen = f"{unexplained}, it varies with {trend.words} ({percent(trend.share)} of it)"
-    elif _is_brief(residual[worst]):
-        seen = f"{unexplained}, in short bursts"
+    if rest.follows:
+        seen = f"{amount}, it varies with {rest.follows.words}"
+        seen += f" ({percent(rest.follows.share)} of it)"
+    elif _is_brief(study.fit.rows.of_drives(study.account.left)[rest.drive]):
+        seen = f"{amount}, in short bursts"
         cause = "knocks: contact with something, backlash that closes, or stops"
         cure = f"{_LOOK}, and exclude what was no free motion"
     else:
-        seen = f"{unexplained}, it varies with neither speed, place, time nor load"
+        seen = f"{amount}, it varies with neither speed, place, time nor load"
         cure = f"{_LOOK}; check play and stiffness of the gears"
     return Verdict(
         "residual", Grade.DOUBTFUL, seen, drive, cause, cure, number=100 * part, unit="%"
     )
+
+
+def _rests(study: Study, causes: Sequence[Cause], noise: Float[np.ndarray, " dof"]) -> list[_Rest]:
+    """Of each drive."""
+    residual = study.fit.rows.of_drives(study.account.left)
+    largest = np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+    first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)
+    rests = []
+    for drive, power in enumerate(np.mean(residual**2, axis=1).tolist()):
+        trend = max(_trends(study, drive), key=lambda trend: trend.share, default=_NOTHING)
+        explained = trend.share * power
+        least = max(first_order[drive], (POSITION_ERROR * largest[drive]) ** 2)
+        follows = trend.surprise > SEEN and explained > least
+        beyond = max(power - noise[drive] ** 2, explained if follows else 0.0)
+        times = np.sqrt(power) / max(noise[drive], _FLOOR * largest[drive])
+        is_far = times > _FAR and power > max(first_order[drive], (_SEEN * largest[drive]) ** 2)
+        size = float(np.sqrt(beyond) / largest[drive])
+        rests.append(_Rest(drive, float(times), size, trend if follows else None, bool(is_far)))
+    return rests
 
 
 def _is_brief(residual: Values) -> bool:

@@ -55,15 +55,14 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not traces:
         return setup
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    now, before, p, sweep = bare, _begun(bare), None, 0
+    now, before, sweep = bare, _begun(bare), 0
+    full = _swept(now, before, traces, None, sweep)
     if before.values:  # or something else looks like gears that wind up
         stiff, nothing = _rigid(bare), Outcome(bare.robot)
-        rigid = _traces(stiff)
-        wound = _swept(now, before, traces, p, sweep)
-        if _swept(stiff, nothing, rigid, p, sweep).noise < wound.noise:
-            now, before, traces = stiff, nothing, rigid
+        rigid = _swept(stiff, nothing, _traces(stiff), None, sweep)
+        if rigid.noise < full.noise:
+            now, before, full = stiff, nothing, rigid
     while True:
-        full = _swept(now, before, traces, p, sweep)
         last = full.reduced()
         after, sweep = _outcome(before, last).within_limits(), sweep + 1
         now = _read(bare, after, largest, last.p)
@@ -76,7 +75,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
             for stage in _ANEW:
                 setup = stage(setup, progress)
             return setup
-        before, p, traces = after, last.p, _traces(now)
+        before, full = after, _swept(now, after, _traces(now), last.p, sweep)
 
 
 def _swept(

@@ -22,7 +22,7 @@ from deltaid.identification.fit import (
     with_widened_prior,
 )
 from deltaid.identification.friction_curves import freed
-from deltaid.identification.idle_terms import idle_effects, idle_terms
+from deltaid.identification.idle_terms import idle
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import without_doubtful_lags
 from deltaid.identification.left_out import events, left_out
@@ -168,10 +168,10 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     setup, detected = unwatched(setup)
     if detected:
         return _fitted(first.changed(closely=True), progress)
-    terms, effects = idle_terms(setup, problem), idle_effects(problem)
-    if terms or effects:
-        barred = {"barred": first.barred | terms, "barred_effects": first.barred_effects | effects}
-        return _fitted(first.changed(**barred), progress)
+    needless = idle(setup, problem)
+    barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
+    if (barred, effects) != (first.barred, first.barred_effects):
+        return _fitted(first.changed(barred=barred, barred_effects=effects), progress)
     return setup, problem
 
 

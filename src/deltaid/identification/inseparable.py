@@ -37,7 +37,9 @@ def constants(problem: FittedProblem) -> dict[str, float]:
     values = dict(zip(names, problem.values.tolist(), strict=True))
     out = dict[str, float]()
     for drive in robot.drives:
-        law = robot.friction[drive]
+        law = robot.friction.get(drive)
+        if law is None:
+            continue
         if law.offset is not None:
             out[drive] = values[f"offset.{drive}"]
         elif not law.both_ways:

@@ -106,7 +106,8 @@ def assembled(
         error: its torque errors.
         judged: its parameters, those of additions behind the robot's.
         loads: what is held, as fitted.
-        readings, effects: what drives read otherwise, and what takes torques beside the robot.
+        readings: what drives read otherwise.
+        effects: what takes torques beside the robot.
         corrections: what was corrected before it and by it, but for priors.
         sources: the recordings behind it.
         remarks: warnings about these.

@@ -21,6 +21,6 @@ class Inseparable(Part):
     def text(self) -> str:
         """The pair as a sentence."""
         whose = f" ({listed(list(self.subjects))})" if self.subjects else ""
-        one, other = self.causes
+        kept, other = self.causes
         counted = "intervals count both" if self.is_counted else f"intervals rest on {other}"
-        return f"The recordings do not separate {one} from {other}{whose}; {counted}."
+        return f"The recordings do not separate {kept} from {other}{whose}; {counted}."
