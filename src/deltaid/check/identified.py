@@ -8,6 +8,7 @@ from deltaid.check.evidence import Evidence, evidence, forget, with_fit
 from deltaid.check.information import judged_information
 from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
 from deltaid.check.proposals import proved, unharmed
+from deltaid.check.residual import detected_load
 from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
 from deltaid.check.verdicts import KEYS, Verdicts
 from deltaid.check.wiring.wiring import checked_wirings
@@ -127,7 +128,8 @@ def _judged(
         progress("drawing models")
         model = with_posterior_intervals(model)
     verdicts = Verdicts(judged, description, sources, mappings)
-    return Judged(model, result.problem, result.recordings, result.studies, verdicts)
+    fit = result.problem, result.recordings, result.studies, result.detected
+    return Judged(model, *fit, verdicts)
 
 
 def _first(record: Evidence, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
@@ -212,5 +214,9 @@ def _final(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict,
         fitted = with_fit(record, problem, recording, study)
         families = [family for family in _AFTER if family.alone or not several]
         judged = [v for needs in ("rows", "survey", "fit") for v in asked(fitted, families, needs)]
+        names = (load.name for load in recording.log.columns.loads)
+        judged += [
+            detected_load(result.detected[name]) for name in names if name in result.detected
+        ]
         verdicts += named(record, proved(record, judged), several=several)
     return verdicts

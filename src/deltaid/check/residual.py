@@ -6,6 +6,7 @@ best; the next cause gets the remainder.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,7 @@ from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
+from deltaid.effects.load import LoadChange
 from deltaid.errors import RecordingError
 from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Grade, Verdict
@@ -37,6 +39,9 @@ _STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
 _SECONDS, _SEGMENTS = 2.0, 6
 # A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
 _SPOILT = 0.05
+_DECLARE = (
+    "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
+)
 # A smaller lag [s] that biases no inertia by this share is not reported.
 _LARGE, _HARMS = 2e-4, 0.003
 # A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
@@ -66,6 +71,19 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
             yield _verdict(effect, cause, recording)
     known = ringing.grade is not Grade.GOOD
     yield checked_rest(study, causes, _white_noise(study), rings=known)
+
+
+def detected_load(study: Study) -> Verdict:
+    """A load that no mapping declares and that has been identified with the robot.
+
+    Args:
+        study: of the recording before.
+    """
+    effect, recording = LoadChange(), study.fit.trace.recording
+    (cause,) = (cause for cause in causes_of(study.fit, study.account) if cause.kind == effect.kind)
+    verdict = _verdict(effect, cause, recording)
+    seen = f"{verdict.seen}, and it is identified with the robot"
+    return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
 
 
 def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Verdict:

@@ -56,12 +56,14 @@ class LoadColumns(Addition):
         load: what is declared of it.
         prior_spread: of the fit, which all scales of parameters are relative to.
         taken: p_L as far as it has been subtracted from the recordings.
+        is_detected: whether no mapping declares it.
     """
 
     dynamics: Dynamics
     load: Load
     prior_spread: float
     taken: Ten
+    is_detected: bool = False
 
     @cached_property
     def body(self) -> str:
@@ -181,8 +183,11 @@ class LoadColumns(Addition):
         mass, body = self.whole(judged)[0], self.body
         known = self.load.mass is not None and not self.load.mass_tolerance
         low, high = (None, None) if known else (mass.low, mass.high)
+        when = "in spans that were detected and no mapping declares" if self.is_detected else (
+            "where that is declared"
+        )  # fmt: skip
         text = (
-            f"{body} holds it where that is declared, and its mass "
+            f"{body} holds it {when}, and its mass "
             f"{'is known' if known else 'was identified with the robot'}; the model is of the "
             "robot without it"
         )

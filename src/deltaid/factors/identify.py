@@ -69,7 +69,7 @@ def identify_gathered(
         sources=tuple(file.record.model.sources[0] for file in files),
         remarks=_remarks(files, gains),
     )
-    return Judged(model, problem, (), (), Verdicts(_verdicts(files)))
+    return Judged(model, problem, (), verdicts=Verdicts(_verdicts(files)))
 
 
 def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:

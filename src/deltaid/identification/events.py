@@ -75,8 +75,8 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     corrections, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
-        kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
-        bare = replace(recording, repairs=replace(recording.repairs, left_out=kept))
+        bare = with_events(recording)
+        kept = bare.repairs.left_out
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
         spans, repairs = (), dict[str, object]()
         if expected and not setup.closely and _is_excerpt_quiet(expected):
@@ -88,6 +88,12 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
         setup = setup.repaired(setup.recordings[k], left_out=(*kept, *spans), **repairs)
         corrections += _corrections(spans, recording, setup.robot.drives)
     return setup.reported(corrections, "contact", "backlash").changed(glanced=tuple(glanced))
+
+
+def with_events(recording: Recording) -> Recording:
+    """A recording with what has been excluded of it as an event."""
+    kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
+    return replace(recording, repairs=replace(recording.repairs, left_out=kept))
 
 
 def _is_excerpt_quiet(expected: Expectation) -> bool:

@@ -1,7 +1,7 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,12 +52,14 @@ _COMPARED = 32
 @dataclass(frozen=True, repr=False)
 class Identification(Shown, Plotted, Tabled, Reported):
     """An identified model with the evidence behind it: the fit that it comes from, the recordings
-    with their filters, and studies of what each leaves, where it was studied as it was fitted."""
+    with their filters, studies of what each leaves, where it was studied as it was fitted, and of
+    those that hold a load that no mapping declares, by its name."""
 
     model: IdentifiedModel
     problem: FittedProblem
     recordings: tuple[Recording, ...]
     studies: tuple[Study | None, ...] = ()
+    detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
 
     def __getitem__(self, name: str) -> float:
         """One parameter of the model by name, such as result["P.m"].
@@ -153,7 +155,7 @@ def identify(
         remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
         choice=setup.friction_choice,
     )
-    return Identification(model, problem, recordings, _unchanged(setup))
+    return Identification(model, problem, recordings, _unchanged(setup), setup.detected)
 
 
 def pulled(recording: Recording, effects: tuple[Fitted, ...]) -> Recording:

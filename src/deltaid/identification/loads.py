@@ -59,9 +59,14 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
     loads = joined(held(setup.recordings))
     if not loads:
         return setup
-    progress("finding what the robot carries")
+    progress("estimating what the robot carries")
+    others = tuple(a for a in setup.additions if not isinstance(a, LoadColumns))
+    setup = setup.changed(additions=others)
     spread, none = setup.settings.prior_spread, np.zeros(10)
-    columns = [LoadColumns(setup.dynamics, load, spread, none) for load in loads]
+    columns = [
+        LoadColumns(setup.dynamics, load, spread, none, load.name in setup.detected)
+        for load in loads
+    ]
     rough = zip(columns, _rough(setup, columns), strict=True)
     additions = [replace(column, taken=p) for column, p in rough]
     taken = {column.load.name: column.taken for column in additions}

@@ -1,7 +1,7 @@
 """What a fit is posed from: a robot, its recordings as far as they are corrected, and why."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
@@ -40,6 +40,8 @@ class Setup:
     # what each recording looks like before anything in it is corrected that was not declared; none
     # before they have been studied
     studies: tuple[Study | None, ...] = ()
+    # by the names of loads that no mapping declares, the studies that detected them
+    detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
     outcome: Outcome | None = None  # of the contest of causes
 
     def is_disturbed(self, k: int) -> bool:

@@ -12,6 +12,7 @@ from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.undeclared_loads import undeclared_loads
 from deltaid.identification.velocity_stage import late_rates_left_out
 from deltaid.identification.warmth import changing_friction
 
@@ -54,6 +55,7 @@ STAGES: tuple[Stage, ...] = (
     gains,
     lags_corrected,
     gears_turned_back,
+    undeclared_loads,
     contested,
     changing_friction,
     chosen_friction,

@@ -81,6 +81,7 @@ def studied(
     recording: Recording,
     p: Parameters | None = None,
     beside: Sequence[Addition] = (),
+    seconds: float = _SECONDS,
 ) -> Study | None:
     """Study a recording; None where nothing can be differentiated.
 
@@ -88,9 +89,10 @@ def studied(
         p: parameters by which friction that depends on load knows what gears carry; the prior's
             where nothing better is known.
         beside: additions that the recording has been fitted with.
+        seconds: of it that are studied.
     """
     load = prior_parameters(dynamics.robot) if p is None else p
-    record = studied_trace(dynamics, recording, load)
+    record = studied_trace(dynamics, recording, load, seconds)
     if record is None:
         return None
     log = recording.log
@@ -119,11 +121,14 @@ def studied(
     return replace(study, fit=fit, account=account, late=late)
 
 
-def studied_trace(dynamics: Dynamics, recording: Recording, load: Parameters) -> Trace | None:
+def studied_trace(
+    dynamics: Dynamics, recording: Recording, load: Parameters, seconds: float = _SECONDS
+) -> Trace | None:
     """The part of a recording that is studied, in memory; None where nothing can be differentiated.
 
     Args:
         load: as of `Trace`.
+        seconds: how much of it.
     """
     log = recording.log
     cutoff = recording.motion_cutoff or log.motion_cutoff
@@ -134,7 +139,7 @@ def studied_trace(dynamics: Dynamics, recording: Recording, load: Parameters) ->
         # Links behind gears that wind up are known from torques, whose noise they have, the more
         # of it the faster.
         cutoff = min(cutoff, recording.cutoff)
-    windows = max(1, -(-round(_SECONDS * log.rate) // WINDOW))
+    windows = max(1, -(-round(seconds * log.rate) // WINDOW))
     try:
         return trace(dynamics, recording, load, cutoff=cutoff, windows=windows)
     except RecordingError:

@@ -37,8 +37,8 @@ class Settings(Part):
         lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
             or one a drive.
         compliance: of gears: estimated where none is stated, or none beside what is stated.
-        effects: zeros, gear ratios, lengths, a tilt, forces and ripples: those that a contest of
-            causes keeps are corrected, or none.
+        effects: zeros, gear ratios, lengths, a tilt, forces and ripples, those that a contest of
+            causes keeps, and loads that no mapping declares: corrected, or none.
         events: whether contacts, stops, torque spikes and play in gears are found and left out.
         intervals: of parameters, by linearisation about the fit and what data and consistency leave
             open; or of models drawn from the posterior, which feel edges of consistency.

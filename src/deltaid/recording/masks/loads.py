@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.carried import Load
 from deltaid.recording.columns import Columns
-from deltaid.recording.masks.masks import Mask
+from deltaid.recording.masks.masks import LOAD_CHANGES, Mask
 from deltaid.recording.masks.runs import Runs, joined
 from deltaid.recording.masks.search import timed
 from deltaid.recording.source import Table
@@ -57,7 +57,7 @@ class LoadSearch:
         runs: Runs = joined(np.column_stack([changes - about, changes + about - 1]))
         runs = np.clip(runs, 0, self._rows - 1)
         drives = tuple(range(len(self.columns.torque)))
-        return timed([("load changes", drives, runs)] if drives else [], clock)
+        return timed([(LOAD_CHANGES, drives, runs)] if drives else [], clock)
 
     def told(self) -> list[Doubt]:
         """Spans in which nothing was recorded."""

@@ -23,6 +23,7 @@ Reason = Literal[
     "stale rows",
     "load changes",
 ]
+LOAD_CHANGES: Reason = "load changes"
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",

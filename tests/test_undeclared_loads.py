@@ -1,0 +1,67 @@
+"""Loads that come and go and that no mapping declares are identified with the robot."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from deltaid.check.identified import Judged
+from deltaid.model.verdict import Grade
+from drives import Case, case
+from drives.happening import within
+from drives.judge import judge
+from drives.told import identified
+
+
+@cache
+def of(row: str, kind: str) -> tuple[Case, Judged]:
+    made = case(row, kind)
+    return made, identified(made)
+
+
+@pytest.mark.parametrize(
+    ("row", "kind", "right"),
+    [
+        ("load-half-undeclared", "delta4", 0.999),
+        ("load-cycles-undeclared", "linear", 0.99),
+        # Friction that the description lacks explains more than the load.
+        pytest.param("production-undeclared", "h4", 0.9, marks=pytest.mark.slow),
+    ],
+)
+def test_the_robot_is_right_without_its_load(row: str, kind: str, right: float) -> None:
+    made, result = of(row, kind)
+    judged = judge(made, result)
+    assert judged.M < 0.005  # 2 to 24 % where nothing is corrected
+    (verdict,) = (v for v in result.verdicts if v.key == "load-change")
+    assert verdict.grade is Grade.DOUBTFUL
+    assert judged.changes is not None
+    assert (judged.changes.right or 0.0) > right
+    (load,) = result.model.loads
+    (true,) = (h.load for h in made.happenings if h.load)
+    assert load.p[0] == pytest.approx(true.mass, rel=0.03)
+    (said,) = (c for c in result.model.corrections if c.kind == "load")
+    assert "no mapping declares" in said.text
+
+
+def test_rows_about_its_changes_do_not_count() -> None:
+    made, result = of("load-half-undeclared", "delta4")
+    (recording,) = result.recordings
+    spans = [
+        (span.first, span.last)
+        for span in recording.repairs.left_out
+        if span.reason == "load changes"
+    ]
+    inside = within(made.happenings[0].time, spans)
+    changes = np.ravel(made.happenings[0].held)
+    shown = changes[(changes > 0) & (changes < made.happenings[0].duration)]
+    assert len(spans) == 2 * len(recording.log.columns.loads[0].spans or ())
+    for change in shown:
+        assert inside[np.searchsorted(made.happenings[0].time, change)]
+    assert inside.mean() < 0.02
+
+
+@pytest.mark.slow
+def test_gears_that_wind_up_are_no_load() -> None:
+    result = identified(case("gear-5000", "h4", 1))  # a study of which detects one
+    assert not result.model.loads
+    assert not result.detected
