@@ -14,6 +14,7 @@ from deltaid.effects.along_motion import AlongMotion, InTask
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 Position = Float[np.ndarray, " samples"]
@@ -86,6 +87,16 @@ class DriveSpring(AtDrives):
             )
             for owner, entry in zip(self.owners, judged, strict=True)
         )  # fmt: skip
+
+
+def with_rests(robot: RobotDescription) -> RobotDescription:
+    """With an offset in each friction law, which has the force of a drive's spring at q = 0."""
+    laws = {
+        joint: law.changed(offset=max(law.coulomb, np.finfo(float).tiny))
+        for joint, law in robot.friction.items()
+        if joint in robot.drives and law.both_ways and law.offset is None
+    }
+    return robot.changed(friction=dict(robot.friction) | laws)
 
 
 @dataclass(frozen=True, eq=False)

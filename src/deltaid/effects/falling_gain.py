@@ -14,24 +14,36 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
 from deltaid.model.corrections import Correction
 from deltaid.model.words import percent
+from deltaid.recording.readings import LEAST_SLOPE
 from deltaid.robot.description import RobotDescription
 
 # Standard deviation of the shares that joints lack, before any recording.
 _LACKING = 0.05
+# Currents at which a torque has to grow.
+_CURRENTS = 21
 
 
 class Saturation(Unknown):
-    """β_2, β_4 of each drive as of `Readings`, with the columns τ³/τ_max² and τ⁵/τ_max⁴."""
+    """β_2, β_4 of each drive as of `Readings`, with the columns τ_m u² and τ_m u⁴."""
 
     name = "torque-constant"
     corrects = "readings"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        squared = (point.model / point.largest[:, None]) ** 2
-        return of_own_drives(np.stack([point.model * squared, point.model * squared**2], axis=2))
+        torque = point.recorded
+        squared = (torque / point.torque_max[:, None]) ** 2
+        return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
 
     def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
         return np.full(columns.shape[2], _LACKING)
+
+    def possible(self, values: Deviations) -> Deviations:
+        """Torques grow with current, up to the largest."""
+        u = np.linspace(0.0, 1.0, _CURRENTS)
+        pairs = values.reshape(-1, 2)
+        falls = (pairs @ np.stack([3.0 * u**2, 5.0 * u**4])).max(axis=1)
+        share = (1.0 - LEAST_SLOPE) / np.maximum(falls, 1.0 - LEAST_SLOPE)
+        return np.ravel(pairs * share[:, None])
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations

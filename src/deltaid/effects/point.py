@@ -24,6 +24,7 @@ class Point:
     trace: Trace
     p: Parameters
     fastest: dict[str, float] = field(default_factory=dict[str, float])  # of joints
+    highest: tuple[float, ...] = ()  # recorded torque of each drive
 
     @property
     def dynamics(self) -> Dynamics:
@@ -56,6 +57,18 @@ class Point:
     def largest(self) -> Float[np.ndarray, " dof"]:
         """Largest torque of each drive."""
         return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
+
+    @cached_property
+    def recorded(self) -> OfDrives:
+        """What amplifiers say of the model's torques, by the readings that are known so far."""
+        readings = self.trace.recording.repairs.readings
+        return self.model if readings is None else readings.recorded(self.model.T).T
+
+    @cached_property
+    def torque_max(self) -> Float[np.ndarray, " dof"]:
+        """Largest recorded torque of each drive."""
+        highest = self.highest or self.trace.recording.log.torque_max
+        return np.maximum(np.array(highest), np.finfo(float).tiny)
 
     @cached_property
     def speeds(self) -> dict[str, float]:
@@ -112,8 +125,9 @@ class Point:
 
 
 def points_of(traces: Sequence[Trace], p: Parameters) -> list[Point]:
-    """Recordings at the same parameters, with the largest speeds of all."""
+    """Recordings at the same parameters, with the largest speeds and torques of all."""
     points = [Point(trace, p) for trace in traces]
     names = points[0].speeds
     fastest = {name: max(point.speeds[name] for point in points) for name in names}
-    return [replace(point, fastest=fastest) for point in points]
+    highest = np.max([trace.recording.log.torque_max for trace in traces], axis=0)
+    return [replace(point, fastest=fastest, highest=tuple(highest.tolist())) for point in points]

@@ -54,6 +54,10 @@ class Unknown(ABC):
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
+    def possible(self, values: Deviations) -> Deviations:
+        """Coefficients as physics allows them."""
+        return np.maximum(values, 0.0) if self.is_positive else values
+
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:

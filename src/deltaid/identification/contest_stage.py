@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.at_drives import AtDrives, DriveSpring
+from deltaid.effects.at_drives import AtDrives, DriveSpring, with_rests
 from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import reshaped
@@ -28,7 +28,7 @@ from deltaid.model.inseparable import Inseparable
 from deltaid.recording.readings import Readings
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
-_SWEEPS, _SETTLED = 4, 0.2
+_SWEEPS, _SETTLED = 8, 0.2
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
 # the fit widens it as much and says so.
 _WIDER = 10.0
@@ -55,7 +55,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not traces:
         return setup
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    now, before, sweep = bare, _begun(bare), 0
+    now, before, sweep, undecided = bare, _begun(bare), 0, None
     full = _swept(now, before, traces, None, sweep)
     if before.values:  # or something else looks like gears that wind up
         stiff, nothing = _rigid(bare), Outcome(bare.robot)
@@ -64,14 +64,17 @@ def contested(setup: Setup, progress: Progress) -> Setup:
             now, before, full = stiff, nothing, rigid
     while True:
         last = full.reduced()
+        if undecided is None or sweep < _DECIDED:
+            undecided = full.p - last.p
         after, sweep = _outcome(before, last).within_limits(), sweep + 1
         now = _read(bare, after, largest, last.p)
         if after.doubts != before.doubts:
             sweep = 0  # others may take part in its place
         elif sweep == _SWEEPS or _is_settled(before, after):
+            after = _doubted(after, full, last, undecided)
             if not after.kept:
-                return bare.changed(outcome=after) if after.doubts else bare
-            setup = _finished(now, _doubted(after, full, last), last)
+                return bare.changed(outcome=after)
+            setup = _finished(now, after, last)
             for stage in _ANEW:
                 setup = stage(setup, progress)
             return setup
@@ -162,17 +165,21 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
             continue
         group = last.group(unknown.name)
         applied = last.shrunk.x[group.columns] - group.mean
-        values[unknown.name] = np.maximum(applied, 0.0) if unknown.is_positive else applied
+        values[unknown.name] = unknown.possible(applied)
         deviations[unknown.name] = last.shrunk.deviation(group)
     return Outcome(before.described, kept, values, deviations, doubts=before.doubts)
 
 
-def _doubted(outcome: Outcome, full: Contest, last: Contest) -> Outcome:
-    """With what is uncertain about it."""
+def _doubted(outcome: Outcome, full: Contest, last: Contest, undecided: Parameters) -> Outcome:
+    """With what is uncertain about it.
+
+    Args:
+        undecided: what parameters move by where all causes may be as large as rows allow.
+    """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
-    moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
     return replace(
         outcome,
         moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
@@ -221,6 +228,8 @@ def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
         now = now.with_robot(now.robot.model_copy(update=same))
     if Structure.name in outcome.kept:
         now = now.with_robot(opened(now.robot))
+    if DriveSpring.name in outcome.kept:
+        now = now.with_robot(with_rests(now.robot))
     additions = list(without_lags(now.additions))
     for name in outcome.kept:
         unknown = last.unknown(name)

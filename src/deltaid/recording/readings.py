@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from deltaid.recording.columns import Columns
 
 Rows = Float[np.ndarray, "_ _"]
+Torque = Float[np.ndarray, "samples dof"]
+
+# By what share of the torque for little current a motor's torque grows at least.
+LEAST_SLOPE = 0.1
+_ROUNDS = 12  # of Newton's method
 
 
 class Readings(Part):
@@ -49,7 +54,23 @@ class Readings(Part):
             rows[:, 1 : 1 + len(self.zero)] += self.zero
         if self.falling:
             torque = rows[:, columns.torque_places]
-            squared = (torque / np.array(self.largest)) ** 2
-            second, fourth = np.array(self.falling).T
-            torque *= 1.0 - second * squared - fourth * squared**2
+            torque *= self._share(torque)[0]
         return rows
+
+    def recorded(self, torque: Torque) -> Torque:
+        """τ_m of torques τ, none beyond τ_max, by Newton's method."""
+        if not self.falling:
+            return torque
+        out, highest = torque, np.array(self.largest)
+        for _ in range(_ROUNDS):
+            share, slope = self._share(out)
+            step = (out * share - torque) / np.maximum(slope, LEAST_SLOPE)
+            out = np.clip(out - step, -highest, highest)
+        return out
+
+    def _share(self, torque: Torque) -> tuple[Torque, Torque]:
+        """τ / τ_m, and dτ / dτ_m."""
+        squared = (torque / np.array(self.largest)) ** 2
+        second, fourth = np.array(self.falling).T
+        share = 1.0 - second * squared - fourth * squared**2
+        return share, share - 2.0 * second * squared - 4.0 * fourth * squared**2
