@@ -14,6 +14,7 @@ from deltaid.effects.falling_gain import Saturation
 from deltaid.effects.geometry import lengths_of, reshaped
 from deltaid.effects.point import Point
 from deltaid.effects.structure import Structure
+from deltaid.identification import contest_stage, study
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.inseparable import constants
 from deltaid.identification.outcome import Outcome
@@ -300,3 +301,27 @@ def test_a_robot_without_friction_at_some_drives_identifies() -> None:
     friction = {"drive1": made.robot.friction["drive1"]}
     result = deltaid.identify(made.robot.changed(friction=friction), list(made.logs))
     assert set(constants(result.problem)) <= set(result.robot.friction)
+
+
+@pytest.mark.parametrize(
+    ("row", "kind", "missing"),
+    [
+        ("askew", "delta4", "structure"),
+        pytest.param("falling-gain", "linear", "torque-constant", marks=pytest.mark.slow),
+    ],
+)
+def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
+    row: str, kind: str, missing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = tuple(unknown for unknown in contest_stage.UNKNOWNS if unknown.name != missing)
+    monkeypatch.setattr(contest_stage, "UNKNOWNS", known)
+    searched = tuple(effect for effect in study.EFFECTS if effect.kind != missing)
+    monkeypatch.setattr(study, "EFFECTS", searched)
+    result = identified(case(row, kind))
+    others = {"contact", "compliance", "friction", "lag", "prior", "temperature"}
+    assert {correction.kind for correction in result.model.corrections} <= others
+    (doubt,) = (text for text in result.model.warnings if "no known effect explains" in text)
+    assert "nothing of it is corrected" in doubt
+    (verdict,) = (v for v in result.verdicts if v.key == "residual")
+    assert verdict.seen.startswith("unexplained: ")
+    assert np.mean(judge(case(row, kind), result).base) > 0.65  # 0.55 to 0.65 where others stand in

@@ -9,7 +9,7 @@ from scipy import signal
 
 from deltaid.check.evidence import evidence
 from deltaid.check.signal import checked_signals
-from deltaid.check.spectra import bandwidth, density, step_of, white_noise
+from deltaid.estimation.spectra import bandwidth, density, step_of, white_noise
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
 from test_lag import frame as lagging

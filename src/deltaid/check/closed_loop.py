@@ -19,8 +19,8 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, Rows
-from deltaid.check.spectra import segments
 from deltaid.errors import IdentificationError, RecordingError
+from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import percent

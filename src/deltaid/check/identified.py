@@ -16,6 +16,7 @@ from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
+from deltaid.identification.judgement import doubts_of_fit
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.posterior.draw import with_posterior_intervals
@@ -170,7 +171,8 @@ def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str,
     judged = {verdict.key for verdict in verdicts}
     poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
     kept = [f"{path}: {text}" for path, text in doubts if text.key not in judged]
-    of_fit = () if poor & _EXPLAIN_A_FIT else result.model.warnings[len(doubts) :]
+    explained = doubts_of_fit(result.problem) if poor & _EXPLAIN_A_FIT else ()
+    of_fit = (text for text in result.model.warnings[len(doubts) :] if text not in explained)
     return (*kept, *of_fit)
 
 

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.spectra import bandwidth, density, white_noise
 from deltaid.check.unexplained import checked_rest
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
@@ -21,11 +20,12 @@ from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.effects.load import LoadChange
 from deltaid.errors import RecordingError
+from deltaid.estimation.spectra import bandwidth, density
+from deltaid.identification.rest import longest, unexplained
 from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
@@ -70,7 +70,7 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
         if isinstance(effect, DescribedEffect):
             yield _verdict(effect, cause, recording)
     known = ringing.grade is not Grade.GOOD
-    yield checked_rest(study, causes, _white_noise(study), rings=known)
+    yield checked_rest(study, rings=known)
 
 
 def detected_load(study: Study) -> Verdict:
@@ -109,28 +109,10 @@ def _largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
     return np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
 
 
-def _white_noise(study: Study) -> Float[np.ndarray, " dof"]:
-    """White noise of the torques after the filter."""
-    low_pass = study.fit.trace.low_pass
-    return white_noise(_unexplained(study), low_pass.rate) * low_pass.noise_gain
-
-
-def _longest(study: Study) -> Samples:
-    """The longest stretch without a gap."""
-    return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
-
-
-def _unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
-    """Torques less those of the model over this stretch, unfiltered."""
-    w, dynamics = _longest(study), study.fit.trace.dynamics
-    residual = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
-    return np.where(w.weights > 0, residual, 0.0)
-
-
 def _resonance(study: Study) -> Verdict:
     """The highest line of all drives; drives that show it are named."""
-    trace, drives, residual = study.fit.trace, study.fit.drives, _unexplained(study)
-    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(_longest(study).z)
+    trace, drives, residual = study.fit.trace, study.fit.drives, unexplained(study)
+    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
     length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
     frequency, power = density(residual, rate, max(length, 16))
     lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)

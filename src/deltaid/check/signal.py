@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.spectra import bandwidth, jitter, step_of, white_noise
+from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass

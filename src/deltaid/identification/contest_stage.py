@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import Parameters
+from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.at_drives import AtDrives, DriveSpring, with_rests
 from deltaid.effects.at_platform import AtPlatform, platform_forces
@@ -22,9 +22,11 @@ from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
 from deltaid.identification.outcome import WIND_UP, Coefficients, Outcome
+from deltaid.identification.rest import ADEQUATE, rests
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.model.corrections import Kind, cause_in_words
 from deltaid.model.inseparable import Inseparable
+from deltaid.model.words import listed, percent
 from deltaid.recording.readings import Readings
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
@@ -57,6 +59,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
     now, before, sweep, undecided = bare, _begun(bare), 0, None
     full = _swept(now, before, traces, None, sweep)
+    plain = full.points[0].p
     if before.values:  # or something else looks like gears that wind up
         stiff, nothing = _rigid(bare), Outcome(bare.robot)
         rigid = _swept(stiff, nothing, _traces(stiff), None, sweep)
@@ -75,6 +78,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
             if not after.kept:
                 return bare.changed(outcome=after)
             setup = _finished(now, after, last)
+            if (left := _left(setup)) > ADEQUATE:
+                return bare.changed(outcome=_refuted(after, left, last.p - plain))
             for stage in _ANEW:
                 setup = stage(setup, progress)
             return setup
@@ -188,6 +193,30 @@ def _doubted(outcome: Outcome, full: Contest, last: Contest, undecided: Paramete
             for kept, other in rivals
         ),
     )
+
+
+def _left(setup: Setup) -> float:
+    """The largest share of a drive's torque that is more than noise and no effect explains."""
+    every = (rest for study in setup.studies if study for rest in rests(study))
+    return max((rest.part for rest in every if rest.is_unexplained), default=0.0)
+
+
+def _refuted(outcome: Outcome, left: float, move: Parameters) -> Outcome:
+    """Nothing is corrected that would leave too much: something else acts on the robot.
+
+    Args:
+        move: of parameters, by what would have been corrected.
+    """
+    kinds = dict.fromkeys(name.split(" of ")[0] for name in outcome.kept)
+    named = listed([cause_in_words(kind) for kind in kinds])
+    doubt = (
+        f"something acts on the robot that no known effect explains: with corrections of {named} "
+        f"{percent(left)} of a drive's torque would be left, so nothing of it is corrected; "
+        "intervals count what these would change"
+    )
+    names = compiled(outcome.described).layout.names
+    moves = (*outcome.moves, dict(zip(names, move.tolist(), strict=True)))
+    return Outcome(outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt})
 
 
 def _is_settled(before: Outcome, after: Outcome) -> bool:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.spectra import white_noise
 from deltaid.errors import Doubt
+from deltaid.estimation.spectra import white_noise
 from deltaid.model.model import Model
 from deltaid.recording.log import Log
 
