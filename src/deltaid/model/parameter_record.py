@@ -12,8 +12,8 @@ from deltaid.robot.quantities import Coordinate
 
 class Share(Part):
     """What an interval comes from: noise of torques, of sensors beside them and of measured values,
-    the prior, the robot's geometry, and what nothing shows, which ends where bodies would no longer
-    be possible.
+    the prior, the robot's geometry with effects that rows do not decide, and what nothing shows,
+    which ends where bodies would no longer be possible.
 
     Shares of its squared width, together one.
     """

@@ -1,4 +1,4 @@
-"""What decided a number: torques, sensors, measured values, the prior, geometry, or nothing."""
+"""What decided a number: torques, sensors, measured values, prior, geometry, effects, nothing."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ _SOURCES = {
     "sensors": "sensors",
     "measured": "measured values",
     "prior": "prior",
-    "geometry": "geometry",
+    "geometry": "geometry and effects",
     "unseen": "not shown",
 }
 # Left out where a model has nothing of it.
@@ -40,10 +40,10 @@ def share_table(model: IdentifiedModel) -> Table | None:
         tuple((name, *_percents(share, keys)) for name, share in known),
         f"How much of each interval, by its squared width, comes from the noise of torques{more}, "
         "from how far the prior may be off, from lengths, zeros of drives, mounting and torque "
-        "constants within their tolerances (geometry), and from what nothing shows: there it ends "
-        "where a body would no longer be possible. Of several sources with noise, each has the "
-        "share that it has in the value too. Longer recordings shrink the noise of torques and "
-        "sensors only. Base parameters have no prior; each is named by its first term.",
+        "constants within their tolerances and effects that rows do not decide, and from what "
+        "nothing shows: there it ends where a body would no longer be possible. Of several "
+        "sources with noise, each has the share that it has in the value too. Longer recordings "
+        "shrink the noise of torques and sensors only. Base parameters have no prior; each is named by its first term.",
     )
 
 
@@ -58,7 +58,7 @@ def shares_sentence(model: IdentifiedModel) -> str:
         f"{100 * x:.0f} % {_SOURCES[key]}" for x, key in zip(middle, keys, strict=True)
     )
     most = [name for name, share in parts if share.geometry > _DECIDES]
-    rest = f"; mostly geometry: {', '.join(most)}" if most else ""
+    rest = f"; mostly geometry and effects: {', '.join(most)}" if most else ""
     return f"intervals come in the mean from: {told}{rest}"
 
 
