@@ -1,11 +1,15 @@
 """Loads that come and go and that no mapping declares are identified with the robot."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from deltaid.check.identified import Judged
+from deltaid.effects.cause import causes_of
+from deltaid.effects.load import load_held
+from deltaid.identification.study import studied
 from deltaid.model.verdict import Grade
 from drives import Case, case
 from drives.happening import within
@@ -56,8 +60,20 @@ def test_rows_about_its_changes_do_not_count() -> None:
     shown = changes[(changes > 0) & (changes < made.happenings[0].duration)]
     assert len(spans) == 2 * len(recording.log.columns.loads[0].spans or ())
     for change in shown:
-        assert inside[np.searchsorted(made.happenings[0].time, change)]
+        for beside in (-0.02, 0.0, 0.02):
+            assert inside[np.searchsorted(made.happenings[0].time, change + beside)]
     assert inside.mean() < 0.02
+
+
+def test_when_it_is_held_is_known_from_all_of_a_recording_only() -> None:
+    _, result = of("load-half-undeclared", "delta4")
+    (whole,) = result.detected.values()
+    recording = whole.fit.trace.recording
+    some = studied(whole.fit.trace.dynamics, replace(recording, excerpt=None), seconds=5.0)
+    assert some is not None
+    for study, is_known in ((whole, True), (some, False)):
+        (cause,) = (c for c in causes_of(study.fit, study.account) if c.kind == "load-change")
+        assert (load_held(cause, recording) is not None) == is_known
 
 
 @pytest.mark.slow

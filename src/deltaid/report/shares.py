@@ -43,7 +43,8 @@ def share_table(model: IdentifiedModel) -> Table | None:
         "constants within their tolerances and effects that rows do not decide, and from what "
         "nothing shows: there it ends where a body would no longer be possible. Of several "
         "sources with noise, each has the share that it has in the value too. Longer recordings "
-        "shrink the noise of torques and sensors only. Base parameters have no prior; each is named by its first term.",
+        "shrink the noise of torques and sensors only. Base parameters have no prior; each is "
+        "named by its first term.",
     )
 
 
