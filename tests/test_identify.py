@@ -1,5 +1,6 @@
 """The whole identification against recordings that the oracle made."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.demo import demonstrate, mass_matrix_error
+from deltaid.identification.fit import with_geometry
 from deltaid.identification.identify import identify
 from deltaid.identification.least_squares import identify_base
 from deltaid.identification.validation import validate
@@ -145,8 +147,8 @@ def test_two_logs_together_are_more_certain_than_one() -> None:
     estimates = [identify_base(made.dynamics, log)[1] for log in logs]
     # Intervals are estimates themselves, so a single one may come out larger. By white noise the
     # median would be at most 1/√2, against the better of the two.
-    half = [0.5 * (b.high - b.low) for b in made.result.model.base_parameters]
-    ratios = np.array(half) / np.min([one.interval for one in estimates], axis=0)
+    alone = with_geometry(replace(both, moves=()), made.result.recordings)  # by noise
+    ratios = alone.estimate.interval / np.min([one.interval for one in estimates], axis=0)
     assert np.median(ratios) < 0.85
 
 

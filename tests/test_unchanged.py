@@ -67,7 +67,8 @@ def write_recording(counts: np.ndarray, tau: np.ndarray, path: Path) -> None:
 
 def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     """What identification makes of a recording."""
-    keep = deltaid.Settings(keep_all=True)  # of that time, nothing was left out
+    # Of that time, nothing was excluded, and no causes were weighed.
+    keep = deltaid.Settings(keep_all=True, effects="none")
     exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}  # nor had geometry tolerances
     robot = deltaid.load_robot(name).changed(tolerances=exact)
     result = deltaid.identify(robot, [recording], settings=keep)
