@@ -1,6 +1,7 @@
 """Friction right without options: further laws, whole curves with intervals, warmth."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 
 import casadi as ca
@@ -11,6 +12,7 @@ from pydantic import BaseModel
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.identification.fit import with_geometry
 from deltaid.identification.friction_choice import choose_friction, chosen_friction
 from deltaid.identification.friction_constants import _bounded, moved
 from deltaid.identification.friction_curves import curve_rows, freed, law_constants
@@ -171,7 +173,7 @@ def test_intervals_hold_whole_curves_and_are_of_use() -> None:
 
 
 def test_a_curve_is_less_certain_where_its_constants_are_unknown() -> None:
-    problem = found().problem
+    problem = with_geometry(replace(found().problem, moves=()), found().recordings)
     rows = curve_rows(problem, "drive2", np.array([0.4, 5.0]))
     constants = law_constants(problem.additions)
     assert constants is not None

@@ -80,7 +80,7 @@ def test_a_factor_beside_the_normal_distribution(model: IdentifiedModel) -> None
     chains.walk(30)
     draws = []
     for _ in range(8):
-        chains.walk(4)
+        chains.walk(20)  # so that draws are as independent as the test below takes them to be
         draws.append(chains.y)
     drawn = np.vstack(draws)
     y = along + rng.standard_normal((300_000, n))

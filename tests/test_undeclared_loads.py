@@ -8,7 +8,7 @@ import pytest
 
 from deltaid.check.identified import Judged
 from deltaid.effects.cause import causes_of
-from deltaid.effects.load import load_held
+from deltaid.effects.load import LoadChange
 from deltaid.identification.study import studied
 from deltaid.model.verdict import Grade
 from drives import Case, case
@@ -73,7 +73,7 @@ def test_when_it_is_held_is_known_from_all_of_a_recording_only() -> None:
     assert some is not None
     for study, is_known in ((whole, True), (some, False)):
         (cause,) = (c for c in causes_of(study.fit, study.account) if c.kind == "load-change")
-        assert (load_held(cause, recording) is not None) == is_known
+        assert (LoadChange().held(cause, recording) is not None) == is_known
 
 
 @pytest.mark.slow

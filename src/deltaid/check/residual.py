@@ -18,11 +18,11 @@ from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
-from deltaid.effects.load import LoadChange
 from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.rest import longest, unexplained
 from deltaid.identification.study import Study, spoilt
+from deltaid.identification.undeclared_loads import load_change
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording
@@ -79,8 +79,10 @@ def detected_load(study: Study) -> Verdict:
     Args:
         study: of the recording before.
     """
-    effect, recording = LoadChange(), study.fit.trace.recording
-    (cause,) = (cause for cause in causes_of(study.fit, study.account) if cause.kind == effect.kind)
+    cause, recording = load_change(study), study.fit.trace.recording
+    assert cause is not None
+    (effect,) = (effect for effect in EFFECTS if effect.kind == cause.kind)
+    assert isinstance(effect, DescribedEffect)
     verdict = _verdict(effect, cause, recording)
     seen = f"{verdict.seen}, and it is identified with the robot"
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)

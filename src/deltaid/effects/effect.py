@@ -13,6 +13,7 @@ from deltaid.effects.cause import Cause
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.estimation.span import Rows
 from deltaid.model.verdict import Proposal
+from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
 
 # The share that a single drive explains of what all do, where it is about this one.
@@ -37,6 +38,12 @@ class Effect:
         """A search for columns in the residual torques."""
         del fit
         return lambda residual: ()
+
+    def held(self, cause: Cause, recording: Recording) -> Load | None:
+        """The load that a cause is, and when it is held; None for no load, or where that is not
+        known."""
+        del cause, recording
+        return None
 
 
 class DescribedEffect(Effect, ABC):

@@ -79,34 +79,35 @@ class LoadChange(DescribedEffect):
             "identified with the robot; else record without load"
         )
 
+    def held(self, cause: Cause, recording: Recording) -> Load | None:
+        """The load and when it is held; None where not all of the recording was inspected, or where
+        a load is declared already."""
+        first, time, log = cause.first, cause.fit.motion.time, recording.log
+        start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
+        missing = np.diff(time, prepend=start, append=end)
+        if log.columns.loads or missing.max() > _GONE:
+            return None
+        is_held = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
+        changes = np.array(first.detail)
+        k = int(np.argmax(is_held))
+        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_mass(cause) > 0)
+        ends = [*([start] if held_first else []), *changes.tolist()]
+        ends += [end + _BEYOND] if len(ends) % 2 else []
+        spans = tuple(
+            (round(a, 3), round(b, 3)) for a, b in zip(ends[::2], ends[1::2], strict=True)
+        )
+        body = None if first.words in ("EE", "P") else first.words
+        return Load(spans=spans, body=body)
+
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare a load; none where it is not known when it is held."""
-        load = load_held(cause, recording)
+        load = self.held(cause, recording)
         if load is None:
             return ()
         body = () if load.body is None else (("load.body", load.body),)
         spans = [list(span) for span in load.spans or ()]
         lines = (("load.name", load.name), *body, ("load.spans", spans))
         return (Proposal("mapping", lines),)
-
-
-def load_held(cause: Cause, recording: Recording) -> Load | None:
-    """The load and when it is held; None where not all of the recording was inspected, or where a
-    load is declared already."""
-    first, time, log = cause.first, cause.fit.motion.time, recording.log
-    start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
-    missing = np.diff(time, prepend=start, append=end)
-    if log.columns.loads or missing.max() > _GONE:
-        return None
-    is_held = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
-    changes = np.array(first.detail)
-    k = int(np.argmax(is_held))
-    held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_mass(cause) > 0)
-    ends = [*([start] if held_first else []), *changes.tolist()]
-    ends += [end + _BEYOND] if len(ends) % 2 else []
-    spans = tuple((round(a, 3), round(b, 3)) for a, b in zip(ends[::2], ends[1::2], strict=True))
-    body = None if first.words in ("EE", "P") else first.words
-    return Load(spans=spans, body=body)
 
 
 def _holders(fit: RigidFit) -> list[str]:

@@ -11,7 +11,7 @@ from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import Study
+from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.recording.recording import Recording
 
 # Windows of a recording at least that are used.
@@ -70,7 +70,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         if before is None or after is None:
             continue
         parts, residual = before.account.found, before.account.left
-        of_loads = sum(part.gain for part in parts if part.candidate.kind == "load-change")
+        of_loads = sum(part.gain for part in parts if part.candidate.kind == LOAD_CHANGE)
         total = float(residual @ residual) + sum(part.gain for part in parts)
         by_gears = np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2)
         if by_gears > 1.0 - of_loads / total:

@@ -31,6 +31,7 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 
 # Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
 _SECONDS, _CUTOFF = 24.0, 30.0
+LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
 _SMALL, _AT_ONCE = 1.5e-4, 2.0
 
@@ -65,7 +66,7 @@ class Study:
         Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
         wind up may look like a load, and like other things as much.
         """
-        gains = [(part.candidate.kind == "load-change", part.gain) for part in self.account.found]
+        gains = [(part.candidate.kind == LOAD_CHANGE, part.gain) for part in self.account.found]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
     @property

@@ -6,15 +6,15 @@ then known from all of the recording; that it was there is a verdict.
 
 from dataclasses import replace
 
+from deltaid.effects.all import EFFECTS
 from deltaid.effects.cause import Cause, causes_of
-from deltaid.effects.load import LoadChange, load_held
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.study import Study, studied
+from deltaid.identification.study import LOAD_CHANGE, Study, studied
 from deltaid.recording.carried import Load
 from deltaid.recording.masks.masks import LOAD_CHANGES
 from deltaid.recording.recording import Recording
@@ -55,20 +55,26 @@ def _detected(setup: Setup, study: Study, recording: Recording) -> tuple[Study, 
     if (bare := with_events(recording)).repairs != recording.repairs:
         # What is held for a short time looks like contacts.
         study = studied(setup.dynamics, bare) or study
-    cause = _load_change(study)
+    cause = load_change(study)
     if cause is None:
         return None
     whole: Study | None = study
-    if load_held(cause, recording) is None:
+    if _held(cause, recording) is None:
         whole = studied(setup.dynamics, replace(bare, excerpt=None), seconds=_LONGEST)
-        cause = whole and _load_change(whole)
-    load = cause and load_held(cause, recording)
+        cause = whole and load_change(whole)
+    load = cause and _held(cause, recording)
     return (whole, load) if whole and load else None
 
 
-def _load_change(study: Study) -> Cause | None:
+def load_change(study: Study) -> Cause | None:
+    """A load that comes and goes, as a study detected it."""
     causes = causes_of(study.fit, study.account)
-    return next((cause for cause in causes if cause.kind == LoadChange.kind), None)
+    return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
+
+
+def _held(cause: Cause, recording: Recording) -> Load | None:
+    (effect,) = (effect for effect in EFFECTS if effect.kind == cause.kind)
+    return effect.held(cause, recording)
 
 
 def _name(recording: Recording) -> str:
