@@ -136,7 +136,8 @@ def test_motors_that_saturate_are_the_only_cause(row: str) -> None:
     made = case(row, "delta4")
     judged = judge(made, identified(made))
     assert dict(judged.said)["torque-constant"] == 4
-    assert set(dict(judged.said)) <= {"torque-constant", "contact"}
+    # The form is not quite that of motors that saturate softly: small ripples are on an edge.
+    assert set(dict(judged.said)) <= {"torque-constant", "contact", "ripple"}
     assert judged.M < 0.008  # 0.9 to 2.7 % where slopes are at the model's torques
     assert judged.friction_shape < 0.01
 
