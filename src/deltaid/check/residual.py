@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.check.unexplained import checked_rest
-from deltaid.effects.all import EFFECTS
+from deltaid.effects.all import effect_of
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.lag_columns import UnknownLag
@@ -64,9 +64,8 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     ringing = _resonance(study)
     yield ringing
     causes = causes_of(study.fit, study.account)
-    effects = {effect.kind: effect for effect in EFFECTS}
     for cause in causes:
-        effect = effects[cause.kind]
+        effect = effect_of(cause)
         if isinstance(effect, DescribedEffect):
             yield _verdict(effect, cause, recording)
     known = ringing.grade is not Grade.GOOD
@@ -81,7 +80,7 @@ def detected_load(study: Study) -> Verdict:
     """
     cause, recording = load_change(study), study.fit.trace.recording
     assert cause is not None
-    (effect,) = (effect for effect in EFFECTS if effect.kind == cause.kind)
+    effect = effect_of(cause)
     assert isinstance(effect, DescribedEffect)
     verdict = _verdict(effect, cause, recording)
     seen = f"{verdict.seen}, and it is identified with the robot"

@@ -4,6 +4,7 @@ Deleting one's file and its lines leaves the others.
 """
 
 from deltaid.effects.beside import BESIDE
+from deltaid.effects.cause import Cause
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Effect
@@ -43,3 +44,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Lengths(),
     Structure(),
 )
+
+
+def effect_of(cause: Cause) -> Effect:
+    """The effect that a cause was detected by."""
+    return next(effect for effect in EFFECTS if effect.kind == cause.kind)

@@ -6,7 +6,7 @@ then known from all of the recording; that it was there is a verdict.
 
 from dataclasses import replace
 
-from deltaid.effects.all import EFFECTS
+from deltaid.effects.all import effect_of
 from deltaid.effects.cause import Cause, causes_of
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.events import with_events, without_events
@@ -59,10 +59,10 @@ def _detected(setup: Setup, study: Study, recording: Recording) -> tuple[Study, 
     if cause is None:
         return None
     whole: Study | None = study
-    if _held(cause, recording) is None:
+    if effect_of(cause).held(cause, recording) is None:
         whole = studied(setup.dynamics, replace(bare, excerpt=None), seconds=_LONGEST)
         cause = whole and load_change(whole)
-    load = cause and _held(cause, recording)
+    load = cause and effect_of(cause).held(cause, recording)
     return (whole, load) if whole and load else None
 
 
@@ -70,11 +70,6 @@ def load_change(study: Study) -> Cause | None:
     """A load that comes and goes, as a study detected it."""
     causes = causes_of(study.fit, study.account)
     return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
-
-
-def _held(cause: Cause, recording: Recording) -> Load | None:
-    (effect,) = (effect for effect in EFFECTS if effect.kind == cause.kind)
-    return effect.held(cause, recording)
 
 
 def _name(recording: Recording) -> str:
