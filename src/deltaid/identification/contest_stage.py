@@ -74,9 +74,9 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         if after.doubts != before.doubts:
             sweep = 0  # others may take part in its place
         elif sweep == _SWEEPS or _is_settled(before, after):
-            after = _doubted(after, full, last, undecided)
             if not after.kept:
-                return bare.changed(outcome=after)
+                return bare.changed(outcome=after) if after.doubts else bare
+            after = _doubted(after, full, last, undecided)
             setup = _finished(now, after, last)
             if (left := _left(setup)) > ADEQUATE:
                 return bare.changed(outcome=_refuted(after, left, last.p - plain))
