@@ -60,11 +60,6 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     now, before, sweep, undecided = bare, _begun(bare), 0, None
     full = _swept(now, before, traces, None, sweep)
     plain = full.points[0].p
-    if before.values:  # or something else looks like gears that wind up
-        stiff, nothing = _rigid(bare), Outcome(bare.robot)
-        rigid = _swept(stiff, nothing, _traces(stiff), None, sweep)
-        if rigid.noise < full.noise:
-            now, before, full = stiff, nothing, rigid
     while True:
         last = full.reduced()
         if undecided is None or sweep < _DECIDED:
@@ -96,13 +91,6 @@ def _swept(
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
     unknowns = _allowed(unknowns, before, sweep)
     return contest(rows, points, unknowns, before.read).with_ripples()
-
-
-def _rigid(bare: Setup) -> Setup:
-    """With positions as recorded."""
-    for recording in bare.recordings:
-        bare = bare.repaired(recording, gears=None)
-    return bare
 
 
 def _begun(bare: Setup) -> Outcome:
