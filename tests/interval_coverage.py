@@ -86,7 +86,7 @@ def estimates(
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
     wide = extended(dynamics, [Courses(np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)
-    groups = Groups(gathered.blocks, gathered.places)
+    groups = gathered.groups
     limits = np.abs(tau).max(axis=1)
     base, found = None, []
     for seed in range(seeds):

@@ -250,6 +250,6 @@ def test_torques_that_do_not_count_leave_a_sensor_its_rows() -> None:
     (part,) = MeasuredRows(extended(dynamics, [plate])).sensors
     for weights, counted in (([0.0, 1.0, 1.0], 1.0), ([0.0, 0.0, 0.0], 0.0)):
         some = replace(window.wide, weights=np.tile(weights, (len(window.wide.time), 1)))
-        entries, y, found = part.of(some, recording)
-        assert np.all(found == counted)
+        entries, y = part.weighted(some, recording)
+        assert np.all(part.shown(some, recording)[1] == counted)
         assert np.any(entries) == np.any(y) == (counted > 0)

@@ -187,8 +187,10 @@ def with_geometry(
     if columns.dynamics.robot.tolerances.exact:
         return condensed, ()
     p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
-    rows = geometric_rows(
-        columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
+    rows = next(
+        geometric_rows(
+            columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
+        )
     )
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
     shifts = np.arange(len(columns.kept), every[0].shape[1])

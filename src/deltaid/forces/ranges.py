@@ -27,7 +27,7 @@ from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
-from deltaid.estimation.scatter import Groups, half_width
+from deltaid.estimation.scatter import half_width
 from deltaid.forces.ball import REACH, Ball
 from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.as_identified import model_filtered
@@ -160,7 +160,7 @@ def evidence(
     gathered = balanced(gather_all(rows, recordings, predicted_by, progress), facts)
     information = gathered.information
     base = base_parameters(information, dynamics.layout)
-    estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
+    estimate = estimate_base(base, information, groups=gathered.groups)
     shape = geometry(dynamics, recordings, base, information, model.p)
     return Evidence(information, estimate, shape), Determinacy(model, base)
 

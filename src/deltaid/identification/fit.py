@@ -16,7 +16,6 @@ from deltaid.estimation.information import Information
 from deltaid.estimation.objective import Objective, Solution, noise_level
 from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.scatter import Groups
 from deltaid.identification.balance import balanced
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.geometry import Geometry, geometry
@@ -234,7 +233,7 @@ def fit_to(
         message = f"no consistent robot moves like this: {contradiction(wrong, dynamics.robot)}"
         raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
-    estimate = estimate_base(base, information, groups=Groups(gathered.blocks, gathered.places))
+    estimate = estimate_base(base, information, groups=gathered.groups)
     return FittedProblem(
         dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
     )

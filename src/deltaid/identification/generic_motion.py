@@ -1,20 +1,22 @@
 """The base parameters of a robot as any generic motion determines them; no recording is needed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
+from deltaid.estimation.additions import extended
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.information import Information, gather_samples, triangle
+from deltaid.estimation.information import chunks_of_drives, collect, condense, entries_at
+from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
 from deltaid.motion.random_motion import random_motion
+from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.of_robot import all_sensor_rows
-from deltaid.sensors.weighings import weighings
+from deltaid.sensors.weighings import Weighing, weighings
 
 _SAMPLES = 2000
-
-Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
@@ -23,7 +25,7 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     Raises:
         KinematicsError: the description's limits leave no room for a motion.
     """
-    return base_parameters(_by_torques(dynamics, _motion(dynamics, seed)), dynamics.layout)
+    return _base(dynamics, seed)
 
 
 def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
@@ -31,52 +33,38 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
 
     Sensors' own unknowns count as unknown; their rows are of the size of torques' rows.
     """
-    motion, layout = _motion(dynamics, seed), dynamics.layout
-    torques, facts, channels = _by_torques(dynamics, motion), weighings(dynamics.robot), []
-    used = [torques.columns, *(np.flatnonzero(fact.coefficients) for fact in facts)]
-    parameters, count = list(layout.parameters), len(layout.names)
-    for sensor in all_sensor_rows(dynamics):
-        rows, columns = sensor.pattern
-        places = np.where(columns < count, columns, columns - count + len(parameters))
-        parameters += sensor.parameters
-        used.append(places)
-        # Whatever it shows: its pose and gain are determined by something that is not constant.
-        reading = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
-        entries = sensor.entries(*motion, reading)
-        numbers = range(len(sensor.channels))
-        channels += [(places[rows == k], entries[rows == k].T) for k in numbers]
-    columns = np.unique(np.concatenate(used))
-    n, last = len(columns) + 1, len(columns)
-    factors = [
-        _widened(factor, np.append(np.searchsorted(columns, torques.columns), last), n)
-        for factor in torques.factors
-    ]
-    for places, entries in channels:
-        wide = _widened(entries, np.searchsorted(columns, places), n)
-        factors.append(triangle(np.vstack([wide, np.zeros((n, n))])))
-    samples = np.full(len(factors), float(_SAMPLES))
-    information = Information(columns, np.stack(factors), samples, np.ones(len(factors)))
-    if facts:
-        known = np.array([np.append(fact.over(columns), 0.0) for fact in facts])
-        information = replace(information, facts=known)
-    return base_parameters(information, ParameterLayout(tuple(parameters), layout.bodies))
+    sensors = [SensorColumns(dynamics, rows, PRIOR_SPREAD) for rows in all_sensor_rows(dynamics)]
+    return _base(dynamics, seed, sensors, weighings(dynamics.robot))
 
 
-def _motion(dynamics: Dynamics, seed: int) -> Motion:
+def _base(
+    dynamics: Dynamics,
+    seed: int,
+    sensors: Sequence[SensorColumns] = (),
+    known: tuple[Weighing, ...] = (),
+) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, _SAMPLES))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    return z, qd, qdd
-
-
-def _by_torques(dynamics: Dynamics, motion: Motion) -> Information:
-    load = None
+    load = np.zeros_like(z)
     if dynamics.robot.load_drives:
-        load = dynamics.carried(*motion, prior_parameters(dynamics.robot))
-    return gather_samples(dynamics, *motion, np.zeros_like(motion[0]), load)
-
-
-def _widened(rows: np.ndarray, places: np.ndarray, columns: int) -> np.ndarray:
-    wide = np.zeros((len(rows), columns))
-    wide[:, places] = rows
-    return wide
+        load = dynamics.carried(z, qd, qdd, prior_parameters(dynamics.robot))
+    rows, entries = MeasuredRows(extended(dynamics, sensors), known), []
+    for sensor in sensors:
+        # Whatever it shows: its pose and gain are determined by something that is not constant.
+        shape = len(sensor.rows.channels), _SAMPLES
+        reading = np.random.default_rng(0).standard_normal(shape)
+        entries.append(sensor.rows.entries(z, qd, qdd, reading))
+    values = np.vstack([entries_at(dynamics, z, qd, qdd, load), *entries])
+    y = np.zeros((rows.dof, _SAMPLES))
+    chunks = chunks_of_drives(rows, values, y, rows.active)
+    condensed = condense(chunks, y, np.ones_like(y))
+    information = collect(rows, [condensed], "samples", rows.dof - rows.drives)
+    if known:
+        facts = [np.append(fact.over(information.columns), 0.0) for fact in known]
+        information = replace(information, facts=np.array(facts))
+    added = (parameter for sensor in sensors for parameter in sensor.parameters)
+    layout = dynamics.layout
+    return base_parameters(
+        information, ParameterLayout((*layout.parameters, *added), layout.bodies)
+    )

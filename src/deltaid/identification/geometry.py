@@ -9,7 +9,7 @@ and the fit with a prior as much of these as of all other data. D is evaluated
 at the fitted parameters, at some samples spread over the beginning of the recordings.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -18,16 +18,12 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import Error, geometric_errors
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, active_columns
-from deltaid.estimation.regularizer import parameter_scale
 from deltaid.estimation.span import lengths
-from deltaid.identification.gathering import thinned
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Window
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.geometry import sensor_errors
 
@@ -36,8 +32,6 @@ from deltaid.sensors.geometry import sensor_errors
 _WINDOWS, _SECONDS, _SAMPLES = 32, 40.0, 1500
 # Weight of all information relative to these samples, which may determine less.
 _BESIDE = 1e-3
-# Some quantities, each over the samples of a window.
-_OfWindow = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +91,14 @@ def geometry(
     """
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
-    regressor, active = extended(dynamics, additions), information.columns
-    drives, sensors = np.split(np.sqrt(information.weights), [information.drives.stop])
-    measured, p, rows = MeasuredRows(regressor), values[: len(dynamics.layout.names)], []
-    for recording in recordings:
-        rows.append(geometric_rows(regressor, dynamics, recording, p, drives, active=active))
-        rows += _sensor_rows(measured, dynamics, recording, values, sensors, active)
+    regressor, weights = extended(dynamics, additions), np.sqrt(information.weights)
+    rows = [
+        row
+        for recording in recordings
+        for row in geometric_rows(
+            regressor, dynamics, recording, values, weights, active=information.columns
+        )
+    ]
     return shifted(rows, base, information, additions)
 
 
@@ -130,113 +126,62 @@ def shifted(
     return Geometry(names, shifts / norms[:, None])
 
 
-def _sensor_rows(
-    measured: MeasuredRows,
-    dynamics: Dynamics,
-    recording: Recording,
-    values: Float[np.ndarray, " parameters"],
-    weights: Float[np.ndarray, " channels"],
-    active: Int[np.ndarray, " columns"],
-) -> Iterator[GeometricRows]:
-    """The same samples as sensors show them, one after the other, as `geometric_rows` has torques.
-
-    Args:
-        values: all fitted parameters, those of additions behind the robot's.
-        weights: of the channels of all sensors.
-    """
-    if not measured.sensors:
-        return
-
-    def of(window: Window) -> _OfWindow:
-        sensed = measured.shown(window, recording)
-        assert sensed is not None
-        return sensed.values, sensed.y, sensed.counted
-
-    (entries, y, counted), (z, qd, qdd) = _beginning(recording, dynamics, of)
-    rows, columns = measured.regressor_pattern
-    of_sensors, first = rows >= measured.drives, 0
-    rows, columns = rows[of_sensors] - measured.drives, columns[of_sensors]
-    p = values[: len(dynamics.layout.names)]
-    for part in measured.sensors:
-        channels = np.arange(first, first + part.channels)
-        mine = np.isin(rows, channels)
-        errors = sensor_errors(part.graph, z, qd, qdd, np.append(p, part.unknowns(values)))
-        places, counts = (rows[mine] - first, columns[mine]), np.sqrt(counted[channels])
-        yield _rows(weights[channels], entries[mine], places, y[channels], counts, errors, active)
-        first += part.channels
-
-
 def geometric_rows(
     regressor: Dynamics | Extended,
     dynamics: Dynamics,
     recording: Recording,
-    p: Parameters,
-    weights: Float[np.ndarray, " dof"],
+    values: Float[np.ndarray, " parameters"],
+    weights: Float[np.ndarray, " rows"],
     tolerances: Tolerances | None = None,
     active: Int[np.ndarray, " columns"] | None = None,
-) -> GeometricRows:
-    """Samples spread evenly over the beginning of a recording, and the effects of
-    tolerances on torques there, by default of the description's;
-    with the columns of torques, or `active`."""
-    drives = np.arange(dynamics.dof)
+) -> Iterator[GeometricRows]:
+    """Samples spread evenly over the beginning of a recording, and the effects of tolerances there,
+    by default of the description's: of torques, then of each sensor.
 
-    def of(window: Window) -> _OfWindow:
-        values, tau, _ = thinned(regressor, recording, window, p)
-        counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
-        return values, tau, counts
-
-    (values, tau, counts), (z, qd, qdd) = _beginning(recording, dynamics, of)
-    errors = geometric_errors(dynamics, z, qd, qdd, p, tolerances)
+    Args:
+        values: all fitted parameters, those of additions behind the robot's.
+        weights: of drives and channels of sensors.
+        active: columns; those of torques by default.
+    """
+    measured, p = MeasuredRows(regressor), values[: len(dynamics.layout.names)]
+    entries, y, counts, motion = _beginning(measured, dynamics, recording, p)
     active = active_columns(regressor) if active is None else active
-    return _rows(weights, values, regressor.regressor_pattern, tau, counts, errors, active)
-
-
-def _rows(
-    weights: Float[np.ndarray, " channels"],
-    entries: Float[np.ndarray, "entries samples"],
-    places: tuple[np.ndarray, np.ndarray],
-    y: Float[np.ndarray, "channels samples"],
-    counts: Float[np.ndarray, "channels samples"],
-    errors: Sequence[Error],
-    active: Int[np.ndarray, " columns"],
-) -> GeometricRows:
-    """Rows of channels with entries of the regressor `at` channel and column, and what counts."""
+    places, columns = measured.regressor_pattern
+    kept = np.isin(columns, active)
     Y = np.zeros((*y.shape, len(active)))
-    Y[places[0], :, np.searchsorted(active, places[1])] = entries
-    w = weights[:, None]
-    D = [w * counts * error.effect for error in errors]
-    return GeometricRows(
-        (w[:, :, None] * Y).reshape(-1, len(active)),
-        (w * y).ravel(),
-        np.reshape(D, (len(D), y.size)).T,
-        tuple(error.name for error in errors),
-    )
+    Y[places[kept], :, np.searchsorted(active, columns[kept])] = entries[kept]
+
+    def rows_of(own: slice, errors: Sequence[Error]) -> GeometricRows:
+        w = weights[own, None]
+        D = [w * counts[own] * error.effect for error in errors]
+        return GeometricRows(
+            (w[:, :, None] * Y[own]).reshape(-1, len(active)),
+            (w * y[own]).ravel(),
+            np.reshape(D, (len(D), y[own].size)).T,
+            tuple(error.name for error in errors),
+        )
+
+    yield rows_of(slice(measured.drives), geometric_errors(dynamics, *motion, p, tolerances))
+    for part in measured.sensors:
+        errors = sensor_errors(part.graph, *motion, np.append(p, part.unknowns(values)))
+        yield rows_of(part.rows, errors)
 
 
 def _beginning(
-    recording: Recording, dynamics: Dynamics, values_of: Callable[[Window], _OfWindow]
-) -> tuple[_OfWindow, _OfWindow]:
-    """What the first windows of a recording give, at samples spread evenly, and z, q̇, q̈ there."""
-    most, parts = _SECONDS * recording.log.rate, []
+    measured: MeasuredRows, dynamics: Dynamics, recording: Recording, p: Parameters
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Entries, y and what counts of it in the first windows of a recording, at samples spread
+    evenly, and z, q̇, q̈ there."""
+    most, drives, parts = _SECONDS * recording.log.rate, np.arange(measured.drives), []
     for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
-        samples = window.own.part(slice(None, None, window.thinned))
-        parts.append((*values_of(window), samples.z.T, samples.qd.T, samples.qdd.T))
-        if window.start + len(window.own.time) > most:
+        rows, samples = measured.filtered(window, recording, p), window.own
+        counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
+        counts = np.vstack([counts, np.sqrt(rows.counted[measured.drives :])])
+        motion = (x[:: window.thinned].T for x in (samples.z, samples.qd, samples.qdd))
+        parts.append((rows.entries, rows.y, counts, *motion))
+        if window.start + len(samples.time) > most:
             break
     joined = [np.hstack(part) for part in zip(*parts, strict=True)]
     sparse = slice(None, None, -(-joined[0].shape[1] // _SAMPLES))
-    a, b, c, z, qd, qdd = (part[:, sparse] for part in joined)
-    return (a, b, c), (z.T, qd.T, qdd.T)
-
-
-def nearest(
-    dynamics: Dynamics, base: BaseParameters, values: Float[np.ndarray, " base"]
-) -> Parameters:
-    """The parameters nearest to the prior, by its sizes, that have some base parameters.
-
-    p = p_reg + S² Kᵀ (K S² Kᵀ)⁻¹ (p_B − K p_reg), S the prior's sizes.
-    """
-    prior = prior_parameters(dynamics.robot)
-    S = np.diag(parameter_scale(dynamics.layout, prior))
-    K = base.combination()
-    return prior + S @ np.linalg.lstsq(K @ S, values - K @ prior, rcond=None)[0]
+    entries, y, counts, z, qd, qdd = (part[:, sparse] for part in joined)
+    return entries, y, counts, (z.T, qd.T, qdd.T)

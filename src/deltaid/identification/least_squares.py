@@ -13,23 +13,17 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.scatter import (
-    Groups,
-    Noise,
-    Sums,
-    half_width,
-    inverse,
-    observe,
-    quantile,
-)
+from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.scatter import Groups, Noise, half_width, inverse, observe, quantile
 from deltaid.identification.balance import balanced
-from deltaid.identification.gathering import gather_all, places_of, whitened
-from deltaid.identification.geometry import geometry, nearest
+from deltaid.identification.gathering import gather_all
+from deltaid.identification.geometry import geometry
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
@@ -99,14 +93,21 @@ def identify_base(
             )
     facts = weighings(dynamics.robot)
     gathered = balanced(gather_all(MeasuredRows(dynamics, facts), recordings), facts)
-    information, groups = gathered.information, Groups(gathered.blocks, gathered.places)
-    base = base_parameters(information, dynamics.layout)
+    base = base_parameters(gathered.information, dynamics.layout)
     if method == "gauss-markov":
-        estimate = _gauss_markov(base, information, dynamics, recordings)
+        full = estimate_base(base, gathered.information).full
+        whitening = _whitening(dynamics, recordings, full)
+        white = replace(gather_all(dynamics, recordings, whitening=whitening), facts=gathered.facts)
+        estimate = estimate_base(base, white.information, "ordinary", white.groups)
+        estimate = replace(estimate, method=method)
     else:
-        estimate = estimate_base(base, information, method, groups)
-    p = nearest(dynamics, base, estimate.values)
-    return base, estimate.with_shifts(geometry(dynamics, recordings, base, information, p).shifts)
+        estimate = estimate_base(base, gathered.information, method, gathered.groups)
+    # p nearest to the prior, by its sizes S: p_reg + S² Kᵀ (K S² Kᵀ)⁻¹ (p_B − K p_reg).
+    K, prior = base.combination(), prior_parameters(dynamics.robot)
+    S = np.diag(parameter_scale(dynamics.layout, prior))
+    p = prior + S @ np.linalg.lstsq(K @ S, estimate.values - K @ prior, rcond=None)[0]
+    shifts = geometry(dynamics, recordings, base, gathered.information, p).shifts
+    return base, estimate.with_shifts(shifts)
 
 
 def estimate_base(
@@ -122,53 +123,11 @@ def estimate_base(
     """
     ordinary = method == "ordinary"
     weights = np.ones(len(information.factors)) if ordinary else information.weights
-    sums = groups.weighted(weights) if groups else {}
     factor = information.weighted(weights if ordinary else None)
-    return _least_squares(base, information, factor, method, sums)
-
-
-def _gauss_markov(
-    base: BaseParameters,
-    information: Information,
-    dynamics: Dynamics,
-    recordings: Sequence[Recording],
-) -> BaseEstimate:
-    """W = Σ⁻¹ with the covariance Σ of the drives' torque residuals over all samples."""
-    full = estimate_base(base, information, "weighted").full
-    covariances = [torque_error(dynamics, full, recording).covariance for recording in recordings]
-    samples = [recording.log.samples for recording in recordings]
-    try:
-        L = np.linalg.cholesky(np.average(covariances, axis=0, weights=samples))
-    except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "the drives' torque residuals are linearly dependent, so they have no inverse "
-            "covariance",
-            where="--method gauss-markov",
-            cure="use weighted least squares",
-        ) from None
-    whitening, places = inverse(L.T).T, places_of(dynamics, recordings)
-    factors = [
-        factor
-        for recording in recordings
-        for factor in whitened(dynamics, recording, whitening, places)
-    ]
-    sums = {
-        "time": np.stack([factor.T @ factor for factor in factors]),
-        "place": places.sums.sum(axis=1),
-    }
-    return _least_squares(base, information, triangle(np.vstack(factors)), "gauss-markov", sums)
-
-
-def _least_squares(
-    base: BaseParameters,
-    information: Information,
-    factor: Float[np.ndarray, "augmented augmented"],
-    method: LeastSquaresMethod,
-    sums: dict[str, Sums],
-) -> BaseEstimate:
     columns = np.searchsorted(information.columns, base.representatives)
     problem = LinearProblem.of_triangle(factor, information.rows).of_columns(columns)
     places = np.append(columns, len(information.columns))
+    sums = groups.weighted(weights) if groups else {}
     noise = observe(
         root=problem.root,
         values=problem.x,
@@ -180,3 +139,21 @@ def _least_squares(
     full = np.zeros(len(base.layout.names))
     full[base.representatives] = problem.x
     return BaseEstimate(method, problem.x, std, quantile(nu) * std, full, noise)
+
+
+def _whitening(
+    dynamics: Dynamics, recordings: Sequence[Recording], p: Parameters
+) -> Float[np.ndarray, "dof dof"]:
+    """Σ^-½ with the covariance Σ of the drives' torque residuals over all samples."""
+    covariances = [torque_error(dynamics, p, recording).covariance for recording in recordings]
+    samples = [recording.log.samples for recording in recordings]
+    try:
+        L = np.linalg.cholesky(np.average(covariances, axis=0, weights=samples))
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the drives' torque residuals are linearly dependent, so they have no inverse "
+            "covariance",
+            where="--method gauss-markov",
+            cure="use weighted least squares",
+        ) from None
+    return inverse(L.T).T

@@ -6,16 +6,18 @@ been subtracted from the torques is subtracted here.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics, Regressor
+from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.effects.load_columns import LoadColumns
-from deltaid.estimation.additions import Addition, Extended, Own, Values
-from deltaid.estimation.information import Chunk, active_columns
+from deltaid.estimation.additions import Addition, Extended, Own, Values, entries
+from deltaid.estimation.information import active_columns
+from deltaid.identification.load_slope import LoadSlope
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import carrier
@@ -31,7 +33,7 @@ from deltaid.sensors.weighings import Weighing
 # A sensor whose gain is known no better than this determines torques worse than torque constants.
 _SURE = 0.02
 
-PerChannel = Float[np.ndarray, "channels samples"]
+PerRow = Float[np.ndarray, "rows samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +61,13 @@ class SensorColumns(Addition):
         known: Mapping[str, float] | None = None,
     ) -> "SensorColumns":
         """A sensor of a robot by its name in the description."""
-        known = known or {}
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
-        columns = cls(dynamics, rows, prior_spread, known)
+        columns = cls(dynamics, rows, prior_spread, known or {})
         if not columns.is_bilinear:
             return columns
         parameters = (*dynamics.layout.parameters, *rows.parameters)
-        values = np.array([known.get(entry.name, entry.prior) for entry in parameters])
-        return cls(dynamics, about(rows, values), prior_spread, known)
+        values = [columns.known.get(entry.name, entry.prior) for entry in parameters]
+        return replace(columns, rows=about(rows, np.array(values)))
 
     @property
     def is_bilinear(self) -> bool:
@@ -100,22 +101,11 @@ class SensorColumns(Addition):
         return f"sensor {self.rows.name}"
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        names = [
-            entry.name.removesuffix(f".{self.rows.name}").replace("_", " ") for entry in judged
-        ]
-        words = f"; unknown of itself and found with the robot: {', '.join(names)}" if names else ""
+        own = f".{self.rows.name}"
+        names = ", ".join(entry.name.removesuffix(own).replace("_", " ") for entry in judged)
+        words = f"; unknown of itself and found with the robot: {names}" if names else ""
         text = f"what it showed was fitted with the torques, in its own units{words}"
         return (Correction(kind="sensor", subject=self.rows.name, text=text),)
-
-
-@dataclass(frozen=True, eq=False)
-class SensorSamples:
-    """Readings of all sensors at filtered samples, entries of their rows there, and how many
-    samples each is worth."""
-
-    values: Values
-    y: PerChannel
-    counted: PerChannel
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,19 +113,34 @@ class SensorPart:
     """The rows of one sensor among those of a fit.
 
     Attributes:
+        rows: of its channels among all rows.
         first: place of its unknowns among all parameters.
-        pattern: channel and column of each entry, columns as of the fit; those of loads last.
+        pattern: row and column of each entry, as of the fit; those of loads last.
         loads: each load with the entries of its carrier.
     """
 
     columns: SensorColumns
+    rows: slice
     first: int
     pattern: Pattern
     loads: tuple[tuple[LoadColumns, Int[np.ndarray, " _"]], ...]
 
-    @property
-    def channels(self) -> int:
-        return len(self.columns.rows.channels)
+    @classmethod
+    def of(
+        cls, sensor: SensorColumns, row: int, first: int, loads: Sequence[tuple[LoadColumns, int]]
+    ) -> "SensorPart":
+        """A sensor whose channels are rows from `row` on, and its unknowns columns from `first` on,
+        beside loads with their first columns."""
+        layout, (channels, columns) = sensor.dynamics.layout, sensor.rows.pattern
+        count = len(layout.names)
+        rows, places = [channels], [np.where(columns < count, columns, columns - count + first)]
+        carried = [(load, load.carried(columns)) for load, _ in loads]
+        for (load, own), (_, start) in zip(carried, loads, strict=True):
+            rows.append(channels[own])
+            places.append(columns[own] - layout.body(load.body).start + start)
+        pattern = row + np.concatenate(rows), np.concatenate(places)
+        own = slice(row, row + len(sensor.rows.channels))
+        return cls(sensor, own, first, pattern, tuple(carried))
 
     @property
     def graph(self) -> GraphRows:
@@ -149,23 +154,23 @@ class SensorPart:
         """Its unknowns among all parameters."""
         return values[self.first : self.first + len(self.columns.parameters)]
 
-    def shown(self, w: Samples, recording: Recording) -> tuple[PerChannel, PerChannel]:
+    def shown(self, w: Samples, recording: Recording) -> tuple[PerRow, PerRow]:
         """Its readings along samples, and weights; zero where there is no number."""
         signals = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
         if signals is None:
-            nothing = np.zeros((self.channels, len(w.time)))
+            nothing = np.zeros((len(self.columns.rows.channels), len(w.time)))
             return nothing, nothing
         counts = np.isfinite(signals)
         # What makes the torque of one drive useless, such as its own friction or clipping, does not
         # reach a sensor; what makes all of them useless does.
         return np.where(counts, signals, 0.0), counts * w.weights.max(axis=1, initial=0.0)
 
-    def of(self, w: Samples, recording: Recording) -> tuple[Values, PerChannel, PerChannel]:
-        """Entries, readings, and weights, along samples; the first two weighted."""
+    def weighted(self, w: Samples, recording: Recording) -> tuple[Values, PerRow]:
+        """Entries and readings along samples, weighted."""
         rows, log, dynamics = self.columns.rows, recording.log, self.columns.dynamics
         y, weights = self.shown(w, recording)
         if not weights.any():
-            return np.zeros((len(self.pattern[0]), len(w.time))), weights, weights
+            return np.zeros((len(self.pattern[0]), len(w.time))), weights
         Y = rows.entries(w.z, w.qd, w.qdd, y)
         channels, columns = rows.pattern
         held = log.columns.held(w.time, w.extra)
@@ -175,7 +180,15 @@ class SensorPart:
             values[dynamics.layout.body(carrier(load, dynamics.robot))] = p
             np.add.at(y, channels, -Y * values[columns][:, None] * state)
         all_rows = np.vstack([Y, *(Y[k] * load.held(w, recording) for load, k in self.loads)])
-        return all_rows * weights[self.pattern[0]], y * weights, weights
+        return all_rows * weights[self.pattern[0] - self.rows.start], y * weights
+
+
+class FilteredRows(NamedTuple):
+    """Rows of a fit at filtered samples of a window, weighted."""
+
+    entries: Values  # in the order of the pattern
+    y: PerRow  # torques, then readings
+    counted: PerRow  # how many samples each is worth
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,11 +209,7 @@ class MeasuredRows:
 
     @property
     def dof(self) -> int:
-        return self.drives + self.channels
-
-    @property
-    def channels(self) -> int:
-        return sum(part.channels for part in self.sensors)
+        return self.sensors[-1].rows.stop if self.sensors else self.drives
 
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
@@ -216,68 +225,49 @@ class MeasuredRows:
     @property
     def regressor_pattern(self) -> Pattern:
         """Row and column of every entry that is not always zero."""
-        rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
-        first = self.drives
-        for part in self.sensors:
-            rows.append(first + part.pattern[0])
-            columns.append(part.pattern[1])
-            first += part.channels
-        return np.concatenate(rows), np.concatenate(columns)
+        patterns = [self.regressor.regressor_pattern, *(part.pattern for part in self.sensors)]
+        rows, columns = (np.concatenate(part) for part in zip(*patterns, strict=True))
+        return rows, columns
 
     @cached_property
     def sensors(self) -> tuple[SensorPart, ...]:
         if not isinstance(self.regressor, Extended):
             return ()
-        first, sensors, loads = self.regressor.own, list[tuple[SensorColumns, int]](), []
-        for addition in self.regressor.additions:
+        additions, sizes = self.regressor.additions, [self.regressor.own]
+        sizes += [len(addition.parameters) for addition in additions]
+        placed = list(zip(additions, np.cumsum(sizes).tolist(), strict=False))
+        loads = [(a, k) for a, k in placed if isinstance(a, LoadColumns) and not a.is_fixed]
+        row, sensors = self.drives, list[SensorPart]()
+        for addition, first in placed:
             if isinstance(addition, SensorColumns):
-                sensors.append((addition, first))
-            if isinstance(addition, LoadColumns) and not addition.is_fixed:
-                loads.append((addition, first))
-            first += len(addition.parameters)
-        return tuple(_part(sensor, start, self.regressor.own, loads) for sensor, start in sensors)
+                sensors.append(SensorPart.of(addition, row, first, loads))
+                row = sensors[-1].rows.stop
+        return tuple(sensors)
 
-    def shown(self, window: Window, recording: Recording) -> SensorSamples | None:
-        """Readings of the sensors in a window, weighted, filtered and thinned; None without any."""
-        if not self.sensors:
-            return None
-        entries = len(self.regressor_pattern[0]) - len(self.regressor.regressor_pattern[0])
+    def filtered(
+        self, window: Window, recording: Recording, load: Parameters | None = None
+    ) -> FilteredRows:
+        """All rows in a window, weighted, filtered and thinned alike; `load` as of `gather`."""
+        regressor, sensors = self.regressor, self.sensors
+        drives, _ = regressor.regressor_pattern
+        slope = LoadSlope.at(regressor, load) if load is not None else None
 
-        def of(w: Samples) -> Values:
-            parts = [part.of(w, recording) for part in self.sensors]
-            return np.vstack([*(part[0] for part in parts), *(part[1] for part in parts)])
+        def weighted(w: Samples) -> Values:
+            x, tau = w.tau + w.carried, w.tau.T
+            carried = np.zeros_like(x)
+            if load is not None:
+                carried = regressor.carried(w.z, w.qd, w.qdd, load)
+                x = carried + w.carried
+            Y = entries(regressor, w, x, recording)
+            if slope is not None:
+                factor = slope.factor(w, x)
+                Y, tau = slope.scaled(Y, factor), tau + factor * carried.T
+            shown = [part.weighted(w, recording) for part in sensors]
+            torques = w.weigh(Y, drives), w.weighted(tau, np.arange(len(tau)))
+            return np.vstack([part[k] for k in (0, 1) for part in (torques, *shown)])
 
-        filtered = window.filtered(of)
-        weights = np.vstack([part.shown(window.wide, recording)[1] for part in self.sensors])
-        counted = window.worth(weights, window.thinned)
-        return SensorSamples(filtered[:entries], filtered[entries:], counted)
-
-    def chunks(self, sensed: SensorSamples, part: slice) -> list[Chunk]:
-        """Each channel's rows of [C, y], as `chunks_of_drives` has those of drives."""
-        rows, columns = self.regressor_pattern
-        mine = rows >= self.drives
-        channels, cols = rows[mine] - self.drives, np.searchsorted(self.active, columns[mine])
-        return [
-            (
-                np.append(cols[channels == k], len(self.active)),
-                np.vstack([sensed.values[channels == k, part], sensed.y[k, part]]),
-            )
-            for k in range(self.channels)
-        ]
-
-
-def _part(
-    sensor: SensorColumns, first: int, own: int, loads: Sequence[tuple[LoadColumns, int]]
-) -> SensorPart:
-    """A sensor whose unknowns are columns from `first` on, with a robot's `own` columns."""
-    channels, columns = sensor.rows.pattern
-    count = len(sensor.dynamics.layout.names)
-    assert count == own or not np.any(columns >= own), "unknowns follow the robot's columns"
-    rows, places = [channels], [np.where(columns < count, columns, columns - count + first)]
-    carried = list[tuple[LoadColumns, Int[np.ndarray, " _"]]]()
-    for load, start in loads:
-        entries = load.carried(columns)
-        carried.append((load, entries))
-        rows.append(channels[entries])
-        places.append(columns[entries] - sensor.dynamics.layout.body(load.body).start + start)
-    return SensorPart(sensor, first, (np.concatenate(rows), np.concatenate(places)), tuple(carried))
+        values = window.filtered(weighted)
+        weights = [window.wide.weights.T]
+        weights += [part.shown(window.wide, recording)[1] for part in sensors]
+        counted = [window.worth(part, window.thinned) for part in weights]
+        return FilteredRows(values[: -self.dof], values[-self.dof :], np.vstack(counted))

@@ -267,13 +267,15 @@ def _after_fit(problem: FittedProblem, recording: Recording, without: frozenset[
     """Errors of zeros and gravity with the columns of a fit, some of them excluded; unobservable
     zeros and tilts have columns of zeros."""
     regressor = extended(problem.dynamics, problem.additions)
-    rows = geometric_rows(
-        regressor,
-        problem.dynamics,
-        recording,
-        problem.p,
-        np.sqrt(problem.information.drive_weights),
-        Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE),
+    rows = next(
+        geometric_rows(
+            regressor,
+            problem.dynamics,
+            recording,
+            problem.values,
+            np.sqrt(problem.information.weights),
+            Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE),
+        )
     )
     tilts = [name for name in rows.names if name.startswith("tilt")]
     zeros = [f"zero of {drive}" for drive in problem.dynamics.robot.drives]
