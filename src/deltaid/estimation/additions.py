@@ -39,8 +39,7 @@ class Addition(ABC):
 
     @property
     @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One a column."""
+    def parameters(self) -> tuple[Parameter, ...]: ...  # one a column
 
     @property
     @abstractmethod
@@ -142,13 +141,6 @@ class Extended:
         """What the robot's gears carry, for its parameters or those of all columns."""
         return self.regressor.carried(z, qd, qdd, p[: self.own])
 
-    def entries(
-        self, w: Samples, load: Float[np.ndarray, "samples dof"], recording: Recording
-    ) -> Values:
-        """All entries along some samples; `load` is for friction that depends on it."""
-        own = entries_at(self.regressor, w.z, w.qd, w.qdd, load)
-        return np.vstack([own, *(more.entries(w, own, recording) for more in self.additions)])
-
 
 def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Extended:
     """The regressor of a robot with additions; the robot's own if there are none."""
@@ -182,7 +174,9 @@ def entries(
     load: Float[np.ndarray, "samples dof"],
     recording: Recording,
 ) -> Values:
-    """Entries of Y along some samples of a recording, in the order of the regressor's pattern."""
-    if isinstance(regressor, Extended):
-        return regressor.entries(w, load, recording)
-    return entries_at(regressor, w.z, w.qd, w.qdd, load)
+    """Entries of Y along some samples of a recording, in the order of the regressor's pattern;
+    `load` is for friction that depends on it."""
+    if not isinstance(regressor, Extended):
+        return entries_at(regressor, w.z, w.qd, w.qdd, load)
+    own = entries_at(regressor.regressor, w.z, w.qd, w.qdd, load)
+    return np.vstack([own, *(more.entries(w, own, recording) for more in regressor.additions)])

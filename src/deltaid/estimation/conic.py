@@ -24,9 +24,9 @@ from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Affine, Block
-from deltaid.estimation.objective import DataTerm, Objective, Solution
+from deltaid.estimation.objective import Objective, Solution
 from deltaid.estimation.reduction import INTERIOR
-from deltaid.estimation.regularizer import LOG_DET, Vector
+from deltaid.estimation.regularizer import LOG_DET, Quadratic, Vector
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,16 @@ class Conic:
         return _Program(objective, quadratic, self).solve()
 
 
-def _stacked(objective: Objective) -> DataTerm:
+def _stacked(objective: Objective) -> Quadratic:
     """Data and quadratic regulariser as one square, divided by γ."""
     data, prior, root = objective.data, objective.regularizer.quadratic, np.sqrt(objective.gamma)
-    rows = [
-        np.column_stack([data.R / root, data.b / root]),
-        np.column_stack([prior.D, prior.D @ prior.x_reg]),
-    ]
-    return DataTerm.of(np.vstack(rows), data.c / objective.gamma)
+    rows = np.vstack(
+        [np.column_stack([data.R, data.b]) / root, np.column_stack([prior.R, prior.b])]
+    )
+    return Quadratic.of(rows, data.c / objective.gamma)
 
 
-def _unconstrained(quadratic: DataTerm) -> Vector | None:
+def _unconstrained(quadratic: Quadratic) -> Vector | None:
     if np.min(np.abs(np.diag(quadratic.R))) == 0:
         return None
     return solve_triangular(quadratic.R, quadratic.b)
@@ -84,49 +83,34 @@ def _interior(block: Block, x: Vector) -> bool:
 class _Program:
     """Assembles min ½ uᵀP u + qᵀu s.t. A u + s = b, s in cones, for u = [x/scale, y, Z, t]."""
 
-    def __init__(self, objective: Objective, quadratic: DataTerm, settings: Conic) -> None:
+    def __init__(self, objective: Objective, quadratic: Quadratic, settings: Conic) -> None:
         self._objective, self._quadratic, self._settings = objective, quadratic, settings
-        self._reduction = objective.reduction
-        self._size = 2 * objective.reduction.size
-        self._rows: list[np.ndarray] = []
-        self._right: list[np.ndarray] = []
-        self._cones: list[object] = []
-        self._linear: dict[int, float] = {}
-        self._constant = 0.0
-
-    def solve(self) -> Solution:
-        n, spectral = self._reduction.size, self._objective.regularizer.spectral
-        R = self._quadratic.R * self._reduction.scale
-        self._require(np.hstack([R, -np.eye(n)]), self._quadratic.b, clarabel.ZeroConeT(n))
+        self._scale, n = objective.reduction.scale, objective.reduction.size
+        self._q, self._constant = np.zeros(2 * n), 0.0
+        # right − rows · u is in the cone; rows may be shorter than u
+        self._rows = [np.hstack([quadratic.R * self._scale, -np.eye(n)])]
+        self._right, self._cones = [quadratic.b], list[object]([clarabel.ZeroConeT(n)])
+        spectral = objective.regularizer.spectral
         if spectral is None:
-            for block in self._reduction.blocks:
+            for block in objective.reduction.blocks:
                 variables, constant, slopes = self._affine(block)
-                lowest = INTERIOR * np.eye(len(constant))
-                self._require_psd(constant - lowest, variables, slopes)
+                self._require_psd(constant - INTERIOR * np.eye(len(constant)), variables, slopes)
         else:
             for block, weight in zip(spectral.blocks, spectral.weights, strict=True):
                 self._add_entropy(block, weight)
-        return self._run()
 
-    def _run(self) -> Solution:
-        n, size, gamma = self._reduction.size, self._size, self._objective.gamma
-        diagonal, q = np.zeros(size), np.zeros(size)
-        diagonal[n : 2 * n] = 2.0
-        q[list(self._linear)] = list(self._linear.values())
-        right = np.concatenate(self._right)
-        left, first = np.zeros((len(right), size)), 0
-        for rows in self._rows:
-            left[first : first + len(rows), : rows.shape[1]] = rows
-            first += len(rows)
+    def solve(self) -> Solution:
+        n, size, gamma = len(self._scale), len(self._q), self._objective.gamma
+        rows = [np.pad(part, ((0, 0), (0, size - part.shape[1]))) for part in self._rows]
         solution = clarabel.DefaultSolver(
-            sparse.diags(diagonal, format="csc"),
-            q,
-            sparse.csc_matrix(left),
-            right,
+            sparse.diags(np.repeat([0.0, 2.0, 0.0], [n, n, size - 2 * n]), format="csc"),
+            self._q,
+            sparse.csc_matrix(np.vstack(rows)),
+            np.concatenate(self._right),
             self._cones,
             quiet_settings(self._settings.tolerance),
         ).solve()
-        x = np.array(solution.x)[:n] * self._reduction.scale
+        x = np.array(solution.x)[:n] * self._scale
         value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
         bound = gamma * (solution.obj_val_dual + self._quadratic.c + self._constant)
         status = str(solution.status)
@@ -140,46 +124,38 @@ class _Program:
             )
         return Solution(x, value, bound, solution.iterations, status)
 
-    def _require(self, rows: np.ndarray, right: np.ndarray, cone: object) -> None:
-        """right − rows · u in the cone; rows may be shorter than u."""
-        self._rows.append(rows)
-        self._right.append(right)
-        self._cones.append(cone)
-
     def _affine(self, block: Block) -> Affine:
         """A normalised block over variables of u."""
         variables, constant, slopes = block.normalised
-        return variables, constant, slopes * self._reduction.scale[variables, None, None]
+        return variables, constant, slopes * self._scale[variables, None, None]
 
     def _require_psd(
         self, constant: np.ndarray, variables: np.ndarray, slopes: Float[np.ndarray, "own k k"]
     ) -> None:
-        right = svec(constant)
-        rows = np.zeros((len(right), self._size))
+        rows = np.zeros((len(constant) * (len(constant) + 1) // 2, len(self._q)))
         rows[:, variables] = -svec(slopes).T
-        self._require(rows, right, definite(len(constant)))
+        self._rows.append(rows)
+        self._right.append(svec(constant))
+        self._cones.append(definite(len(constant)))
 
     def _add_entropy(self, block: Block, weight: float) -> None:
         """2 w (tr A − log det A − k) of the normalised block A, with a weight w."""
         variables, constant, slopes = self._affine(block)
         k, corners = len(constant), _corners(len(constant))
         self._constant += 2 * weight * (np.trace(constant) - k)
-        traces = np.trace(slopes, axis1=1, axis2=2).tolist()
-        for variable, trace in zip(variables.tolist(), traces, strict=True):
-            self._linear[variable] = self._linear.get(variable, 0.0) + 2 * weight * trace
-        Z = self._size + np.arange(len(corners))
-        diagonal = Z[np.any(corners[:, range(k, 2 * k), range(k, 2 * k)], axis=1)].tolist()
-        self._size += len(corners) + k
-        t = range(self._size - k, self._size)
+        Z, t = np.split(len(self._q) + np.arange(len(corners) + k), [len(corners)])
+        self._q = np.append(self._q, np.repeat([0.0, -2.0 * weight], [len(Z), k]))
+        self._q[variables] += 2 * weight * np.trace(slopes, axis1=1, axis2=2)
         wide = np.pad(slopes, ((0, 0), (0, k), (0, k)))
         self._require_psd(
             np.pad(constant, (0, k)), np.append(variables, Z), np.concatenate([wide, corners])
         )
-        for i in range(k):
-            rows = np.zeros((3, self._size))
-            rows[0, t[i]] = rows[2, diagonal[i]] = -1.0
-            self._require(rows, np.array([0.0, 1.0, 0.0]), clarabel.ExponentialConeT())
-            self._linear[t[i]] = -2.0 * weight
+        for i, diagonal in enumerate(Z[corners[:, range(k, 2 * k), range(k, 2 * k)].any(axis=1)]):
+            rows = np.zeros((3, len(self._q)))
+            rows[0, t[i]] = rows[2, diagonal] = -1.0
+            self._rows.append(rows)
+            self._right.append(np.array([0.0, 1.0, 0.0]))
+            self._cones.append(clarabel.ExponentialConeT())
 
 
 @lru_cache
@@ -196,15 +172,8 @@ def _corners(k: int) -> Float[np.ndarray, "entries wide wide"]:
 
 def svec(M: Float[np.ndarray, "*many k k"]) -> Float[np.ndarray, "*many entries"]:
     """Upper triangle column by column, off-diagonal entries times √2, as Clarabel wants it."""
-    rows, columns, factors = _upper(M.shape[-1])
-    return factors * M[..., columns, rows]
-
-
-@lru_cache
-def _upper(k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places of a lower triangle row by row, and their factors."""
-    rows, columns = np.tril_indices(k)  # of the transpose: upper triangle by columns
-    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+    rows, columns = np.tril_indices(M.shape[-1])  # of the transpose: upper triangle by columns
+    return np.where(rows == columns, 1.0, np.sqrt(2.0)) * M[..., columns, rows]
 
 
 def definite(size: int) -> object:

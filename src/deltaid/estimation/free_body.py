@@ -1,7 +1,7 @@
 """Free variables of a body in a fit: entries of its pseudo-inertia matrix, the map to its
 parameters, and the blocks that keep it consistent."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,7 +24,6 @@ Affine = tuple[Int[np.ndarray, " own"], Float[np.ndarray, "k k"], Float[np.ndarr
 class Block:
     """A symmetric matrix, affine in x, that must be positive definite."""
 
-    name: str  # such as 'S[x,m]'
     index: Int[np.ndarray, "k k"]  # position in x of each entry, or −1 where the entry is constant
     constant: Float[np.ndarray, "k k"]  # values of the constant entries, 0 elsewhere
     prior: Float[np.ndarray, "k k"]  # the matrix at the prior, positive definite
@@ -40,10 +39,10 @@ class Block:
         slopes = root @ (self.index == variables[:, None, None]) @ root.T
         return variables, root @ self.constant @ root.T, slopes
 
-    def normalised_at(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
+    def normalised_at(self, x: Float[np.ndarray, "*points n"]) -> Float[np.ndarray, "*points k k"]:
         """L⁻¹ M(x) L⁻ᵀ."""
         variables, constant, slopes = self.normalised
-        return constant + np.tensordot(x[variables], slopes, axes=1)
+        return constant + np.tensordot(x[..., variables], slopes, axes=1)
 
     def moved(self, first: int) -> "Block":
         """The same where the variables that it counts from 0 begin at `first`."""
@@ -64,7 +63,7 @@ class Free:
 def free_coefficients(parameters: Sequence[Parameter]) -> Free:
     """Coefficients that are free one by one, positive unless they are signed."""
     blocks = tuple(
-        Block(entry.name, np.array([[k]]), np.zeros((1, 1)), entry.prior * np.eye(1))
+        Block(np.array([[k]]), np.zeros((1, 1)), entry.prior * np.eye(1))
         for k, entry in enumerate(parameters)
         if not entry.signed
     )
@@ -81,7 +80,7 @@ def free_body(
     """What is free of ten parameters, of which torques show the visible ones, and rows of M̄ to
     complete; entries of M̄ that are not free keep the values of the consistent prior p_reg."""
     M, to_p = pseudo_inertia(p_reg), entry_map()
-    variables, columns, hidden = list[Parameter](), list[np.ndarray](), list[int]()
+    variables, columns, completed = list[Parameter](), list[np.ndarray](), list[int]()
     index, p_0 = np.full((4, 4), -1), np.zeros(10)
     for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
         if entry in free:
@@ -93,30 +92,20 @@ def free_body(
         else:
             p_0 += to_p[:, k] * M[i, j]
             if i == j and not is_visible[np.abs(to_p[:, k]) > 0].any():
-                hidden.append(i)
-    completed = tuple(sorted(hidden))
+                completed.append(i)
     A = np.reshape(columns, (len(columns), 10)).T
-    return Free(tuple(variables), A, p_0, tuple(_body_blocks(body, index, M, completed))), completed
+    blocks = tuple(_blocks(index, M, np.setdiff1d(range(4), completed)))
+    return Free(tuple(variables), A, p_0, blocks), tuple(sorted(completed))
 
 
-def _body_blocks(
-    body: str, index: np.ndarray, M: Float[np.ndarray, "4 4"], completed: tuple[int, ...]
-) -> list[Block]:
-    """The smallest independent blocks of a body's M̄ without the completed rows."""
-    rows = np.array([i for i in range(4) if i not in completed], dtype=int)
-    if not rows.size:
-        return []
+def _blocks(
+    index: Int[np.ndarray, "4 4"], M: Float[np.ndarray, "4 4"], rows: Int[np.ndarray, " rows"]
+) -> Iterator[Block]:
+    """The smallest independent blocks of some rows of a body's M̄."""
     inner = np.ix_(rows, rows)
     linked = (index[inner] >= 0) | (M[inner] != 0) | np.eye(len(rows), dtype=bool)
     together = np.linalg.matrix_power(linked.astype(int), len(rows)) > 0
-    blocks = []
-    for i, part in enumerate(together):
-        if part[:i].any():
-            continue  # done with its first row
-        members = rows[part]
-        ix = np.ix_(members, members)
-        if np.all(index[ix] < 0):
-            continue  # constant and consistent, since the prior is
-        name = f"{body}[{','.join('xyzm'[i] for i in members)}]"
-        blocks.append(Block(name, index[ix], np.where(index[ix] < 0, M[ix], 0.0), M[ix]))
-    return blocks
+    for part in np.unique(together, axis=0)[::-1]:
+        ix = np.ix_(rows[part], rows[part])
+        if np.any(index[ix] >= 0):  # others are constant and consistent, since the prior is
+            yield Block(index[ix], np.where(index[ix] < 0, M[ix], 0.0), M[ix])

@@ -11,19 +11,21 @@ same set.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.errors import IdentificationError
 from deltaid.estimation.objective import Objective, Solution
 from deltaid.estimation.reduction import INTERIOR, Reduction
-from deltaid.estimation.regularizer import Vector
+from deltaid.estimation.regularizer import Matrix, Vector
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
+
+# γ where the relaxation starts; iterations of Newton's method for each of its steps and for the
+# last one; gradient of J/γ at which a step ends.
+_STRONG, _ITERATIONS, _LAST_ITERATIONS, _GRADIENT = 1e-2, 15, 500, 1e-6
 
 
 @dataclass(frozen=True)
@@ -34,19 +36,9 @@ class LogCholesky:
     exactly. On the way an exponential may run towards zero, where its gradient dies and the
     iteration with it; so the regulariser starts strong, where the minimum is near the prior, and is
     relaxed tenfold at a time to the γ asked for. The solution's bound is −∞: this route has no
-    certificate of its own.
-
-    Attributes:
-        strong: γ where the relaxation starts.
-        iterations, last_iterations: of Newton's method for each of its steps and for the last one.
-        gradient: of J/γ, at which a step ends.
-        visit: called with π after every iteration.
+    certificate of its own. `visit` is called with π after every iteration.
     """
 
-    strong: float = 1e-2
-    iterations: int = 15
-    last_iterations: int = 500
-    gradient: float = 1e-6
     visit: Callable[[Vector], None] = lambda _: None
     certifies: ClassVar[bool] = False
 
@@ -56,11 +48,10 @@ class LogCholesky:
 
         chart = LogCholeskyMap(objective.reduction)
         pi, iterations, message = chart.pi(objective.reduction.prior), 0, ""
-        # Tenfold steps from a strong regulariser down to γ.
-        steps = max(0, int(np.ceil(np.log10(self.strong / objective.gamma))))
+        steps = max(0, int(np.ceil(np.log10(_STRONG / objective.gamma))))
         for k in range(steps, -1, -1):
-            gamma = objective.gamma * 10.0**k
-            problem = Unconstrained(replace(objective, gamma=gamma), chart)
+            problem = Unconstrained(replace(objective, gamma=objective.gamma * 10.0**k), chart)
+            most = _ITERATIONS if k else _LAST_ITERATIONS
             result = optimize.minimize(
                 problem.value,
                 pi,
@@ -68,10 +59,7 @@ class LogCholesky:
                 jac=problem.gradient,
                 hess=problem.hessian,
                 callback=self.visit,
-                options={
-                    "gtol": self.gradient,
-                    "maxiter": self.iterations if k else self.last_iterations,
-                },
+                options={"gtol": _GRADIENT, "maxiter": most},
             )
             pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
         x = chart.x(pi)
@@ -88,7 +76,7 @@ class Unconstrained:
     def __init__(self, objective: Objective, chart: "LogCholeskyMap") -> None:
         self._objective, self._chart = objective, chart
         self._at: bytes = b""
-        self._last: tuple[float, Vector, np.ndarray] = (np.nan, np.zeros(0), np.zeros((0, 0)))
+        self._last: tuple[float, Vector, Matrix] = (np.nan, np.zeros(0), np.zeros((0, 0)))
 
     def value(self, pi: Vector) -> float:
         return self._evaluate(pi)[0]
@@ -96,10 +84,10 @@ class Unconstrained:
     def gradient(self, pi: Vector) -> Vector:
         return self._evaluate(pi)[1]
 
-    def hessian(self, pi: Vector) -> np.ndarray:
+    def hessian(self, pi: Vector) -> Matrix:
         return self._evaluate(pi)[2]
 
-    def _evaluate(self, pi: Vector) -> tuple[float, Vector, np.ndarray]:
+    def _evaluate(self, pi: Vector) -> tuple[float, Vector, Matrix]:
         if pi.tobytes() != self._at:
             scale = self._objective.gamma  # brings the regulariser to the order of one
             with np.errstate(over="ignore", invalid="ignore"):
@@ -120,22 +108,23 @@ class LogCholeskyMap:
 
     def __init__(self, reduction: Reduction) -> None:
         self.reduction = reduction
-        self._pi = ca.SX.sym("pi", reduction.size)
-        entries = ca.SX(reduction.size, 1)
+        pi, weights = (ca.SX.sym(name, reduction.size) for name in ("pi", "w"))
+        x = ca.SX(reduction.size, 1)
         for body in reduction.layout.bodies:
-            for k, value in self._body_entries(body).items():
-                entries[k] = value
+            for k, value in self._body_entries(body, pi).items():
+                x[k] = value
         for k, variable in self._coefficients():
-            pi = self._pi[k]
-            entries[k] = variable.scale * pi if variable.signed else ca.exp(pi)
-        self._x = entries + INTERIOR * ca.DM(reduction.prior)
+            x[k] = variable.scale * pi[k] if variable.signed else ca.exp(pi[k])
+        x += INTERIOR * ca.DM(reduction.prior)
+        outputs = x, ca.jacobian(x, pi), ca.hessian(ca.dot(weights, x), pi)[0]
+        self._function = ca.Function("map", [pi, weights], [ca.densify(e) for e in outputs])
 
     def x(self, pi: Vector) -> Vector:
-        return np.asarray(self._functions(pi, np.zeros(len(pi)))[0]).ravel()
+        return self.derivatives(pi, np.zeros(len(pi)))[0]
 
-    def derivatives(self, pi: Vector, weights: Vector) -> tuple[Vector, np.ndarray, np.ndarray]:
+    def derivatives(self, pi: Vector, weights: Vector) -> tuple[Vector, Matrix, Matrix]:
         """x, ∂x/∂π and Σ_i weights_i ∂²x_i/∂π²."""
-        x, J, H = (np.asarray(value) for value in self._functions(pi, weights))
+        x, J, H = (np.asarray(value) for value in self._function(pi, weights))
         return x.ravel(), J, H
 
     def pi(self, x: Vector) -> Vector:
@@ -154,44 +143,39 @@ class LogCholeskyMap:
         """The free variables that are no entries of a body, with their positions."""
         return [(k, v) for k, v in enumerate(self.reduction.variables) if v.kind != "inertia"]
 
-    @cached_property
-    def _functions(self) -> ca.Function:
-        weights = ca.SX.sym("w", self.reduction.size)
-        H, _ = ca.hessian(ca.dot(weights, self._x), self._pi)
-        J = ca.jacobian(self._x, self._pi)
-        return ca.Function("map", [self._pi, weights], [ca.densify(e) for e in (self._x, J, H)])
-
-    def _order(self, body: str) -> list[int]:
+    def _places(self, body: str) -> tuple[list[int], dict[tuple[int, int], int]]:
+        """Rows of M̄ with completed ones last, and positions in x of free entries by their places
+        (a ≤ b) in this order."""
         completed = self.reduction.completed[body]
-        return [i for i in range(4) if i not in completed] + list(completed)
+        order = [*(i for i in range(4) if i not in completed), *completed]
+        free = {
+            (min(a, b), max(a, b)): k
+            for (i, j), k in self.reduction.entries(body).items()
+            for a, b in [(order.index(i), order.index(j))]
+        }
+        return order, free
 
-    def _body_entries(self, body: str) -> dict[int, ca.SX]:
+    def _body_entries(self, body: str, pi: ca.SX) -> dict[int, ca.SX]:
         """Free entries of M̄(π) of one body, by position."""
-        free, order = self.reduction.entries(body), self._order(body)
+        order, free = self._places(body)
         if not free:
             return {}
-        alpha = self._pi[free[3, 3]] if (3, 3) in free else ca.SX(0)
-        U = ca.SX(4, 4)
-        for a, i in enumerate(order):
-            d = self._pi[free[i, i]] if (i, i) in free and i != 3 else ca.SX(0)
-            U[a, a] = ca.exp(d)
-            for b in range(a + 1, 4):
-                place = min(i, order[b]), max(i, order[b])
-                if place in free:
-                    U[a, b] = self._pi[free[place]]
+        mass = order.index(3)
+        U = ca.SX.eye(4)
+        for (a, b), k in free.items():
+            if a != b or a != mass:
+                U[a, b] = pi[k] if a != b else ca.exp(pi[k])
+        alpha = pi[free[mass, mass]] if (mass, mass) in free else 0
         M = ca.exp(2 * alpha) * (U.T @ U)
-        place_in = {i: a for a, i in enumerate(order)}
-        entries = {}
         for entry, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-            value = M[place_in[i], place_in[j]]
-            if (i, j) in free:
-                entries[free[i, j]] = value
+            a, b = sorted((order.index(i), order.index(j)))
+            if (a, b) in free:
                 continue
             if i == j:
                 fixed = i not in self.reduction.completed[body]
                 why = f"{entry}, which torques show, at its prior"
             else:
-                fixed = ca.sparsify(value).nnz() > 0
+                fixed = ca.sparsify(M[a, b]).nnz() > 0
                 why = f"{entry} at zero while its neighbours are free"
             if fixed:
                 raise IdentificationError(
@@ -199,14 +183,14 @@ class LogCholeskyMap:
                     where=f"bodies.{body}.free",
                     cure=f"free {entry} too, or use --method conic",
                 )
-        return entries
+        return {k: M[a, b] for (a, b), k in free.items()}
 
-    def _body_coordinates(self, body: str, p: Float[np.ndarray, " parameters"]) -> dict[int, float]:
+    def _body_coordinates(self, body: str, p: Vector) -> dict[int, float]:
         """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
 
         Completed rows take no part in the factorisation; only their coupling is read.
         """
-        free, order = self.reduction.entries(body), self._order(body)
+        order, free = self._places(body)
         if not free:
             return {}
         M = pseudo_inertia(p[self.reduction.layout.body(body)])[np.ix_(order, order)]
@@ -218,14 +202,12 @@ class LogCholeskyMap:
                 cure="change its prior, or use --method conic",
             )
         U = np.zeros((4, 4))
-        if known:
-            U[:known, :known] = C = np.linalg.cholesky(M[:known, :known]).T
-            U[:known, known:] = np.linalg.solve(C.T, M[:known, known:])
-        alpha = np.log(U[order.index(3), order.index(3)]) if (3, 3) in free else 0.0
+        C = np.linalg.cholesky(M[:known, :known])
+        U[:known] = np.linalg.solve(C, M[:known])
+        mass = order.index(3)
+        alpha = np.log(U[mass, mass]) if (mass, mass) in free else 0.0
         U *= np.exp(-alpha)
-        coordinates = {}
-        for (i, j), k in free.items():
-            a, b = sorted((order.index(i), order.index(j)))
-            value = U[a, b] if a != b else (alpha if i == 3 else np.log(U[a, a]))
-            coordinates[k] = float(value)
-        return coordinates
+        coordinates = {k: U[a, b] if a != b else np.log(U[a, a]) for (a, b), k in free.items()}
+        if (mass, mass) in free:
+            coordinates[free[mass, mass]] = alpha
+        return {k: float(value) for k, value in coordinates.items()}

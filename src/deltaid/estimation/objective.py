@@ -5,34 +5,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.information import Information
 from deltaid.estimation.reduction import Reduction
-from deltaid.estimation.regularizer import Matrix, Regularizer, Vector
-
-
-@dataclass(frozen=True)
-class DataTerm:
-    """γ_τ/s ‖τ̄ − Ȳ p‖²_W = ‖R x − b‖² + c, with γ_τ/s inside R, b and c."""
-
-    R: Matrix
-    b: Vector
-    c: float
-
-    @classmethod
-    def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "DataTerm":
-        """‖A x − b‖² + c of rows [A b]."""
-        factor, n = triangle(rows), rows.shape[1] - 1
-        R = np.zeros((n + 1, n + 1))
-        R[: len(factor)] = factor
-        return cls(R[:n, :n], R[:n, n], c + float(R[n, n] ** 2))
-
-    def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Value, gradient and Hessian."""
-        r = self.R @ x - self.b
-        return float(r @ r) + self.c, 2 * self.R.T @ r, 2 * self.R.T @ self.R
+from deltaid.estimation.regularizer import Matrix, Quadratic, Regularizer, Vector
 
 
 @dataclass(frozen=True)
@@ -41,11 +18,12 @@ class Objective:
 
     Attributes:
         reduction: what x means, and where it is consistent.
+        data: γ_τ/s ‖τ̄ − Ȳ p‖²_W.
         gamma: γ_p.
     """
 
     reduction: Reduction
-    data: DataTerm
+    data: Quadratic
     regularizer: Regularizer
     gamma: float
 
@@ -83,13 +61,9 @@ class Solution:
 
 @runtime_checkable
 class Solver(Protocol):
-    """A way to minimise J over all consistent x; a value that holds its tolerances.
+    """A way to minimise J over all consistent x; a value that holds its tolerances."""
 
-    Attributes:
-        certifies: whether the bound of its solutions proves how far they are from the optimum.
-    """
-
-    certifies: ClassVar[bool]
+    certifies: ClassVar[bool]  # whether the bound proves how far a solution is from the optimum
 
     def solve(self, objective: Objective) -> Solution:
         """A minimiser of J.
@@ -101,11 +75,11 @@ class Solver(Protocol):
         ...
 
 
-def data_term(information: Information, reduction: Reduction) -> DataTerm:
+def data_term(information: Information, reduction: Reduction) -> Quadratic:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
     at = information.columns
     rows = information.problem.substituted(reduction.A[at], reduction.p_0[at])
-    return DataTerm.of(np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples))
+    return Quadratic.of(np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples))
 
 
 def noise_level(information: Information) -> float:

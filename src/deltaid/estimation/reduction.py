@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import block_diag
 
 from deltaid.dynamics.parameters import (
     ParameterLayout,
@@ -139,29 +140,26 @@ def build_reduction(
     """
     layout = parameter_layout(robot)
     is_visible = np.isin(np.arange(len(layout.names)), visible)
-    parts, completed = [], dict[str, tuple[int, ...]]()
+    parts, completed = list[Free](), dict[str, tuple[int, ...]]()
     for body in layout.bodies:
         own, seen = robot.bodies[body], tuple(is_visible[layout.body(body)].tolist())
-        prior = own.prior
-        part, completed[body] = _of_body(body, prior, own.free, seen)  # pyright: ignore[reportArgumentType]
+        part, completed[body] = _of_body(body, own.prior, own.free, seen)  # pyright: ignore[reportArgumentType]
         parts.append(part)
     parts.append(free_coefficients(layout.parameters[layout.coefficients]))
     parts += [free for _, free in additions]
-    added = tuple(parameter for group, _ in additions for parameter in group)
+    added = (parameter for group, _ in additions for parameter in group)
     layout = ParameterLayout((*layout.parameters, *added), layout.bodies)
-    variables = tuple(variable for part in parts for variable in part.variables)
-    A, blocks, row, column = np.zeros((len(layout.names), len(variables))), list[Block](), 0, 0
-    for part in parts:
-        entries, n = part.A.shape
-        A[row : row + entries, column : column + n] = part.A
-        blocks += [block.moved(column) for block in part.blocks]
-        row, column = row + entries, column + n
+    firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)])
     return Reduction(
         layout=layout,
-        variables=variables,
-        A=A,
+        variables=tuple(variable for part in parts for variable in part.variables),
+        A=block_diag(*(part.A for part in parts)),
         p_0=np.concatenate([part.p_0 for part in parts]),
-        blocks=tuple(blocks),
+        blocks=tuple(
+            block.moved(first)
+            for part, first in zip(parts, firsts, strict=False)
+            for block in part.blocks
+        ),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
         stated={name: stated / spread for name, stated in stated_spreads(robot).items()},
@@ -188,10 +186,9 @@ def _complete(p: Float[np.ndarray, " 10"], completed: tuple[int, ...]) -> Float[
     M = pseudo_inertia(p)
     known = [i for i in range(4) if i not in completed]
     for i in completed:
-        rest = np.ix_(known, known)
         coupling = M[known, i]
-        if known and np.any(coupling):
-            lowest = coupling @ np.linalg.solve(M[rest], coupling)
+        if np.any(coupling):
+            lowest = coupling @ np.linalg.solve(M[np.ix_(known, known)], coupling)
             M[i, i] = max(M[i, i], (1 + _COMPLETION_MARGIN) * lowest)
         known.append(i)
     return inertia_parameters(M)

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
 from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Block
+from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction
 
 Vector = Float[np.ndarray, " n"]
@@ -21,25 +22,31 @@ Eigenvalues = Float[np.ndarray, "*batch k"]
 
 
 @dataclass(frozen=True)
-class QuadraticTerm:
-    """‖D (x − x_reg)‖², the part of a regulariser that is quadratic in x."""
+class Quadratic:
+    """‖R x − b‖² + c: the data term, or the part of a regulariser that is quadratic in x."""
 
-    D: Float[np.ndarray, "rows n"]
-    x_reg: Vector
+    R: Float[np.ndarray, "rows n"]
+    b: Float[np.ndarray, " rows"]
+    c: float = 0.0
+
+    @classmethod
+    def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "Quadratic":
+        """‖A x − b‖² + c of rows [A b], with a triangle R."""
+        factor, n = triangle(rows), rows.shape[1] - 1
+        R = np.zeros((n + 1, n + 1))
+        R[: len(factor)] = factor
+        return cls(R[:n, :n], R[:n, n], c + float(R[n, n] ** 2))
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian."""
-        r = self.D @ (x - self.x_reg)
-        return float(r @ r), 2 * self.D.T @ r, 2 * self.D.T @ self.D
+        r = self.R @ x - self.b
+        return float(r @ r) + self.c, 2 * self.R.T @ r, 2 * self.R.T @ self.R
 
 
 @dataclass(frozen=True)
 class Divergence:
-    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only, with φ′ and φ″.
-
-    Attributes:
-        convex: whether it is convex in the matrix that has these eigenvalues.
-    """
+    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only, with φ′ and φ″; `convex` says whether it
+    is so in the matrix that has these eigenvalues."""
 
     convex: bool
     values: Callable[[Eigenvalues], Eigenvalues]
@@ -75,20 +82,40 @@ class SpectralTerm:
         """Values alone, at many points inside the cone."""
         total = np.zeros(len(x))
         for block, weight in zip(self.blocks, self.weights, strict=True):
-            at, constant, slopes = block.normalised
-            lam = np.linalg.eigvalsh(constant + np.tensordot(x[:, at], slopes, axes=1))
+            lam = np.linalg.eigvalsh(block.normalised_at(x))
             total += weight * self.divergence.values(lam).sum(axis=1)
         return total
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Value, gradient and Hessian; infinite outside the cone."""
-        value, gradient, hessian = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        """Value, gradient and Hessian; infinite outside the cone.
+
+        With A = L⁻¹ M L⁻ᵀ, M_reg = L Lᵀ and A = V diag(λ) Vᵀ, the gradient of Σ φ(λ) is
+        V diag(φ′) Vᵀ, and its derivative along E is V (Γ ∘ VᵀEV) Vᵀ with the divided differences Γ
+        of φ′ (Daleckii–Krein).
+        """
+        phi, value, gradient, hessian = (
+            self.divergence,
+            0.0,
+            np.zeros(len(x)),
+            np.zeros((len(x),) * 2),
+        )
         for block, weight in zip(self.blocks, self.weights, strict=True):
             at, _, slopes = block.normalised
-            v, g, H = _spectral_block(self.divergence, block.normalised_at(x), slopes)
-            value += weight * v
-            gradient[at] += weight * g
-            hessian[np.ix_(at, at)] += weight * H
+            lam, V = np.linalg.eigh(block.normalised_at(x))
+            if lam[0] <= 0:
+                return np.inf, np.full(len(x), np.nan), np.full(hessian.shape, np.nan)
+            slope, curvature = phi.slope(lam), phi.curvature(lam)
+            difference = np.subtract.outer(lam, lam)
+            close = np.abs(difference) < 1e-7 * lam[-1]
+            Gamma = np.where(
+                close,
+                0.5 * np.add.outer(curvature, curvature),
+                np.subtract.outer(slope, slope) / np.where(close, 1.0, difference),
+            )
+            E = V.T @ slopes @ V
+            value += weight * float(np.sum(phi.values(lam)))
+            gradient[at] += weight * np.einsum("kii,i->k", E, slope)
+            hessian[np.ix_(at, at)] += weight * np.einsum("kij,lij->kl", E * Gamma, E)
         return value, gradient, hessian
 
 
@@ -96,7 +123,7 @@ class SpectralTerm:
 class Regularizer:
     """A regulariser: a quadratic and, except for the paper's, a spectral term."""
 
-    quadratic: QuadraticTerm
+    quadratic: Quadratic
     spectral: SpectralTerm | None
 
     @property
@@ -128,19 +155,19 @@ class Metric:
     divergence: Divergence | None = None
 
     def regularizer(self, reduction: Reduction) -> Regularizer:
-        blocks = reduction.blocks if self.divergence else ()
-        D = reduction.A.copy()
-        for block in blocks:
-            D[:, block.index[block.index >= 0]] = 0.0
-        rows, scale = np.any(D != 0, axis=1), prior_scale(reduction)
-        quadratic = QuadraticTerm(D[rows] / scale[rows][:, None], reduction.prior)
+        D, weights = reduction.A.copy(), list[float]()
+        for block in reduction.blocks if self.divergence else ():
+            variables = block.index[block.index >= 0]
+            D[:, variables] = 0.0
+            parts = np.any(reduction.A[:, variables] != 0, axis=1)
+            weights.append(float(reduction.wider[parts].max() ** -2))
+        rows = np.any(D != 0, axis=1)
+        D = D[rows] / prior_scale(reduction)[rows, None]
+        quadratic = Quadratic(D, D @ reduction.prior)
         if self.divergence is None:
             return Regularizer(quadratic, None)
-        weights = []
-        for block in blocks:
-            parts = np.any(reduction.A[:, block.index[block.index >= 0]] != 0, axis=1)
-            weights.append(float(reduction.wider[parts].max() ** -2))
-        return Regularizer(quadratic, SpectralTerm(self.divergence, blocks, tuple(weights)))
+        spectral = SpectralTerm(self.divergence, reduction.blocks, tuple(weights))
+        return Regularizer(quadratic, spectral)
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
@@ -175,29 +202,3 @@ def prior_root(scaled: Matrix) -> Matrix:
             where="bodies",
             cure="check masses and lengths of the prior in the description",
         ) from None
-
-
-def _spectral_block(
-    divergence: Divergence, A: Float[np.ndarray, "k k"], slopes: Float[np.ndarray, "own k k"]
-) -> tuple[float, Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
-    """Value, gradient and Hessian of one block with respect to its own variables.
-
-    With A = L⁻¹ M L⁻ᵀ, M_reg = L Lᵀ and A = V diag(λ) Vᵀ, the gradient of Σ φ(λ) is
-    V diag(φ′) Vᵀ, and its derivative along E is V (Γ ∘ VᵀEV) Vᵀ with the divided differences Γ of
-    φ′ (Daleckii–Krein).
-    """
-    lam, V = np.linalg.eigh(A)
-    if lam[0] <= 0:
-        own = len(slopes)
-        return np.inf, np.full(own, np.nan), np.full((own, own), np.nan)
-    slope, curvature = divergence.slope(lam), divergence.curvature(lam)
-    difference = lam[:, None] - lam[None, :]
-    close = np.abs(difference) < 1e-7 * lam[-1]
-    middle = 0.5 * (curvature[:, None] + curvature[None, :])
-    Gamma = np.where(
-        close, middle, (slope[:, None] - slope[None, :]) / np.where(close, 1.0, difference)
-    )
-    E = V.T @ slopes @ V
-    gradient = np.einsum("kii,i->k", E, slope)
-    hessian = (E * Gamma).reshape(len(E), -1) @ E.reshape(len(E), -1).T
-    return float(np.sum(divergence.values(lam))), gradient, hessian

@@ -71,9 +71,8 @@ class TraceRows:
         parameters, and mean and deviation of additional columns where known."""
         width = recordings[0].A.shape[2]
         prior = Metric().regularizer(self.reduction).quadratic
-        D = np.zeros((len(prior.D), width))
-        D[:, : self.size] = prior.D / self.spread
-        d = prior.D @ prior.x_reg / self.spread
+        D = np.zeros((len(prior.R), width))
+        D[:, : self.size], d = prior.R / self.spread, prior.b / self.spread
         if mean is not None and deviation is not None:
             known = np.eye(width)[self.size :] / deviation[:, None]
             D, d = np.vstack([D, known]), np.concatenate([d, mean / deviation])

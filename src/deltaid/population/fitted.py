@@ -10,8 +10,8 @@ from jaxtyping import Float
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
-from deltaid.estimation.objective import DataTerm, Objective
-from deltaid.estimation.regularizer import QuadraticTerm, Regularizer
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.regularizer import Quadratic, Regularizer
 from deltaid.estimation.scatter import half_width
 from deltaid.population.belonging import LEAST, Sorted, sorted_out
 from deltaid.population.coordinates import ANYTHING, Coordinates
@@ -171,6 +171,6 @@ def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, 
         values, vectors = np.linalg.eigh(C[:n, :n])
         values = np.maximum(values, _ROUNDING * values[-1])
         R = triangle(vectors.T / np.sqrt(values)[:, None] / coordinates.sizes)
-        none = Regularizer(QuadraticTerm(np.zeros((1, n)), reduction.prior), None)
-        objective = Objective(reduction, DataTerm(R, R @ x, 0.0), none, 1.0)
+        none = Regularizer(Quadratic(np.zeros((1, n)), np.zeros(1)), None)
+        objective = Objective(reduction, Quadratic(R, R @ x), none, 1.0)
         return reduction.parameters(Conic().solve(objective).x)

@@ -159,8 +159,8 @@ def _levenberg_marquardt(
 ) -> None:
     """J/γ as a sum of squares, ‖L x(π) − l‖² and a constant."""
     data, prior, weight = objective.data, objective.regularizer.quadratic, objective.gamma**-0.5
-    L = np.vstack([weight * data.R, prior.D])
-    l = np.append(weight * data.b, prior.D @ prior.x_reg)
+    L = np.vstack([weight * data.R, prior.R])
+    l = np.append(weight * data.b, prior.b)
     still = np.zeros(chart.reduction.size)
 
     def slopes(pi: Vector) -> np.ndarray:

@@ -20,10 +20,10 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
-from deltaid.estimation.objective import DataTerm, Objective
+from deltaid.estimation.objective import Objective
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Regularizer
+from deltaid.estimation.regularizer import Quadratic, Regularizer
 
 # No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
 # about this share of its torques.
@@ -150,7 +150,7 @@ class Posed:
     @cached_property
     def highest(self) -> float:
         """No robot has a higher score: that of the least squares of any masses and constants."""
-        left = DataTerm.of(self._rows(1.0)).c
+        left = Quadratic.of(self._rows(1.0)).c
         return -self.b.size * float(np.log(self._level(left)))
 
     @cached_property
@@ -158,7 +158,7 @@ class Posed:
         """Of a robot that may exist."""
         noise, best = 0.02, IMPOSSIBLE
         for _ in range(_ROUNDS):
-            data = DataTerm.of(self._rows(_whitened(self.b.shape[1], noise)) / noise)
+            data = Quadratic.of(self._rows(_whitened(self.b.shape[1], noise)) / noise)
             objective = Objective(self.reduction, data, self.regularizer, _GAMMA)
             try:
                 solution = _SOLVER.solve(objective)
