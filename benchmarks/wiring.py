@@ -24,7 +24,7 @@ import polars as pl
 from _table import leave
 
 from deltaid.check.evidence import evidence
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.mended import changes, mended
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
@@ -145,8 +145,7 @@ def judged(
     seconds, proposed = time.process_time() - start, changes(found, "mapping")
     restored = False
     if proposed:
-        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-        data = mended(written_out(None, record.table, record.columns, linear), proposed)
+        data = mended(record.written_mapping, proposed)
         rows = evidence(robot, record.source, ColumnMapping.model_validate(data)).rows
         # Limbs that are alike have no names where all columns moved together.
         orders = permutations(range(len(robot.drives))) if fault.hidden else [range(len(true[0].T))]

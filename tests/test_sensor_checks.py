@@ -14,7 +14,7 @@ import pytest
 
 from deltaid.check.evidence import evidence
 from deltaid.check.identified import identify
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.mended import changes, mended
 from deltaid.check.run import verdicts
 from deltaid.check.sensing.misfit import Misfit
 from deltaid.check.sensors import checked_sensors
@@ -25,7 +25,6 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
@@ -151,8 +150,7 @@ def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
     poor = [one for one in told(name) if one.grade is not Grade.GOOD]
     assert [(one.key, one.subject) for one in poor] == [(FAULTS[name], "plate")]
     assert poor[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
-    (recording,) = open_recordings(frame, dynamics.kinematics)
-    data = written_out(None, recording.log.table, recording.log.columns, (False,) * 3)
+    data = evidence(dynamics.robot, frame).written_mapping
     mapping = ColumnMapping.model_validate(mended(data, changes(poor, "mapping")))
     described = mended(dynamics.robot.model_dump(mode="json"), changes(poor, "robot"))
     robot = compiled(RobotDescription.model_validate(described))

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.mended import changes, mended
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Verdict
@@ -60,12 +60,10 @@ def only_verdict(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
     verdicts = bad(checked_wiring(looked_at))
     assert len(verdicts) == 1, verdicts
     if cured:
-        robot = load_robot(name)
-        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-        data = written_out(None, looked_at.table, looked_at.columns, linear)
         wanted = changes(verdicts, "mapping")
         assert wanted
-        again = seen(name, columns, ColumnMapping.model_validate(mended(data, wanted)))
+        data = mended(looked_at.written_mapping, wanted)
+        again = seen(name, columns, ColumnMapping.model_validate(data))
         assert not bad(checked_wiring(again))
     return verdicts[0]
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +16,11 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import QUANTITIES, ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import Table
 from deltaid.recording.table import read_batches
 from deltaid.robot.description import RobotDescription
@@ -57,7 +59,7 @@ class Evidence:
     table: Table
     columns: Columns
     source: RecordingLike
-    mapping: ColumnMapping | None
+    mapping: ColumnMapping
     settings: Settings
     problem: FittedProblem | None = None
 
@@ -72,13 +74,13 @@ class Evidence:
         Raises:
             RecordingError: it cannot be read at all.
         """
-        columns, parts, rows_read = self.columns, list[np.ndarray](), 0
+        columns, parts, rows_read = self.columns, [np.zeros((0, len(self.columns.all)))], 0
         for batch in read_batches(self.table, columns):
             parts.append(batch.values[: _MOST - rows_read])
             rows_read += len(parts[-1])
             if rows_read >= _MOST:
                 break
-        values = np.concatenate(parts) if parts else np.zeros((0, len(columns.all)))
+        values = np.concatenate(parts)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
         q, qd, qdd = np.split(values[:, columns.motion_places], counts, axis=1)
         return Rows(values[:, 0], q, qd, qdd, values[:, columns.torque_places])
@@ -88,12 +90,27 @@ class Evidence:
         """How far each drive goes in these rows [rad or m]."""
         return np.ptp(self.rows.q, axis=0)
 
+    @property
+    def written_mapping(self) -> dict[str, Any]:
+        """The mapping's plain data, with the columns that are read under their default names."""
+        written = self.mapping.model_dump(mode="json", exclude_unset=True)
+        for quantity in QUANTITIES:
+            channels = getattr(self.columns, quantity)
+            if getattr(self.mapping, quantity) is None and channels:
+                slides = [self.robot.is_linear(drive) for drive in self.robot.drives]
+                names = [channel.column for channel in channels]
+                written[quantity] = [
+                    {"column": k, "unit": self.table.units.get(k, si_unit(quantity, linear=linear))}
+                    for k, linear in zip(names, slides, strict=True)
+                ]
+        return written
+
     @cached_property
     def _setup(self) -> Setup | RecordingError:
         """The recording, without the torques of what it is declared to hold."""
+        keep, cutoff = self.settings.keep_all, self.settings.cutoff
+        where = self.source, self.dynamics.kinematics, self.mapping
         try:
-            keep, cutoff = self.settings.keep_all, self.settings.cutoff
-            where = self.source, self.dynamics.kinematics, self.mapping
             opened = open_recordings(*where, cutoff, keep_all=keep)
             return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
         except RecordingError as error:
@@ -162,8 +179,8 @@ def with_fit(
 ) -> Evidence:
     """The evidence with an existing survey, fit and study."""
     fitted = replace(evidence, dynamics=problem.dynamics, problem=problem)
-    vars(fitted).update({k: v for k, v in vars(evidence).items() if k in ("rows", "moved")})
-    vars(fitted).update(surveyed=recording)  # where cached properties are kept
+    known: dict[str, object] = {k: v for k, v in vars(evidence).items() if k in ("rows", "moved")}
     if study is not None:
-        vars(fitted).update(study=study)
+        known["study"] = study
+    vars(fitted).update(known, surveyed=recording)  # where cached properties are kept
     return fitted

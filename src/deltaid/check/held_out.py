@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.linalg import solve
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
@@ -26,9 +26,8 @@ from deltaid.estimation.drive_rows import (
     STRETCHES,
     ColumnsOfDrives,
     DriveRows,
-    OfDrives,
     of_own_drives,
-    stretch_numbers,
+    stretch_starts,
 )
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Columns, Rows, Span, lengths
@@ -49,9 +48,7 @@ _OF_ROBOT, _CORRECTED = 10.0, 0.1
 # How far a gear winds up at a drive's largest torque, for differences [rad or m].
 _LITTLE = 1e-4
 
-
-# Mean square of each drive's error in each stretch, as a share of the mean square of its torques;
-# NaN for a stretch without rows.
+# Mean square of each drive's error in each stretch, as a share of the mean square of its torques.
 Squares = Float[np.ndarray, "dof stretches"]
 
 
@@ -74,24 +71,22 @@ class HeldOut:
 
     def same(self, other: "HeldOut") -> bool:
         """Whether both explain the torques equally well but for rounding."""
-        plain, of_other = (np.nanmean(each.of_causes(()), axis=1) for each in (self, other))
+        plain, of_other = (each.of_causes(()).mean(axis=1) for each in (self, other))
         return bool(np.all(np.abs(plain / of_other - 1.0) < _SAME))
 
-    def worse(self, other: "HeldOut") -> bool:
-        """Whether its errors are larger than those of another one, beyond chance."""
-        return _smaller(other.squares, self.squares)
+    def as_good(self, other: "HeldOut") -> bool:
+        """Whether its errors are no larger than those of another one, but for chance."""
+        return not _smaller(other.squares, self.squares)
 
     def better(self, other: "HeldOut") -> bool:
         """Whether it explains more than another one, or as much with fewer causes.
 
         More than chance, and more than columns of first order leave of what is corrected unasked.
         """
-        if len(self.causes) < len(other.causes) and not self.worse(other):
+        if len(self.causes) < len(other.causes) and self.as_good(other):
             return _smaller(self.squares, other.of_causes(self.causes))
-        own, others, plain = (
-            np.nanmean(squares, axis=1)
-            for squares in (self.squares, other.squares, other.of_causes(()))
-        )
+        all_squares = self.squares, other.squares, other.of_causes(())
+        own, others, plain = (squares.mean(axis=1) for squares in all_squares)
         smaller = np.minimum(own, others)
         explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
         return bool(explained > _SHARE * together) and _smaller(self.squares, other.squares)
@@ -100,11 +95,7 @@ class HeldOut:
 def _smaller(squares: Squares, others: Squares) -> bool:
     """Whether errors are smaller than others beyond chance: Student's t of the differences between
     stretches, drives weighted by the smaller of their errors."""
-    weights = 1.0 / np.minimum(np.nanmean(squares, axis=1), np.nanmean(others, axis=1))
-    gains = weights @ (others - squares)
-    gains = gains[np.isfinite(gains)]
-    if len(gains) < 2:
-        return False
+    gains = (1.0 / np.minimum(squares.mean(axis=1), others.mean(axis=1))) @ (others - squares)
     clear = float(stdtrit(len(gains) - 1, 1.0 - _CHANCE))
     return bool(gains.mean() > clear * gains.std(ddof=1) / np.sqrt(len(gains)))
 
@@ -112,18 +103,17 @@ def _smaller(squares: Squares, others: Squares) -> bool:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def held_out(record: Evidence) -> HeldOut | None:
     """The error of a recording as its files describe it; None where it cannot be computed."""
-    recording = record.surveyed
-    if isinstance(recording, RecordingError):
+    if isinstance(record.surveyed, RecordingError):
         return None
-    trace = studied_trace(record.dynamics, recording, prior_parameters(record.robot))
+    trace = studied_trace(record.dynamics, record.surveyed, prior_parameters(record.robot))
     halves = None if trace is None else _halves(trace, record)
     if halves is None:
         return None
-    best, chosen, others = halves.squares(()), list[int](), list(range(len(halves.sizes)))
+    best, chosen, others = halves.squares(()), list[int](), list(range(len(halves.ends)))
     while others:
         trials = [(halves.squares((*chosen, cause)), cause) for cause in others]
-        weights = 1.0 / np.nanmean(best, axis=1)
-        least, cause = min(trials, key=lambda trial: float(np.nansum(weights @ trial[0])))
+        weights = 1.0 / best.mean(axis=1)
+        least, cause = min(trials, key=lambda trial: float(np.sum(weights @ trial[0])))
         if not _smaller(least, best):
             break
         best = least
@@ -138,58 +128,43 @@ class _Halves:
     other one.
 
     Attributes:
-        tau: torques [N m or N].
-        columns: of unit length: those of the robot, then those of causes that are corrected
-            unasked.
+        columns: of unit length: those of the robot, then those of each cause that is corrected
+            unasked, which end before the next one's begin.
         b: torques over their noise.
-        own: how many columns are the robot's.
-        sizes: how many columns each cause has.
     """
 
-    tau: OfDrives
     rows: DriveRows
     columns: Columns
     b: Rows
-    own: int
-    sizes: tuple[int, ...]
+    ends: tuple[int, ...]  # of the robot's columns, and of each cause's but the last
 
     def squares(self, causes: tuple[int, ...]) -> Squares:
         """Errors of fits of the robot and some causes, in the half that each has not seen.
 
         Coefficients are kept to what is possible by a prior that a change of units leaves as it is.
         """
-        ends = self.own + np.cumsum([0, *self.sizes])
-        of_causes = [np.arange(ends[k], ends[k + 1]) for k in causes]
-        used = np.concatenate([np.arange(self.own), *of_causes]).astype(int)
+        robot, *others = np.split(np.arange(self.columns.shape[1]), self.ends)
+        used = np.concatenate([robot, *(others[cause] for cause in causes)])
         # Rows have a noise of one, and a column's coefficient is the length of what it explains.
-        prior = np.where(used < self.own, _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
-        A, left = self.columns[:, used], np.empty_like(self.b)
-        for fitted in (self._odd, ~self._odd):
-            seen = A[fitted]
-            H = seen.T @ seen + np.diag(prior**-2.0)
-            left[~fitted] = self.b[~fitted] - A[~fitted] @ solve(
-                H, seen.T @ self.b[fitted], assume_a="pos"
-            )
-        size = np.mean(self.tau**2, axis=1, keepdims=True)
-        stretch = stretch_numbers(self.tau.shape[1])
-        counts = np.bincount(stretch, minlength=STRETCHES)
-        shares = self.rows.of_drives(left) ** 2 / size
-        sums = np.stack([np.bincount(stretch, share, STRETCHES) for share in shares])
-        return sums / np.where(counts > 0, counts, np.nan)
-
-    @cached_property
-    def _odd(self) -> Bool[np.ndarray, " rows"]:
-        return self.rows.groups % 2 == 1
+        prior = np.where(used < len(robot), _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
+        A, left, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
+        for seen in (odd, ~odd):
+            A_seen = A[seen]
+            H = A_seen.T @ A_seen + np.diag(prior**-2.0)
+            x = solve(H, A_seen.T @ self.b[seen], assume_a="pos")
+            left[~seen] = self.b[~seen] - A[~seen] @ x
+        starts = stretch_starts(self.rows.samples)
+        errors, torques = (self.rows.of_drives(rows) ** 2 for rows in (left, self.b))
+        sums = np.add.reduceat(errors, starts, axis=1) / torques.mean(axis=1, keepdims=True)
+        return sums / np.diff(starts, append=self.rows.samples)
 
 
 def _halves(trace: Trace, record: Evidence) -> _Halves | None:
     """Rows of a recording with what it is declared to hold; None where they are too few."""
-    recording, dynamics = trace.recording, trace.dynamics
-    rows = DriveRows(recording.log.torque_max, trace.torques().shape[1])
-    count = len(active_columns(dynamics))
-    span = Span.of(rows.stack(trace.regressor()[:, :, :count]))
+    log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
+    rows = DriveRows(log.torque_max, trace.torques().shape[1])
+    span = Span.of(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
     p = parameters_of(dynamics, span, rows.stack(trace.torques()))
-    low_pass = trace.low_pass
     motors = motors_of(dynamics.robot, p, low_pass.cutoff, low_pass.rate)
     winding = Windings.modelled(trace, motors, p)
     trace = winding.trace
@@ -197,18 +172,17 @@ def _halves(trace: Trace, record: Evidence) -> _Halves | None:
     if tau.shape[1] < STRETCHES:
         return None
     friction = free_friction(trace, p)
-    corrected = [
+    parts = [
+        trace.regressor(record.additions),
         late(trace, p),
         *(friction[:, :, part] for part in friction_causes(dynamics.dof)),
         of_own_drives(trace.model(p)[:, :, None]),
         _windup(winding, p, rows.scale),
     ]
-    robot = trace.regressor(record.additions)
-    A = np.concatenate([robot, *corrected], axis=2)
+    A = np.concatenate(parts, axis=2)
     rows = DriveRows(rows.scale, tau.shape[1]).by_misfit(A, tau)
-    columns = rows.stack(A)
-    sizes = tuple(columns.shape[2] for columns in corrected)
-    return _Halves(tau, rows, columns / lengths(columns), rows.stack(tau), robot.shape[2], sizes)
+    columns, ends = rows.stack(A), np.cumsum([part.shape[2] for part in parts[:-1]])
+    return _Halves(rows, columns / lengths(columns), rows.stack(tau), tuple(ends.tolist()))
 
 
 def _windup(

@@ -4,16 +4,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from deltaid.check.closed_loop import checked_feedback
 from deltaid.check.evidence import Evidence, evidence, forget, with_fit
-from deltaid.check.information import judged_information
-from deltaid.check.mended import File, changes, files_of, mended, to_paste, written_out
+from deltaid.check.information import checked_information, judged_information
+from deltaid.check.mended import changes, files_of, pasted
 from deltaid.check.proposals import proved, unharmed
-from deltaid.check.residual import detected_load
-from deltaid.check.run import OF_RECORDING, QUICK_OF_ROBOT, asked, named, of_robot
+from deltaid.check.residual import checked_residual, detected_load
+from deltaid.check.run import named, of_robot
+from deltaid.check.sensors import checked_sensors
+from deltaid.check.signal import checked_signals
 from deltaid.check.verdicts import KEYS, Verdicts
 from deltaid.check.wiring.wiring import checked_wirings
 from deltaid.check.wiring.zeros import still_seen
-from deltaid.errors import DeltaidError, DescriptionError, RecordingError
+from deltaid.errors import DescriptionError, RecordingError
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.identification.judgement import doubts_of_fit
@@ -25,10 +28,8 @@ from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described, yaml_text
+from deltaid.robot.load import RobotLike, described
 
-_FIRST = tuple(family for family in OF_RECORDING if family.first)
-_AFTER = tuple(family for family in OF_RECORDING if not family.first)
 # Verdicts on excluded rows, which the table of masks reports with their spans.
 _MASKED = {"standing", "saturation"}
 
@@ -91,30 +92,25 @@ def _judged(
     force: bool,
     progress: Progress,
 ) -> Judged:
-    judged = of_robot(description, QUICK_OF_ROBOT)
+    judged = of_robot(description, quick=True)
     if not force:
-        _refuse(judged, description.name, DescriptionError, description)
+        _refuse(judged, description)
     sources, wired = as_sources(logs), list[tuple[Verdict, ...]]()
     mappings, several = mapping_each(columns, len(sources)), len(sources) > 1
     places = zip(sources, mappings, strict=True)
     opened = [evidence(description, *place, settings) for place in places]
     progress(f"judging {', '.join(str(source) for source in sources)}")
-    common, each = checked_wirings(opened)
+    common, on_columns = checked_wirings(opened)
     for record in opened:
         common = unharmed(record, common)
     judged += common
-    if common and not force:
-        _refuse(common, str(opened[0].table.path), RecordingError, opened[0])
-    for record, on_columns in zip(opened, each, strict=True):
-        wiring = _first(record, on_columns)
-        if not force:
-            _refuse(wiring, str(record.table.path), RecordingError, record)
+    if not force:
+        _refuse(common, opened[0])
+    for record, wiring in zip(opened, on_columns, strict=True):
+        first = _first(record, wiring, force)
         if record.columns.sensors:  # which need a survey, made again for the fit
-            on_sensors = _first(record, asked(record, _FIRST, "survey"))
-            if not force:
-                _refuse(on_sensors, str(record.table.path), RecordingError, record)
-            wiring += on_sensors
-        wired.append(wiring)
+            first += _first(record, checked_sensors(record), force)
+        wired.append(first)
         if several:
             forget(record)
     result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
@@ -122,7 +118,8 @@ def _judged(
     for record, wiring, recording in zip(opened, wired, result.recordings, strict=True):
         kept = proved(record, tuple(_kept(wiring, recording, result, description)))
         judged += named(record, kept, several=several)
-    judged += tuple(v for v in _final(result, opened) if settings.keep_all or v.key not in _MASKED)
+    final = _final(result, opened)
+    judged += tuple(v for v in final if settings.keep_all or v.key not in _MASKED)
     poor = tuple(verdict.sentence for verdict in judged if verdict.grade is not Grade.GOOD)
     model = result.model.changed(warnings=(*poor, *_warnings(result, judged)))
     if settings.intervals == "posterior":
@@ -133,9 +130,40 @@ def _judged(
     return Judged(model, *fit, verdicts)
 
 
-def _first(record: Evidence, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
+def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
     """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
-    return proved(record, verdicts) if worst(verdicts) is Grade.WRONG else verdicts
+    if worst(judged) is Grade.WRONG:
+        judged = proved(record, judged)
+        if not force:
+            _refuse(judged, record)
+    return judged
+
+
+def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence) -> None:
+    """Raise the first wrong verdict, with the lines that its files should get: of a mapping lines
+    to paste, of a description values by path."""
+    for verdict in verdicts:
+        if verdict.grade is not Grade.WRONG:
+            continue
+        if isinstance(subject, Evidence):
+            kind, where = RecordingError, str(subject.table.path)
+        else:
+            kind, where = DescriptionError, subject.name
+        lines = ""
+        for file in files_of([verdict]):
+            proposed = changes([verdict], file)
+            if file == "mapping" and isinstance(subject, Evidence):
+                text = pasted(subject.written_mapping, proposed)
+                lines += f"\ninto the mapping (--columns):\n{text}"
+            else:
+                values = "".join(f"\n{path}: {value}" for path, value in proposed.items())
+                lines += f"\nin the description:{values}"
+        raise kind(
+            verdict.finding,
+            where=where,
+            cure=f"{verdict.cure}; `deltaid check` tells more and --write writes what it "
+            f"proposes, --force goes on as it is{lines}",
+        )
 
 
 def _kept(
@@ -153,72 +181,41 @@ def _kept(
         if gains and verdict.key == "sensor-gain":
             continue  # the drives were off, not the sensor, and have been corrected
         if excluded and doubtful and verdict.key == "velocity":
-            note = "which has been corrected: they are left out, and positions differentiated"
-            yield replace(
-                verdict, grade=Grade.GOOD, seen=f"{verdict.seen}, {note}", cause="", cure=""
-            )
+            seen = f"{verdict.seen}, which has been corrected: they are left out, and positions "
+            seen += "differentiated"
+            yield replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
         elif not (doubtful and verdict.key == "homing-or-tilt") or still_seen(
             result.problem, recording, described
         ):
             yield verdict
 
 
-def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
-    """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
-    from poor units, wiring and priors."""
-    recordings = result.recordings
-    doubts = [(recording.path, text) for recording in recordings for text in recording.log.warnings]
-    judged = {verdict.key for verdict in verdicts}
-    poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
-    kept = [f"{path}: {text}" for path, text in doubts if text.key not in judged]
-    explained = doubts_of_fit(result.problem) if poor & _EXPLAIN_A_FIT else ()
-    of_fit = (text for text in result.model.warnings[len(doubts) :] if text not in explained)
-    return (*kept, *of_fit)
-
-
-def _refuse(
-    verdicts: Iterable[Verdict],
-    where: str,
-    kind: type[DeltaidError],
-    subject: RobotDescription | Evidence,
-) -> None:
-    """Raise the first wrong verdict, with the lines that its files should get."""
-    for verdict in verdicts:
-        if verdict.grade is Grade.WRONG:
-            lines = "".join(_lines(verdict, file, subject) for file in files_of([verdict]))
-            raise kind(
-                verdict.finding,
-                where=where,
-                cure=f"{verdict.cure}; `deltaid check` tells more and --write writes what it "
-                f"proposes, --force goes on as it is{lines}",
-            )
-
-
-def _lines(verdict: Verdict, file: File, subject: RobotDescription | Evidence) -> str:
-    """What a verdict proposes: of a mapping as lines to paste, of a description by path."""
-    proposed = changes([verdict], file)
-    if file == "robot" or not isinstance(subject, Evidence):
-        return "\nin the description:" + "".join(f"\n{k}: {v}" for k, v in proposed.items())
-    linear = tuple(subject.robot.is_linear(drive) for drive in subject.robot.drives)
-    data = mended(written_out(subject.mapping, subject.table, subject.columns, linear), proposed)
-    return f"\ninto the mapping (--columns):\n{yaml_text(to_paste(data, proposed)).rstrip()}"
-
-
-def _final(result: Identification, opened: Sequence[Evidence]) -> tuple[Verdict, ...]:
+def _final(result: Identification, opened: Sequence[Evidence]) -> Iterator[Verdict]:
     """Verdicts on signals, information and residuals."""
     problem, several = result.problem, len(opened) > 1
-    verdicts: tuple[Verdict, ...] = ()
     if several:  # together they may determine what none does alone
         strokes = [record.moved for record in opened]
-        verdicts += judged_information(problem.dynamics, problem.information, strokes)
+        yield from judged_information(problem.dynamics, problem.information, strokes)
     studies = result.studies or (None,) * len(opened)
     for record, recording, study in zip(opened, result.recordings, studies, strict=True):
         fitted = with_fit(record, problem, recording, study)
-        families = [family for family in _AFTER if family.alone or not several]
-        judged = [v for needs in ("rows", "survey", "fit") for v in asked(fitted, families, needs)]
-        names = (load.name for load in recording.log.columns.loads)
-        judged += [
-            detected_load(result.detected[name]) for name in names if name in result.detected
-        ]
-        verdicts += named(record, proved(record, judged), several=several)
-    return verdicts
+        judged = list(checked_signals(fitted))
+        judged += () if several else checked_information(fitted)
+        judged += (*checked_residual(fitted), *checked_feedback(fitted))
+        detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
+        judged += [detected_load(before) for before in detected if before is not None]
+        yield from named(record, proved(record, judged), several=several)
+
+
+def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
+    """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
+    from poor units, wiring and priors."""
+    doubts = [
+        (recording.path, text) for recording in result.recordings for text in recording.log.warnings
+    ]
+    judged = {verdict.key for verdict in verdicts}
+    poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
+    explained = doubts_of_fit(result.problem) if poor & _EXPLAIN_A_FIT else ()
+    kept = (f"{path}: {text}" for path, text in doubts if text.key not in judged)
+    of_fit = (text for text in result.model.warnings[len(doubts) :] if text not in explained)
+    return (*kept, *of_fit)

@@ -14,7 +14,7 @@ _GIANT, _DWARF = 10.0, 0.005
 # No part of a robot is so many times as long as a limb, none that counts so many times shorter.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
 
-# Keys of lengths, by the part of the description that holds them; '' is a shape of a body.
+# Keys of lengths, by the part of the description that holds them.
 _LIMBS = (
     "base_radius", "platform_radius", "base_points", "platform_points", "upper_arm", "strut",
     "strut_spacing",
@@ -35,22 +35,21 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     Limbs too long for any robot are in millimetres, too short ones are off the other way. Their
     corrected size judges all lengths: limbs one by one, each other part as one unit.
     """
-    limbs = list(_numbers(data.get("limbs"), _LIMBS, "limbs"))
-    groups = [group for group in _groups(data) if _longest(group) > 0]
-    space = _numbers(data.get("workspace"), _OTHERS["workspace"], "workspace")
-    size = _limb(limbs) or _longest(space)  # a mechanism of the user's own names no limbs
-    groups += [[length] for length in limbs]
+    limbs, groups = _lengths(data.get("limbs"), _LIMBS, "limbs"), list(_groups(data))
+    arms = [length for length in limbs if length[0].startswith("limbs.upper_arm")]
+    struts = [length for length in limbs if length[0].partition("[")[0] == "limbs.strut"]
+    space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
+    # A mechanism of the user's own names no limbs.
+    size = _longest(arms) + _longest(struts) or _longest(space)
     small = size < _DWARF
-    factor, unit = 1e-3, "in millimetres"
-    if small:
-        factor, unit = 1e3, "divided by 1000 once too often"
+    factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
     size *= factor if small or size > _GIANT else 1.0
-    wrong = [
-        length
-        for group in groups
-        if (_longest(group) < size / _SMALL if small else _longest(group) > _OUT_OF_SCALE * size)
-        for length in group
-    ]
+    groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]
+    if small:
+        off = [group for group in groups if _longest(group) < size / _SMALL]
+    else:
+        off = [group for group in groups if _longest(group) > _OUT_OF_SCALE * size]
+    wrong = [length for group in off for length in group]
     if not wrong:
         seen = f"limbs of {size:.3g} m; all lengths go with it"
         return Verdict("millimetres", Grade.GOOD, seen, number=size, unit="m")
@@ -70,13 +69,6 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     )
 
 
-def _limb(limbs: list[Length]) -> float:
-    """Length of the longest arm and strut together [as written]."""
-    arms = [abs(value) for path, value in limbs if path.startswith("limbs.upper_arm")]
-    struts = [abs(value) for path, value in limbs if path.partition("[")[0] == "limbs.strut"]
-    return max(arms, default=0.0) + max(struts, default=0.0)
-
-
 def _longest(group: Iterable[Length]) -> float:
     return max((abs(value) for _, value in group), default=0.0)
 
@@ -84,25 +76,27 @@ def _longest(group: Iterable[Length]) -> float:
 def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
     """Lengths beside the limbs', those of one part together."""
     for part, keys in _OTHERS.items():
-        yield list(_numbers(data.get(part), keys, part))
+        yield _lengths(data.get(part), keys, part)
     for name, body in (data.get("bodies") or {}).items():
         prior = body.get("prior") if isinstance(body, dict) else None
         for k, shape in enumerate(prior if isinstance(prior, list | tuple) else ()):
-            yield list(_numbers(shape, _SHAPE, f"bodies.{name}.prior[{k}]"))
+            yield _lengths(shape, _SHAPE, f"bodies.{name}.prior[{k}]")
     for drive, limits in (data.get("drive_limits") or {}).items():
-        yield list(_numbers(limits, ("position",), f"drive_limits.{drive}"))
+        yield _lengths(limits, ("position",), f"drive_limits.{drive}")
 
 
-def _numbers(part: object, keys: tuple[str, ...], path: str) -> Iterator[Length]:
-    """All numbers under some keys of a part, lists and points included."""
-    if isinstance(part, dict):
-        for key in keys:
-            yield from _leaves(part.get(key), f"{path}.{key}")
+def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
+    """All numbers under some keys of a part of a description, if it is one."""
+    found = list[Length]()
+    for key in keys if isinstance(part, dict) else ():
+        found += _numbers(part.get(key), f"{path}.{key}")
+    return found
 
 
-def _leaves(value: object, path: str) -> Iterator[Length]:
+def _numbers(value: object, path: str) -> Iterator[Length]:
+    """A number, or all numbers of a list or a point."""
     if isinstance(value, list | tuple):
         for k, entry in enumerate(value):
-            yield from _leaves(entry, f"{path}[{k}]")
+            yield from _numbers(entry, f"{path}[{k}]")
     elif isinstance(value, int | float) and not isinstance(value, bool):
         yield path, float(value)

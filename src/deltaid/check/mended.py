@@ -7,19 +7,17 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
 
-from deltaid.check.lengths import checked_lengths
-from deltaid.errors import DescriptionError
-from deltaid.model.verdict import Grade, Verdict
-from deltaid.recording.columns import Columns
-from deltaid.recording.mapping import QUANTITIES, ColumnMapping
-from deltaid.recording.resolution import si_unit
-from deltaid.recording.source import Table
+from deltaid.check.evidence import Evidence
+from deltaid.model.verdict import Verdict
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import (
     RobotLike,
     catalogue,
     described,
     described_in,
     holds_a_model,
+    parse,
     plain_data,
     read_text,
     yaml_text,
@@ -30,6 +28,13 @@ Changes = dict[str, object]
 Data = dict[str, Any]
 
 _STEP = re.compile(r"[^.\[\]]+")
+
+
+def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
+    """The files that verdicts propose to change."""
+    named: set[File] = {p.file for verdict in verdicts for p in verdict.proposals}
+    order: tuple[File, ...] = ("robot", "mapping")
+    return tuple(file for file in order if file in named)
 
 
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
@@ -54,6 +59,27 @@ def as_written(robot: RobotLike) -> Data:
     return described(robot).model_dump(mode="json", exclude_none=True)
 
 
+def cured_robot(robot: RobotDescription, verdicts: Iterable[Verdict]) -> RobotDescription:
+    """A description with all that verdicts propose for it.
+
+    Raises:
+        DescriptionError: what is proposed does not fit.
+    """
+    if not (proposed := changes(verdicts, "robot")):
+        return robot
+    return described_in(yaml_text(mended(as_written(robot), proposed)), "cured robot")
+
+
+def cured_mapping(record: Evidence, verdicts: Iterable[Verdict]) -> ColumnMapping:
+    """The mapping of a recording, its columns named, with all that verdicts propose for it.
+
+    Raises:
+        RecordingError: what is proposed does not fit.
+    """
+    text = yaml_text(mended(record.written_mapping, changes(verdicts, "mapping")))
+    return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
+
+
 def mended(data: Data, proposed: Changes) -> Data:
     """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
     data = copy.deepcopy(data)
@@ -69,35 +95,9 @@ def mended(data: Data, proposed: Changes) -> Data:
     return data
 
 
-def in_metres(robot: RobotLike) -> Verdict | None:
-    """The verdict on a file that no robot can be read from, if its lengths are in millimetres."""
-    try:
-        data = as_written(robot)
-        verdict = checked_lengths(data)
-        text = yaml_text(mended(data, changes([verdict], "robot")))
-        described_in(text, str(robot))
-    except DescriptionError:
-        return None
-    return verdict if verdict.grade is Grade.WRONG else None
-
-
-def written_out(
-    mapping: ColumnMapping | None, table: Table, columns: Columns, linear: tuple[bool, ...]
-) -> Data:
-    """A mapping's plain data, with the columns that are read under their default names."""
-    mapping = mapping or ColumnMapping()
-    lists = {
-        quantity: [
-            {
-                "column": channel.column,
-                "unit": table.units.get(channel.column, si_unit(quantity, linear=slides)),
-            }
-            for channel, slides in zip(getattr(columns, quantity), linear, strict=True)
-        ]
-        for quantity in QUANTITIES
-        if getattr(mapping, quantity) is None and getattr(columns, quantity)
-    }
-    return mapping.model_dump(mode="json", exclude_unset=True) | lists
+def pasted(data: Data, proposed: Changes) -> str:
+    """What is proposed for plain data, as lines of YAML to paste into its file."""
+    return yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
 
 
 def to_paste(data: Data, proposed: Changes) -> Data:
@@ -110,21 +110,13 @@ def to_paste(data: Data, proposed: Changes) -> Data:
             if step not in value:
                 break
             value = value[step]
-            if isinstance(value, dict):
-                target = target.setdefault(step, {})
-            else:
+            if not isinstance(value, dict):
                 target[step] = value
                 break
+            target = target.setdefault(step, {})
     return lines
 
 
 def _steps(path: str) -> list[Any]:
     """'torque[1].sign' as ['torque', 1, 'sign']."""
     return [int(step) if step.isdigit() else step for step in _STEP.findall(path)]
-
-
-def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
-    """The files that verdicts propose to change."""
-    named: set[File] = {p.file for verdict in verdicts for p in verdict.proposals}
-    order: tuple[File, ...] = ("robot", "mapping")
-    return tuple(file for file in order if file in named)

@@ -10,15 +10,12 @@ from dataclasses import replace
 
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.held_out import HeldOut, held_out
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.mended import cured_mapping, cured_robot, files_of
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.recording.mapping import ColumnMapping
-from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import described_in, parse, yaml_text
 
-# Whether the first of two errors speaks for what it was made with; None where there is none.
-_Judge = Callable[[HeldOut | None, HeldOut | None], bool]
+# Whether the first of two errors speaks for what it was made with.
+_Judge = Callable[[HeldOut, HeldOut], bool]
 _NO_CHANGE = (
     "no change of the files explains this: with the lines that would correct it, errors of torques "
     "that were held out do not fall"
@@ -26,59 +23,53 @@ _NO_CHANGE = (
 
 
 def proved(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
-    """Verdicts on a recording, with those proposals that explain it better than the files do."""
-    return _with_useful(record, verdicts, _helps)
+    """Verdicts on a recording, with those proposals that explain it better than the files do, or
+    that its rows cannot judge."""
+    return _with_useful(record, verdicts, lambda new, old: new.same(old) or new.better(old))
 
 
 def unharmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Verdicts on a description, with those proposals that do not explain a recording worse."""
-    return _with_useful(record, verdicts, lambda proposed, files: not _harms(proposed, files))
+    return _with_useful(record, verdicts, HeldOut.as_good)
 
 
 def _with_useful(
-    record: Evidence, verdicts: Sequence[Verdict], helps: _Judge
+    record: Evidence, verdicts: Sequence[Verdict], judge: _Judge
 ) -> tuple[Verdict, ...]:
-    proposing = [verdict for verdict in verdicts if verdict.proposals]
-    kept = _useful(record, proposing, helps) if proposing else []
-    return tuple(
-        _to_write(verdict) if not verdict.proposals or verdict in kept else _without(verdict)
-        for verdict in verdicts
-    )
+    """Verdicts that keep what helps of the proposals that are to be written."""
+    kept, judged = _useful(record, [v for v in verdicts if v.proposals], judge), list[Verdict]()
+    for verdict in verdicts:
+        written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
+        if verdict.proposals and verdict not in kept:  # what it says explains nothing
+            grade = min(verdict.grade, Grade.DOUBTFUL, key=list(Grade).index)
+            verdict = replace(verdict, grade=grade, cause="", cure=_NO_CHANGE, proposals=())
+        elif written != verdict.proposals:
+            verdict = replace(verdict, proposals=written)
+        judged.append(verdict)
+    return tuple(judged)
 
 
-def _to_write(verdict: Verdict) -> Verdict:
-    """A verdict with the proposals that are to be written."""
-    written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
-    return verdict if written == verdict.proposals else replace(verdict, proposals=written)
-
-
-def _useful(record: Evidence, proposing: Sequence[Verdict], helps: _Judge) -> list[Verdict]:
+def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> list[Verdict]:
     """Those whose proposals help beside those of all others that do."""
-    kept, files = list(proposing), _error(record, ())
-    best = _error(record, kept)
+    if not proposing:
+        return []
+    kept, files, best = list(proposing), _error(record, ()), _error(record, proposing)
     while len(kept) > 1:
         # Of two proposals that exclude each other, the first stays.
         fewer = ((_error(record, [v for v in kept if v is not last]), last) for last in kept[::-1])
-        spare = next((trial for trial in fewer if not helps(best, trial[0])), None)
+        spare = next((trial for trial in fewer if not _helps(best, trial[0], judge)), None)
         if spare is None:
             break
         best, dropped = spare
         kept.remove(dropped)
-    return kept if helps(best, files) else []
+    return kept if _helps(best, files, judge) else []
 
 
-def _helps(proposed: HeldOut | None, files: HeldOut | None) -> bool:
-    """Whether a proposal explains more, or rows cannot judge it."""
+def _helps(proposed: HeldOut | None, files: HeldOut | None, judge: _Judge) -> bool:
+    """Whether a proposal is to be kept; where there is an error of one side only, it decides."""
     if proposed is None or files is None:
         return proposed is not None or files is None
-    return proposed.same(files) or proposed.better(files)
-
-
-def _harms(proposed: HeldOut | None, files: HeldOut | None) -> bool:
-    """Whether a proposal explains less."""
-    if proposed is None or files is None:
-        return files is not None
-    return proposed.worse(files)
+    return judge(proposed, files)
 
 
 def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
@@ -86,43 +77,9 @@ def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
     try:
         if not verdicts:
             return held_out(record)
-        robot, mapping = proposed_robot(record.robot, verdicts), proposed_mapping(record, verdicts)
+        robot, mapping = cured_robot(record.robot, verdicts), record.mapping
+        if "mapping" in files_of(verdicts):
+            mapping = cured_mapping(record, verdicts)
         return held_out(evidence(robot, record.source, mapping, record.settings))
     except DeltaidError:
         return None
-
-
-def proposed_robot(robot: RobotDescription, verdicts: Sequence[Verdict]) -> RobotDescription:
-    """A description with all that verdicts propose for it.
-
-    Raises:
-        DescriptionError: what is proposed does not fit.
-    """
-    if not (proposed := changes(verdicts, "robot")):
-        return robot
-    data = robot.model_dump(mode="json", exclude_none=True)
-    return described_in(yaml_text(mended(data, proposed)), "proposed robot")
-
-
-def proposed_mapping(record: Evidence, verdicts: Sequence[Verdict]) -> ColumnMapping | None:
-    """The mapping of a recording with all that verdicts propose for it.
-
-    Raises:
-        RecordingError: what is proposed does not fit.
-    """
-    if not (proposed := changes(verdicts, "mapping")):
-        return record.mapping
-    linear = tuple(record.robot.is_linear(drive) for drive in record.robot.drives)
-    data = mended(written_out(record.mapping, record.table, record.columns, linear), proposed)
-    return parse(yaml_text(data), ColumnMapping, where="proposed mapping").of("proposed mapping")
-
-
-def _without(verdict: Verdict) -> Verdict:
-    """A verdict whose proposals do not help: doubtful, for what it says explains nothing."""
-    return replace(
-        verdict,
-        grade=min(verdict.grade, Grade.DOUBTFUL, key=list(Grade).index),
-        cause="",
-        cure=_NO_CHANGE,
-        proposals=(),
-    )

@@ -3,17 +3,15 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from deltaid.check.mended import Data, changes, files_of, mended, to_paste, written_out
-from deltaid.dynamics.dynamics import compiled
+from deltaid.check.evidence import Evidence, evidence
+from deltaid.check.mended import as_written, changes, cured_mapping, cured_robot, files_of, pasted
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.effect import DescribedEffect
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
-from deltaid.recording.opening import resolved_table
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import described_in, parse, yaml_text
 from deltaid.shown import Reported, Shown, Tabled
 
 # Every key that a verdict may have, in the order of docs/check.md, by what it is about; those of
@@ -86,11 +84,11 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         """Lines that are proposed for the mapping and for the robot file, to read or to paste."""
         parts = list[str]()
         for file in files_of(self):
-            proposed = changes(self, file)
-            data = self._robot() if file == "robot" else self._mapping()
-            title = "the robot file" if file == "robot" else "the mapping of columns"
-            lines = yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
-            parts.append(f"# into {title}\n{lines}")
+            if file == "robot":
+                title, data = "the robot file", as_written(self._described)
+            else:
+                title, data = "the mapping of columns", self._recorded.written_mapping
+            parts.append(f"# into {title}\n{pasted(data, changes(self, file))}")
         return "\n".join(parts)
 
     def cured_columns(self) -> ColumnMapping:
@@ -101,8 +99,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Raises:
             DeltaidError: there is not one recording, whose mapping could be meant.
         """
-        text = yaml_text(mended(self._mapping(), changes(self, "mapping")))
-        return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
+        return cured_mapping(self._recorded, self)
 
     def cured_robot(self) -> RobotDescription:
         """The description with all that is proposed.
@@ -110,26 +107,24 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Raises:
             DeltaidError: the file does not describe a robot, or what is proposed does not fit.
         """
-        text = yaml_text(mended(self._robot(), changes(self, "robot")))
-        return described_in(text, "cured robot")
+        return cured_robot(self._described, self)
 
-    def _robot(self) -> Data:
+    @property
+    def _described(self) -> RobotDescription:
         if self.robot is None:
             raise DeltaidError(
                 "there is no robot to be cured: its file does not describe one",
                 where="verdicts",
                 cure="`deltaid check ROBOT --write FILE` writes a cured file",
             )
-        return self.robot.model_dump(mode="json", exclude_none=True)
+        return self.robot
 
-    def _mapping(self) -> Data:
+    @property
+    def _recorded(self) -> Evidence:
         if self.robot is None or len(self.sources) != 1:
             raise DeltaidError(
                 f"a mapping is cured with one recording, and there are {len(self.sources)}",
                 where="verdicts",
                 cure="ask for the verdicts on each recording by itself",
             )
-        kinematics = compiled(self.robot).kinematics
-        table, columns, mapping = resolved_table(self.sources[0], kinematics, self.mappings[0])
-        linear = tuple(self.robot.is_linear(drive) for drive in self.robot.drives)
-        return written_out(mapping, table, columns, linear)
+        return evidence(self.robot, self.sources[0], self.mappings[0])

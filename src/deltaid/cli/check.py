@@ -104,10 +104,9 @@ def _cures(
     found: "Sequence[Verdict]",
 ) -> tuple[Cure, ...]:
     """Files with what is proposed; of several mappings none, for they differ."""
-    from deltaid.check.mended import as_written, changes, files_of, mended, written_out
+    from deltaid.check.evidence import evidence
+    from deltaid.check.mended import as_written, changes, files_of, mended
     from deltaid.cli.output import print_note
-    from deltaid.dynamics.dynamics import compiled
-    from deltaid.recording.opening import resolved_table
     from deltaid.robot.load import described
 
     cures: list[Cure] = []
@@ -119,10 +118,7 @@ def _cures(
         if file == "robot":
             data = as_written(robot)
         else:
-            description = described(robot)
-            table, columns, _ = resolved_table(logs[0], compiled(description).kinematics, mapping)
-            linear = tuple(description.is_linear(drive) for drive in description.drives)
-            data = written_out(mapping, table, columns, linear)
+            data = evidence(described(robot), logs[0], mapping).written_mapping
         wanted = changes(found, file)
         cures.append(Cure(file, mended(data, wanted), wanted))
     return tuple(cures)

@@ -13,10 +13,10 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.mended import changes, mended, written_out
+from deltaid.check.evidence import evidence
+from deltaid.check.mended import mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
@@ -206,13 +206,9 @@ def mapping_cured(
     Raises:
         DeltaidError: robot, recording or mapping cannot be read.
     """
-    description = described(robot)
     given = load_mapping(mapping) if mapping else None
-    table, columns, _ = resolved_table(Path(path), compiled(description).kinematics, given)
-    linear = tuple(description.is_linear(drive) for drive in description.drives)
-    data = written_out(given, table, columns, linear)
-    verdict = Verdict("", Grade.WRONG, "", proposals=(Proposal("mapping", tuple(wanted)),))
-    return yaml_text(mended(data, changes([verdict], "mapping")))
+    record = evidence(described(robot), Path(path), given)
+    return yaml_text(mended(record.written_mapping, dict(wanted)))
 
 
 def _si(channel: Channel, values: np.ndarray) -> np.ndarray:
