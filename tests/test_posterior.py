@@ -21,7 +21,7 @@ from deltaid.model.samples import Samples
 from deltaid.motion.random_motion import random_motion
 from deltaid.posterior import draw
 from deltaid.posterior.density import Density, density
-from deltaid.posterior.diagnostics import effective_size, rhat
+from deltaid.posterior.draw import effective_size, rhat
 from deltaid.posterior.sampler import Chains
 from identified import identified
 from posteriors import by_rejection, hasten, matrices, normal

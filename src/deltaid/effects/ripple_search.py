@@ -8,7 +8,7 @@ from jaxtyping import Float
 from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Added
-from deltaid.estimation.chance import surprise
+from deltaid.estimation.scatter import surprise
 
 # Waves over the stroke from which torque over the position is a ripple, not a spring, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.

@@ -42,8 +42,16 @@ class BaseGroup:
             key = next((k for k in by_size if np.isclose(k, size, rtol=1e-6)), size)
             label = layout.parameters[member].label
             by_size.setdefault(key, []).append((label, coefficient < 0))
-        first = layout.parameters[self.representative].label
-        return first + "".join(_written_out(size, terms) for size, terms in by_size.items())
+        text = layout.parameters[self.representative].label
+        for size, ((names, negative), *others) in by_size.items():
+            for label, is_negative in others:
+                names += f" {'+' if is_negative == negative else '−'} {label}"
+            number = f"{size:.6g}"
+            if others and (number != "1" or negative):
+                names = f"({names})"
+            times = "" if number == "1" else f"{number}·"
+            text += f" {'−' if negative else '+'} {times}{names}"
+        return text
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,8 +144,7 @@ def _representatives(
         # Moments of inertia first: a strut's first moment then reads as mass at its ends.
         return rank, parameter.symbol in ("m", "mcx", "mcy", "mcz"), int(columns[k])
 
-    basis = np.zeros((len(scaled), 0))
-    chosen = []
+    basis, chosen = np.zeros((len(scaled), 0)), list[int]()
     for k in sorted(range(scaled.shape[1]), key=preference):
         rest = scaled[:, k]
         for _ in range(2):  # twice, so that rounding leaves it orthogonal
@@ -167,15 +174,3 @@ def _groups(
         }
         groups.append(BaseGroup(int(columns[chosen[row]]), members))
     return tuple(groups)
-
-
-def _written_out(size: float, terms: list[tuple[str, bool]]) -> str:
-    """' + 6·(m_S − mcx_S)': the terms that share a coefficient, after their common sign."""
-    (names, negative), *others = terms
-    for label, is_negative in others:
-        names += f" {'+' if is_negative == negative else '−'} {label}"
-    number = f"{size:.6g}"
-    if others and (number != "1" or negative):
-        names = f"({names})"
-    times = "" if number == "1" else f"{number}·"
-    return f" {'−' if negative else '+'} {times}{names}"

@@ -103,9 +103,14 @@ def _blocks(
 ) -> Iterator[Block]:
     """The smallest independent blocks of some rows of a body's M̄."""
     inner = np.ix_(rows, rows)
-    linked = (index[inner] >= 0) | (M[inner] != 0) | np.eye(len(rows), dtype=bool)
-    together = np.linalg.matrix_power(linked.astype(int), len(rows)) > 0
-    for part in np.unique(together, axis=0)[::-1]:
+    for part in connected((index[inner] >= 0) | (M[inner] != 0)):
         ix = np.ix_(rows[part], rows[part])
         if np.any(index[ix] >= 0):  # others are constant and consistent, since the prior is
             yield Block(index[ix], np.where(index[ix] < 0, M[ix], 0.0), M[ix])
+
+
+def connected(linked: Bool[np.ndarray, "n n"]) -> list[Int[np.ndarray, " _"]]:
+    """Rows of a symmetric matrix that hang together, by the entries that link two of them."""
+    steps = linked.astype(int) + np.eye(len(linked), dtype=int)
+    together = np.linalg.matrix_power(steps, len(linked)) > 0
+    return [np.flatnonzero(part) for part in np.unique(together, axis=0)[::-1]]

@@ -103,10 +103,9 @@ class Information:
     @property
     def weights(self) -> Float[np.ndarray, " rows"]:
         """The same, and behind it those of the channels of sensors by their noise."""
-        sizes = self.torque_max.copy()
+        sizes, used = self.torque_max.copy(), self.torque_max > 0
         if self.levels is not None:
-            sizes[self.drives.stop :] = np.where(sizes[self.drives.stop :] > 0, self.levels, 0.0)
-        used = sizes > 0
+            sizes[self.drives.stop :] = self.levels
         return np.where(used, np.where(used, sizes, 1.0) ** -2.0, 0.0)
 
     def weighted(
@@ -154,9 +153,16 @@ def condense(
     tau: Float[np.ndarray, "dof samples"],
     counted: Float[np.ndarray, "dof samples"],
 ) -> Condensed:
-    """Triangles of some samples' chunks; `counted` is what each is worth, as `samples` says."""
-    triangles = tuple((columns, _chunk_triangle(chunk)) for columns, chunk in chunks)
-    return Condensed(triangles, counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
+    """Triangles of some samples' chunks, each put together piece by piece; `counted` is what each
+    sample is worth, as `samples` says."""
+    triangles = []
+    for columns, rows in chunks:
+        n, samples = rows.shape
+        step, R = max(_PANEL // n - n, n), np.zeros((0, n))
+        for start in range(0, samples, step):
+            R = triangle(np.vstack([R, rows[:, start : start + step].T]))
+        triangles.append((columns, R))
+    return Condensed(tuple(triangles), counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
 
 
 def collect(
@@ -190,15 +196,14 @@ def gather_samples(
     qd: Float[np.ndarray, "samples dof"],
     qdd: Float[np.ndarray, "samples dof"],
     tau: Float[np.ndarray, "samples dof"],
-    load: Float[np.ndarray, "samples dof"] | None = None,
 ) -> Information:
-    """The information of samples in memory; `load`, what gears carry, is for friction by load."""
+    """The information of samples in memory."""
     parts = []
-    for part in (slice(i, i + _AT_ONCE) for i in range(0, len(z), _AT_ONCE)):
-        carried = tau[part] if load is None else load[part]
-        values = entries_at(regressor, z[part], qd[part], qdd[part], carried)
-        chunks = chunks_of_drives(regressor, values, tau[part].T)
-        parts.append(condense(chunks, tau[part].T, np.ones_like(tau[part].T)))
+    for start in range(0, len(z), _AT_ONCE):
+        motion = (x[start : start + _AT_ONCE] for x in (z, qd, qdd, tau))
+        y = tau[start : start + _AT_ONCE].T
+        chunks = chunks_of_drives(regressor, entries_at(regressor, *motion), y)
+        parts.append(condense(chunks, y, np.ones_like(y)))
     return collect(regressor, parts, "samples")
 
 
@@ -239,16 +244,6 @@ def chunks_of_drives(
 def triangle(A: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rank n"]:
     """The upper triangular R with RᵀR = AᵀA, from a QR factorisation."""
     return np.asarray(np.linalg.qr(A, mode="r"))
-
-
-def _chunk_triangle(chunk: Float[np.ndarray, "n samples"]) -> Float[np.ndarray, "rows n"]:
-    """The same for chunkᵀ, piece by piece, each with the triangle of those before on top."""
-    n, samples = chunk.shape
-    step = max(_PANEL // n - n, n)
-    R = np.zeros((0, n))
-    for start in range(0, samples, step):
-        R = triangle(np.vstack([R, chunk[:, start : start + step].T]))
-    return R
 
 
 def entries_at(

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
-from scipy.special import stdtrit
+from scipy.special import gammaincc, gammaln, stdtrit
 
 from deltaid.estimation.information import Information
 
@@ -68,37 +68,25 @@ class Scatter:
     scores: Float[np.ndarray, "groups n"]
     sigma: float = 0.0
 
-    def by_facts(self, U: Combinations) -> Each:
-        """σ̂² uᵀH_0 u, the variance of the columns of U by facts; 0 without any."""
-        size, whole = np.sum(U**2, axis=0), np.sum(U * (self.shares.sum(axis=0) @ U), axis=0)
-        share = 1.0 - whole / np.where(size > 0, size, 1.0)
-        return self.sigma**2 * np.where(share > _ROUNDING, share, 0.0) * size
-
     def variances(self, U: Combinations) -> tuple[Each, Each]:
         """v and ν of the columns of U; NaN where the groups do not determine them."""
-        v, nu = self._by_groups(U)
-        facts = self.by_facts(U)
-        if not facts.any():
-            return v, nu
-        return v + facts, nu * np.where(v > 0, (1.0 + facts / np.where(v > 0, v, 1.0)) ** 2, _SURE)
-
-    def _by_groups(self, U: Combinations) -> tuple[Each, Each]:
-        """The part of groups alone; 0 where there is hardly any."""
         HU = np.moveaxis(self.shares @ U, 2, 0)  # combinations, groups, n
         own = np.einsum("cgn,nc->cg", HU, U)
-        whole = np.sum(U**2, axis=0)
-        size = own.sum(axis=1)
-        size = np.where(whole - size > _ROUNDING * whole, size, whole)
+        whole, size = np.sum(U**2, axis=0), own.sum(axis=1)
+        by_facts = whole - size > _ROUNDING * whole
+        facts = self.sigma**2 * np.where(by_facts, whole - size, 0.0)
+        size = np.where(by_facts, size, whole)
         omega = -HU @ np.swapaxes(HU, 1, 2)
         diagonal = np.arange(len(self.shares))
         omega[:, diagonal, diagonal] += own
         t = np.trace(omega, axis1=1, axis2=2)
-        valid = t > _NO_SCATTER * size
-        t = np.where(valid, t, np.nan)
-        v = size * np.sum((self.scores @ U) ** 2, axis=0) / t
-        nu = np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0)
-        none = size <= _NO_SCATTER * whole
-        return np.where(none, 0.0, v), np.where(none, 1.0, nu)
+        t = np.where(t > _NO_SCATTER * size, t, np.nan)
+        hardly = size <= _NO_SCATTER * whole  # is by groups
+        v = np.where(hardly, 0.0, size * np.sum((self.scores @ U) ** 2, axis=0) / t)
+        nu = np.where(hardly, 1.0, np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0))
+        if not facts.any():
+            return v, nu
+        return v + facts, nu * np.where(v > 0, (1.0 + facts / np.where(v > 0, v, 1.0)) ** 2, _SURE)
 
 
 @dataclass(frozen=True)
@@ -154,6 +142,15 @@ def observe(
         if size > largest:
             best, largest = Noise(root, sigma, freedom, scatter, name), size
     return best
+
+
+def surprise(x: float, freedom: int) -> float:
+    """−log₁₀ of the probability that χ² exceeds x, also where that is too small for a number."""
+    a, half = 0.5 * freedom, 0.5 * x
+    tail = float(gammaincc(a, half))
+    if tail > 1e-280:
+        return -float(np.log10(tail)) if a > 0 else 0.0
+    return float((half - (a - 1) * np.log(half) + gammaln(a)) / np.log(10))
 
 
 def inverse(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:

@@ -3,6 +3,7 @@ repeatedly, shifted in time or with additional columns, through the same low-pas
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -50,8 +51,24 @@ class Trace:
         margin: int = 0,
     ) -> Values:
         """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of a drive for
-        each channel; x is wrong in `margin` samples at either end."""
-        parts = [_through(self.low_pass, run, quantity, drives, margin) for run in self.stretches]
+        each channel; x is wrong in `margin` samples at either end.
+
+        Block by block, so that the full rate is never in memory for many channels.
+        """
+        low_pass, parts = self.low_pass, [np.zeros((len(drives), 0))]
+        support = len(low_pass.lead) + low_pass.stride * (len(low_pass.smooth) - 1)
+        at_once = max(1, WINDOW // low_pass.thinned)
+        for run in self.stretches:
+            rows, count = len(run.time), _outputs(low_pass, len(run.time))
+            for start in range(0, count, at_once):
+                outputs = min(at_once, count - start)
+                first = start * low_pass.thinned
+                last = first + (outputs - 1) * low_pass.thinned + support
+                low, high = max(0, first - margin), min(rows, last + margin)
+                x = quantity(run.part(slice(low, high)))[:, first - low : last - low]
+                x = run.part(slice(first, last)).weighted(x, drives)
+                led = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
+                parts.append(apply(low_pass.smooth, led, low_pass.decimation)[:, :outputs])
         return np.concatenate(parts, axis=1)
 
     def torques(self) -> Values:
@@ -102,12 +119,8 @@ class Trace:
     def shifted(
         self, delay: Delay, constants: Delay | None = None, growth: Growth | None = None
     ) -> "Trace":
-        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it.
-
-        Args:
-            constants: of filters that torques passed [s]; none if not given.
-            growth: of delays with time.
-        """
+        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it, with
+        `constants` of filters that torques passed [s] and a growth of delays with time."""
         rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
         parts = (
             _shifted(run, Shift.of(delay.tolist(), rate, filters, growth), rate)
@@ -161,11 +174,10 @@ def trace(
     assert recording.low_pass is not None  # positions alone are always filtered
     some = recording.spread(dynamics.kinematics, windows or _MOST)
     joined = _joined([window.own for window in some])
-    step, time = 1.0 / log.rate, joined.time
-    ends = [*(np.flatnonzero(np.diff(time) > _GAP * step) + 1).tolist(), len(time)]
+    gaps = np.flatnonzero(np.diff(joined.time) > _GAP / log.rate) + 1
     stretches = tuple(
         joined.part(slice(first, last))
-        for first, last in zip([0, *ends], ends, strict=False)
+        for first, last in pairwise([0, *gaps.tolist(), len(joined.time)])
         if _outputs(recording.low_pass, last - first) > 0
     )
     if not stretches:
@@ -195,35 +207,12 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:
-    names = [field.name for field in fields(Samples)]
-    return Samples(*(np.concatenate([getattr(w, name) for w in parts]) for name in names))
+    return Samples(
+        *(np.concatenate([getattr(w, field.name) for w in parts]) for field in fields(Samples))
+    )
 
 
 def _outputs(low_pass: LowPass, rows: int) -> int:
     """How many thinned samples come of so many rows."""
     between = (rows - len(low_pass.lead)) // low_pass.stride + 1
     return max(0, (between - len(low_pass.smooth)) // low_pass.decimation + 1)
-
-
-def _through(
-    low_pass: LowPass,
-    stretch: Samples,
-    quantity: Callable[[Samples], Values],
-    drives: np.ndarray,
-    margin: int,
-) -> Values:
-    """Block by block, so that the full rate is never in memory for many channels."""
-    support = len(low_pass.lead) + low_pass.stride * (len(low_pass.smooth) - 1)
-    rows = len(stretch.time)
-    count, thinned = _outputs(low_pass, rows), low_pass.thinned
-    at_once = max(1, WINDOW // thinned)
-    parts = [np.zeros((len(drives), 0))]
-    for start in range(0, count, at_once):
-        outputs = min(at_once, count - start)
-        first, last = start * thinned, (start + outputs - 1) * thinned + support
-        low, high = max(0, first - margin), min(rows, last + margin)
-        x = quantity(stretch.part(slice(low, high)))[:, first - low : last - low]
-        x = stretch.part(slice(first, last)).weighted(x, drives)
-        led = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
-        parts.append(apply(low_pass.smooth, led, low_pass.decimation)[:, :outputs])
-    return np.concatenate(parts, axis=1)

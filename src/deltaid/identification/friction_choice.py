@@ -21,8 +21,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import RecordingError
-from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants

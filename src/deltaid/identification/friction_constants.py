@@ -13,8 +13,8 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.effects.joint import of_slope, of_term
-from deltaid.estimation.chance import surprise
 from deltaid.estimation.information import triangle
+from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Rows, lengths
 from deltaid.identification.friction_options import FORMS
 from deltaid.identification.friction_rows import FrictionRows

@@ -18,10 +18,10 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
 from deltaid.effects.lag_columns import LagColumns, alone
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import level_along
+from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace

@@ -14,9 +14,9 @@ from numpy.polynomial.chebyshev import chebvander
 
 from deltaid.effects.cause import SHARE, causes_of
 from deltaid.effects.contest import SEEN
-from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.problem import level_along
+from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import independent, lengths
 from deltaid.estimation.spectra import white_noise
 from deltaid.identification.study import Study

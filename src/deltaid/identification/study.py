@@ -20,9 +20,9 @@ from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.rigid_fit import Candidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.chance import surprise
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.information import active_columns
+from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Rows, Span
 from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording

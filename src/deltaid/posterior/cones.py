@@ -44,19 +44,20 @@ class Cones:
             if np.isfinite(variable.high):
                 bound, slope = np.array([[variable.high]]), np.array([[[-1.0]]])
                 blocks.append((np.array([k]), bound / variable.scale, slope / variable.scale))
-        constant, slopes, places = list[float](), list[np.ndarray](), dict[int, list[np.ndarray]]()
-        x_of_y = np.column_stack([mean, root])
+        entries, places, count = list[np.ndarray](), dict[int, list[np.ndarray]](), 0
         for variables, fixed, per_variable in blocks:
             k = len(fixed)
+            i, j = np.tril_indices(k)
             place = np.zeros((k, k), dtype=int)
-            for i, j in zip(*np.tril_indices(k), strict=True):
-                place[i, j] = place[j, i] = len(constant)
-                row = per_variable[:, i, j] @ x_of_y[variables]
-                constant.append(fixed[i, j] + row[0])
-                slopes.append(row[1:])
+            place[i, j] = place[j, i] = count + np.arange(len(i))
+            count += len(i)
+            own = per_variable[:, i, j].T @ np.column_stack([mean, root])[variables]
+            own[:, 0] += fixed[i, j]
+            entries.append(own)
             places.setdefault(k, []).append(place)
         groups = tuple(np.moveaxis(np.array(group), 0, 2) for _, group in sorted(places.items()))
-        return cls(np.array(constant), np.array(slopes), groups)
+        every = np.concatenate([np.zeros((0, 1 + len(mean))), *entries])
+        return cls(every[:, 0], every[:, 1:], groups)
 
     def turned(self, Q: Float[np.ndarray, "n n"]) -> "Cones":
         """The same for y = Q·y'."""
@@ -72,9 +73,7 @@ class Cones:
                     pivot = A[j, j]
                     inside &= np.all(pivot > 0, axis=0)
                     for i in range(j + 1, len(A)):
-                        factor = A[i, j] / pivot
-                        for k in range(j + 1, i + 1):
-                            A[i, k] -= factor * A[k, j]
+                        A[i, j + 1 : i + 1] -= A[i, j] / pivot * A[j + 1 : i + 1, j]
         return inside
 
     def curvature(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:

@@ -46,15 +46,13 @@ class Density:
     # logarithm of the factor at some x inside; None if the regulariser is quadratic
     rest: Callable[[Points], Float[np.ndarray, " points"]] | None = None
 
-    def variables(self, y: Points) -> Points:
-        return self.mean + y @ self.root.T
-
     def parameters(self, y: Points) -> Float[np.ndarray, "points parameters"]:
-        return self.variables(y) @ self.reduction.A.T + self.reduction.p_0
+        x = self.mean + y @ self.root.T
+        return x @ self.reduction.A.T + self.reduction.p_0
 
     def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
         """Logarithm of the factor of the normal distribution, inside the cones."""
-        return np.zeros(len(y)) if self.rest is None else self.rest(self.variables(y))
+        return np.zeros(len(y)) if self.rest is None else self.rest(self.mean + y @ self.root.T)
 
 
 def density(model: IdentifiedModel, where: str = "") -> Density:
@@ -77,9 +75,14 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
     rest = None
     if regularizer.spectral is not None:
         rest = _spectral_rest(regularizer.spectral, reduction.prior, record.spread)
-    fitted, prior = (
-        np.linalg.solve(root, x - mean) for x in (_fitted(model, reduction), reduction.prior)
-    )
+    M = {body: pseudo_inertia(model.p[model.layout.body(body)]) for body in model.layout.bodies}
+    x = [
+        M[variable.owner][PSEUDO_INERTIA_ENTRIES[variable.symbol]]
+        if variable.kind == "inertia"
+        else model.value(variable.name)
+        for variable in reduction.variables
+    ]
+    fitted, prior = (np.linalg.solve(root, at - mean) for at in (np.array(x), reduction.prior))
     return Density(reduction, mean, root, Cones.of(reduction, mean, root), fitted, prior, rest)
 
 
@@ -125,15 +128,3 @@ def _spectral_rest(
         return (curved - term.values(points)) / (2 * spread**2)
 
     return rest
-
-
-def _fitted(model: IdentifiedModel, reduction: Reduction) -> Float[np.ndarray, " n"]:
-    M = {body: pseudo_inertia(model.p[model.layout.body(body)]) for body in model.layout.bodies}
-    return np.array(
-        [
-            M[variable.owner][PSEUDO_INERTIA_ENTRIES[variable.symbol]]
-            if variable.kind == "inertia"
-            else model.value(variable.name)
-            for variable in reduction.variables
-        ]
-    )

@@ -1,18 +1,25 @@
 """Models drawn from a posterior, or a refusal where the draws could not be trusted; intervals of
-parameters from them, which feel edges of consistency."""
+parameters from them, which feel edges of consistency.
+
+Whether chains have forgotten where they began, and how many independent draws theirs are worth, is
+told by R̂ and effective sample size after Vehtari, Gelman, Simpson, Carpenter and Bürkner (2021):
+chains are split in halves and values replaced by normal scores of their ranks. R̂ compares halves
+with all; so that it sees differences of spread too, the larger one of values and of their distances
+from the median is taken.
+"""
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
+from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
 from deltaid.model.model import Model, load
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
-from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.posterior.density import density
-from deltaid.posterior.diagnostics import effective_size, rhat
 from deltaid.posterior.limbs import scattered, with_own_limbs
 from deltaid.posterior.sampler import Chains
 
@@ -26,8 +33,9 @@ _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
 _MODELS = 8000
 _ENDS = (0.025, 0.975)
 
-Draws = Float[np.ndarray, "draws chains n"]
-Each = Float[np.ndarray, " parameters"]
+# Draws, chains and quantities.
+Draws = Float[np.ndarray, "draws chains quantities"]
+Each = Float[np.ndarray, " quantities"]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -120,17 +128,55 @@ def with_posterior_intervals(model: IdentifiedModel) -> IdentifiedModel:
     """
     p = draw(load(model), _MODELS).p
     low, high = np.quantile(p, _ENDS, axis=0)
-    deviation = p.std(axis=0)
+    ends = zip(model.parameters, low.tolist(), high.tolist(), p.std(axis=0).tolist(), strict=True)
     parameters = tuple(
-        _redrawn(parameter, float(low[i]), float(high[i]), float(deviation[i]))
-        for i, parameter in enumerate(model.parameters)
+        parameter
+        if low == high
+        else parameter.changed(
+            low=min(low, parameter.value), high=max(high, parameter.value), std=deviation
+        )
+        for parameter, low, high, deviation in ends
     )
     settings = model.settings.changed(intervals="posterior")
     return model.changed(parameters=parameters, settings=settings)
 
 
-def _redrawn(parameter: Parameter, low: float, high: float, deviation: float) -> Parameter:
-    if low == high:
-        return parameter
-    low, high = min(low, parameter.value), max(high, parameter.value)
-    return parameter.changed(low=low, high=high, std=deviation)
+def rhat(draws: Draws) -> Each:
+    """The factor by which spread might still grow: 1 where chains agree."""
+    folded = np.abs(draws - np.median(draws, axis=(0, 1)))
+    return np.maximum(_spread(_scores(draws)), _spread(_scores(folded)))
+
+
+def effective_size(draws: Draws) -> Each:
+    """How many independent draws tell as much of the middle of the distribution."""
+    z = _scores(draws)
+    length, chains, _ = z.shape
+    centred = z - z.mean(axis=0)
+    spectrum = np.abs(np.fft.rfft(centred, n=2 * length, axis=0)) ** 2
+    covariance = np.fft.irfft(spectrum, axis=0)[:length].mean(axis=1) / length
+    within = covariance[0] * length / (length - 1)
+    total = covariance[0] + z.mean(axis=0).var(axis=0, ddof=1)
+    correlation = 1.0 - (within - covariance) / total
+    correlation[0] = 1.0
+    # Geyer: sums of neighbours are positive and fall, as far as noise lets one see.
+    pairs = correlation[: length // 2 * 2].reshape(-1, 2, z.shape[2]).sum(axis=1)
+    positive = np.logical_and.accumulate(pairs > 0, axis=0)
+    pairs = np.minimum.accumulate(np.where(positive, pairs, 0.0), axis=0)
+    time = np.maximum(2 * pairs.sum(axis=0) - 1.0, 1.0 / np.log10(max(length * chains, 10)))
+    return length * chains / time
+
+
+def _spread(z: Draws) -> Each:
+    """By how much halves together spread more than each."""
+    length = len(z)
+    within, between = z.var(axis=0, ddof=1).mean(axis=0), z.mean(axis=0).var(axis=0, ddof=1)
+    return np.sqrt((length - 1) / length + between / within)
+
+
+def _scores(draws: Draws) -> Draws:
+    """Normal scores of the ranks of all draws, chains split in halves."""
+    half = len(draws) // 2
+    halves = np.concatenate([draws[:half], draws[-half:]], axis=1)
+    count = halves[..., 0].size
+    ranks = rankdata(halves.reshape(count, -1), axis=0)
+    return ndtri((ranks - 0.375) / (count + 0.25)).reshape(halves.shape)

@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError
+from deltaid.estimation.free_body import connected
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
@@ -73,29 +74,14 @@ def _scattered(
     M = pseudo_inertia(p)
     result = np.repeat(M[:, None], count, axis=1)
     freedom = 2.0 * ((count - 1) / tolerance**2 - 1.0) / count
-    for rows in _parts(M):
-        block = np.ix_(range(len(M)), rows, rows)
-        L = np.linalg.cholesky(M[block])
-        Z = _wishart_factors((len(M), count), len(rows), freedom, rng)
+    for rows in connected(np.any(M != 0, axis=0)):
+        L = np.linalg.cholesky(M[np.ix_(range(len(M)), rows, rows)])
+        # Z Zᵀ is Wishart (Bartlett): lower triangles, χ on the diagonal, N(0, 1) below
+        Z = np.tril(rng.standard_normal((len(M), count, len(rows), len(rows))), -1)
+        for i in range(len(rows)):
+            Z[..., i, i] = np.sqrt(rng.chisquare(freedom - i, (len(M), count)))
         W = Z @ Z.mT
         values, V = np.linalg.eigh(W.sum(axis=1))
         H = (L @ (V / np.sqrt(values)[:, None]) @ V.mT)[:, None]
         result[np.ix_(range(len(M)), range(count), rows, rows)] = count * H @ W @ H.mT
     return inertia_parameters(result)
-
-
-def _parts(M: Float[np.ndarray, "samples 4 4"]) -> list[list[int]]:
-    """Rows of M̄ that hang together in any sample."""
-    linked = np.any(M != 0, axis=0)
-    together = np.linalg.matrix_power(linked.astype(int), 4) > 0
-    return [np.flatnonzero(row).tolist() for i, row in enumerate(together) if not row[:i].any()]
-
-
-def _wishart_factors(
-    shape: tuple[int, int], size: int, freedom: float, rng: np.random.Generator
-) -> Float[np.ndarray, "samples limbs k k"]:
-    """Z with Z Zᵀ Wishart (Bartlett): lower triangles, χ on the diagonal, N(0, 1) below."""
-    Z = np.tril(rng.standard_normal((*shape, size, size)), -1)
-    for i in range(size):
-        Z[..., i, i] = np.sqrt(rng.chisquare(freedom - i, shape))
-    return Z

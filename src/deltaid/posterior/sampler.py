@@ -12,6 +12,8 @@ those of the curvature of −Σ log det M_b. Steps along each axis that soon mee
 those chosen at random, in all that meet none, and in what is not alone take turns.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -31,9 +33,8 @@ _TRIALS = 200
 _WIDER = 2.0
 
 Points = Float[np.ndarray, "n chains"]
-Moved = Float[np.ndarray, "some chains"]
-Entries = Float[np.ndarray, "entries chains"]
 Each = Float[np.ndarray, " chains"]
+Some = Int[np.ndarray, " some"]
 
 
 class Chains:
@@ -70,7 +71,7 @@ class Chains:
             self._step(np.arange(self._middle, n))
             self._step(np.arange(self._near, n))
 
-    def _step(self, axes: Int[np.ndarray, " some"]) -> None:
+    def _step(self, axes: Some) -> None:
         """One step of all chains within some axes."""
         if not axes.size:
             return
@@ -83,31 +84,31 @@ class Chains:
         current, target = slopes @ old, slopes @ new
         stays = self._cones.constant[:, None] + self._entries - current
         threshold = self._log + np.log(self.rng.random(self.count))
-        angle = self._angle(axes, (old, new), (stays, current, target), threshold)
+
+        def accepted(angle: Each, k: Some) -> Bool[np.ndarray, " some"]:
+            """Which of the chains k may go to these angles."""
+            cos, sin = np.cos(angle), np.sin(angle)
+            good = self._cones.hold(stays[:, k] + current[:, k] * cos + target[:, k] * sin)
+            if self.density.rest is not None:
+                y = self._y[:, k[good]]
+                y[axes] = (old[:, k] * cos + new[:, k] * sin)[:, good]
+                good[good] = self._factor(y) > threshold[k[good]]
+            return good
+
+        angle = self._angle(accepted)
         cos, sin = np.cos(angle), np.sin(angle)
         self._y[axes] = old * cos + new * sin
         self._entries += current * (cos - 1) + target * sin
         if self.density.rest is not None:
             self._log = self._factor(self._y)
 
-    def _angle(
-        self,
-        axes: Int[np.ndarray, " some"],
-        ends: tuple[Moved, Moved],
-        entries: tuple[Entries, Entries, Entries],
-        threshold: Each,
-    ) -> Each:
+    def _angle(self, accepted: Callable[[Each, Some], np.ndarray]) -> Each:
         """Accepted angles on the ellipses."""
         angle = self.rng.uniform(0, 2 * np.pi, self.count)
         low, high = angle - 2 * np.pi, angle.copy()
         active = np.arange(self.count)
         for _ in range(_TRIALS):
-            cos, sin = np.cos(angle[active]), np.sin(angle[active])
-            stays, current, target = (part[:, active] for part in entries)
-            inside = self._cones.hold(stays + current * cos + target * sin)
-            if self.density.rest is not None:
-                inside &= self._likely(axes, ends, angle, active, threshold, inside)
-            active = active[~inside]
+            active = active[~accepted(angle[active], active)]
             if not active.size:
                 return angle
             back = angle[active] < 0
@@ -117,27 +118,11 @@ class Chains:
         angle[active] = 0.0  # rounding at the very edge: these stay where they are
         return angle
 
-    def _likely(
-        self,
-        axes: Int[np.ndarray, " some"],
-        ends: tuple[Moved, Moved],
-        angle: Each,
-        active: Int[np.ndarray, " trying"],
-        threshold: Each,
-        inside: Bool[np.ndarray, " trying"],
-    ) -> Bool[np.ndarray, " trying"]:
-        """Which of the points inside have a sufficient factor of the normal distribution."""
-        likely, at = np.zeros(len(active), dtype=bool), active[inside]
-        y = self._y[:, at].copy()
-        y[axes] = ends[0][:, at] * np.cos(angle[at]) + ends[1][:, at] * np.sin(angle[at])
-        likely[inside] = self._factor(y) > threshold[at]
-        return likely
-
     def _factor(self, y: Points) -> Each:
         return self.density.log_factor((self._turn @ y).T)
 
     def _starts(self) -> Points:
-        """Points inside that lie farther apart than the distribution does."""
+        """Points inside that lie farther apart than the distribution does, about the model."""
         cones, centre = self.density.cones, _inner(self.density)
         rays = _WIDER * self.rng.standard_normal((len(centre), self.count))
         entries, along = cones.constant + cones.slopes @ centre, cones.slopes @ rays
