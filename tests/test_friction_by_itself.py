@@ -15,7 +15,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.friction_choice import choose_friction, chosen_friction
 from deltaid.identification.friction_constants import _bounded, moved
-from deltaid.identification.friction_curves import curve_rows, freed, law_constants
+from deltaid.identification.friction_curves import LawConstants, curve_rows, freed
 from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.setup import Setup
@@ -175,8 +175,7 @@ def test_intervals_hold_whole_curves_and_are_of_use() -> None:
 def test_a_curve_is_less_certain_where_its_constants_are_unknown() -> None:
     problem = with_geometry(replace(found().problem, moves=()), found().recordings)
     rows = curve_rows(problem, "drive2", np.array([0.4, 5.0]))
-    constants = law_constants(problem.additions)
-    assert constants is not None
+    (constants,) = (extra for extra in problem.additions if isinstance(extra, LawConstants))
     names = [parameter.name for parameter in constants.parameters]
     assert names == ["stribeck_speed.drive2", "stribeck_exponent.drive2"]
     at = [problem.layout.names.index(name) for name in names]

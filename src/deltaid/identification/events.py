@@ -19,7 +19,6 @@ from deltaid.identification.expectation import Expectation, expect
 from deltaid.identification.expectation_source import Source
 from deltaid.identification.outstanding import (
     Course,
-    OfDrives,
     Stretch,
     outstanding,
     stands_out,
@@ -28,7 +27,6 @@ from deltaid.identification.recurring import without_recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.recording.log import Log
 from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.recording import Recording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
@@ -75,17 +73,17 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     corrections, glanced = list[Correction](), list[tuple[int, Expectation]]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
-        bare = with_events(recording)
-        kept = bare.repairs.left_out
+        bare, spans = with_events(recording), ()
+        recording = recording.repaired(left_out=bare.repairs.left_out)
         expected = on_time(Source(setup.dynamics, setup.additions, bare))
-        spans, repairs = (), dict[str, object]()
         if expected and not setup.closely and _is_excerpt_quiet(expected):
             glanced.append((k, expected))
         elif expected:
             spans = events(expected)
+            recording = recording.repaired(left_out=(*bare.repairs.left_out, *spans))
         if expected and setup.settings.lag == "estimate":  # to begin with
-            repairs["delay"] = expected.source.recording.repairs.delay
-        setup = setup.repaired(setup.recordings[k], left_out=(*kept, *spans), **repairs)
+            recording = recording.repaired(delay=expected.source.recording.repairs.delay)
+        setup = setup.with_recording(k, recording)
         corrections += _corrections(spans, recording, setup.robot.drives)
     return setup.reported(corrections, "contact", "backlash").changed(glanced=tuple(glanced))
 
@@ -93,7 +91,7 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
 def with_events(recording: Recording) -> Recording:
     """A recording with what has been excluded of it as an event."""
     kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
-    return replace(recording, repairs=replace(recording.repairs, left_out=kept))
+    return recording.repaired(left_out=kept)
 
 
 def _is_excerpt_quiet(expected: Expectation) -> bool:
@@ -149,6 +147,11 @@ def _corrections(
         pushes = [span.push for span in group if span.push]
         forces = [(float(np.linalg.norm(push.force)), push.time) for push in pushes]
         force, when = max(forces, key=lambda force: force[0], default=(0.0, 0.0))
+        text = _TEXT[reason].format(
+            times="once" if len(group) == 1 else f"{len(group)} times",
+            largest=f"the largest {force:.3g} N at {when:.3f} s",
+            spans=len(times),
+        )
         corrections.append(
             Correction(
                 kind="contact" if gear is None else "backlash",
@@ -156,11 +159,7 @@ def _corrections(
                 log=recording.path.name,
                 value=float(np.diff(times).sum()),
                 unit="s",
-                text=_TEXT[reason].format(
-                    times="once" if len(group) == 1 else f"{len(group)} times",
-                    largest=f"the largest {force:.3g} N at {when:.3f} s",
-                    spans=len(times),
-                ),
+                text=text,
             )
         )
     return corrections
@@ -169,10 +168,10 @@ def _corrections(
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be excluded, in the order of time."""
     outliers, recording = outstanding(expected), expected.source.recording
-    step, low_pass = 1.0 / recording.log.rate, recording.low_pass
-    duration, margin = step * recording.log.samples, max(_BESIDE, step)
+    log, low_pass, delay = recording.log, recording.low_pass, recording.repairs.delay
+    duration, margin = log.samples / log.rate, max(_BESIDE, 1.0 / log.rate)
     spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
-    lasting = [run for run in outliers.stretches if not _is_friction(run, expected.coulomb)]
+    lasting = [run for run in outliers.stretches if not _is_friction(run, expected)]
     remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
     course = Course(_ONE)
     course.join(remaining)
@@ -180,15 +179,23 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     jolts = [push for push in pushes if push.sharp > _SHARP]
     if sum(jolt.end - jolt.start for jolt in jolts) > _JOLTS * duration:
         pushes, jolts = [push for push in pushes if push not in jolts], []
+    still = [m.start for m in log.masks if m.reason in ("standing still", "on brakes")]
     excluded = [*outliers.spikes, *spoilt]
     for stretch in pushes:
-        reason = STOP if _stops(stretch, recording.log) else CONTACT
-        push = _push(stretch, expected.source.dynamics.kinematics)
+        stops = any(-_STANDS <= start - stretch.end <= _STANDS for start in still)
+        reason, push = STOP if stops else CONTACT, None
         if stretch in jolts:
-            reason, push = JOLT, None
+            reason = JOLT
+        else:
+            push = _push(stretch, expected.source.dynamics.kinematics)
         excluded.append(LeftSpan(stretch.start - margin, stretch.end + margin, reason, push=push))
-    spans = sorted(excluded, key=lambda span: span.first)
-    return tuple(_as_recorded(span, recording.repairs.delay) for span in spans)
+    spans = list[LeftSpan]()
+    for span in sorted(excluded, key=lambda span: span.first):
+        # By the stamps of torques, which come so much later than their motion.
+        delays = [delay[i] for i in span.drives or range(len(delay))] if delay else [0.0]
+        first, last = span.first + min(delays), span.last + max(delays)
+        spans.append(replace(span, first=first, last=last))
+    return tuple(spans)
 
 
 def on_time(source: Source) -> Expectation | None:
@@ -203,47 +210,30 @@ def on_time(source: Source) -> Expectation | None:
         recording = source.recording
         delay = np.array(recording.repairs.delay or (0.0,) * source.dynamics.dof)
         delay = np.clip(delay + expected.lags, *_LAGS)
-        repairs = replace(recording.repairs, delay=tuple(delay.tolist()))
-        source = replace(source, recording=replace(recording, repairs=repairs))
+        source = replace(source, recording=recording.repaired(delay=tuple(delay.tolist())))
         expected = expect(source)
     return expected if expected and np.all(expected.misfit < _MISFIT) else first
 
 
-def _as_recorded(span: LeftSpan, delay: Sequence[float]) -> LeftSpan:
-    """A span by the stamps of its torques, which come so much later than its motion."""
-    if not delay:
-        return span
-    delays = [delay[i] for i in span.drives or range(len(delay))]
-    return replace(span, first=span.first + min(delays), last=span.last + max(delays))
-
-
-def _is_friction(stretch: Stretch, coulomb: OfDrives) -> bool:
+def _is_friction(stretch: Stretch, expected: Expectation) -> bool:
     """Whether friction of one drive that hardly moves may be all there is."""
     i = int(np.argmax(stretch.sizes))
     alone = np.all(np.delete(stretch.sizes, i) < _ALONE * stretch.sizes[i])
-    return bool(alone and stretch.speed[i] < _SLOW and abs(stretch.left[i]) <= coulomb[i])
+    within = abs(stretch.left[i]) <= expected.coulomb[i]
+    return bool(alone and stretch.speed[i] < _SLOW and within)
 
 
 def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
     """Those that are short, and not crowded; none where they fill much of a recording."""
-    length = np.array([stretch.end - stretch.start for stretch in stretches])
-    middle = np.array([0.5 * (stretch.end + stretch.start) for stretch in stretches])
+    start, end = (np.array([getattr(x, name) for x in stretches]) for name in ("start", "end"))
+    length, middle = end - start, 0.5 * (end + start)
     sums = np.append(0.0, np.cumsum(length))
+    if sums[-1] > _MOST * duration:
+        return []
     about = sums[np.searchsorted(middle, middle + 0.5 * _ABOUT, side="right")]
     about -= sums[np.searchsorted(middle, middle - 0.5 * _ABOUT, side="left")]
     kept = (length <= _LONGEST) & (about <= np.maximum(_DENSE * _ABOUT, length))
-    if sums[-1] > _MOST * duration:
-        return []
     return [stretch for stretch, good in zip(stretches, kept, strict=True) if good]
-
-
-def _stops(stretch: Stretch, log: Log) -> bool:
-    """Whether the robot stands still after it."""
-    return any(
-        mask.reason in ("standing still", "on brakes")
-        and -_STANDS <= mask.start - stretch.end <= _STANDS
-        for mask in log.masks
-    )
 
 
 def _push(stretch: Stretch, kinematics: Kinematics) -> Push:

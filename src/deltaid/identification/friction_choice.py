@@ -43,33 +43,6 @@ _SEEN = 3.5 + 1.3
 # Terms that are added at most.
 _MOST = 25
 
-# Columns of each variant, without what has been explained.
-_Bare = dict[Variant, Columns]
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """The variant of an addition that explains most, and what it explains."""
-
-    variant: Variant
-    judged: Judged
-
-    @property
-    def joint(self) -> str:
-        return self.variant.joint.name
-
-    @property
-    def is_useful(self) -> bool:
-        """Whether it is beyond chance, and large enough to matter."""
-        return self.judged.surprise > _SEEN and self.judged.is_large
-
-    def trial(self, *, useful: bool) -> FrictionTrial:
-        judged, kind = self.judged, self.variant.kind
-        return FrictionTrial(
-            joint=self.joint, addition=kind, error=judged.error, gain=judged.gain,
-            significance=judged.times, useful=useful,
-        )  # fmt: skip
-
 
 def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> FrictionRows | None:
     """Rows in which friction is searched; None where described laws are kept, undeclared loads come
@@ -99,6 +72,87 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     return setup.changed(friction_choice=choice, additions=(*setup.additions, *added))
 
 
+def _corrections(
+    before: RobotDescription, after: RobotDescription, choice: FrictionChoice
+) -> list[Correction]:
+    """One for each joint whose law was changed."""
+    corrections = list[Correction]()
+    for joint, law in after.friction.items():
+        steps = [step for step in choice.steps if step.useful and step.joint == joint]
+        if steps:
+            remaining = float(np.prod([1 - step.gain for step in steps]))
+            times = max(step.significance for step in steps)
+            text = (
+                f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
+                f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
+                "times what chance would explain"
+            )
+            corrections.append(Correction(kind="friction", subject=joint, text=text))
+    return corrections
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The variant of an addition that explains most, and what it explains."""
+
+    variant: Variant
+    judged: Judged
+
+    @property
+    def joint(self) -> str:
+        return self.variant.joint.name
+
+    @property
+    def is_useful(self) -> bool:
+        """Whether it is beyond chance, and large enough to matter."""
+        return self.judged.surprise > _SEEN and self.judged.is_large
+
+    def trial(self, *, useful: bool) -> FrictionTrial:
+        judged, kind = self.judged, self.variant.kind
+        return FrictionTrial(
+            joint=self.joint, addition=kind, error=judged.error, gain=judged.gain,
+            significance=judged.times, useful=useful,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Columns of variants and torques, both without what has been explained."""
+
+    rows: FrictionRows
+    bare: dict[Variant, Columns]
+    residual: Rows
+
+    @classmethod
+    def of(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_Search":
+        """Beside parameters, additions and lags."""
+        columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
+        ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
+        bare = np.split(rows.span.without(columns / lengths(columns)), ends, axis=1)
+        return cls(rows, dict(zip(variants, bare, strict=False)), rows.residual)
+
+    def without(self, U: Columns) -> "_Search":
+        """Beside further orthonormal columns."""
+        bare = {variant: A - U @ (U.T @ A) for variant, A in self.bare.items()}
+        return _Search(self.rows, bare, self.residual - U @ (U.T @ self.residual))
+
+    def step(self, option: Sequence[Variant]) -> _Step | None:
+        """The variant of an addition that explains most; None where none is identifiable."""
+        best: tuple[float, Variant, Columns] | None = None
+        for variant in option:
+            A = self.bare[variant]
+            U = A @ independent(A)
+            if not U.shape[1] or (variant.positive and A[:, 0] @ self.residual <= 0):
+                continue
+            gain = float(np.sum((U.T @ self.residual) ** 2))
+            if best is None or gain > best[0]:
+                best = gain, variant, U
+        if best is None:
+            return None
+        _, variant, U = best
+        return _Step(variant, self.rows.judged(U, self.residual, variant.constants))
+
+
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def choose_friction(
     rows: FrictionRows, progress: Progress = lambda _: None, barred: Collection[JointTerm] = ()
@@ -121,68 +175,34 @@ def choose_friction(
     return robot.changed(friction=dict(robot.friction) | refit.laws), choice
 
 
-def _corrections(
-    before: RobotDescription, after: RobotDescription, choice: FrictionChoice
-) -> list[Correction]:
-    """One for each joint whose law was changed."""
-    corrections = list[Correction]()
-    for joint, law in after.friction.items():
-        steps = [step for step in choice.steps if step.useful and step.joint == joint]
-        if steps:
-            remaining = float(np.prod([1 - step.gain for step in steps]))
-            times = max(step.significance for step in steps)
-            text = (
-                f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
-                f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
-                "times what chance would explain"
-            )
-            corrections.append(Correction(kind="friction", subject=joint, text=text))
-    return corrections
-
-
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is significant; and the first round's trials."""
-    residual = rows.residual
-    left = [option for option in options(rows) if _added_by(option) not in barred]
-    variants = [variant for option in left for variant in option]
-    columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
-    ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
-    bare = dict(zip(variants, np.split(_bare(rows, columns), ends, axis=1), strict=False))
+    left = [option for option in options(rows) if option[0].term not in barred]
+    search = _Search.of(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
-        trials = [step for option in left if (step := _tried(rows, option, bare, residual))]
+        trials = [step for option in left if (step := search.step(option))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]
         if not useful:
             break
         best = max(useful, key=lambda step: step.judged.surprise)
         if best.variant.kind == "both_ways":
-            best = _simplest(best, useful, rows, bare, residual)
+            best = _simplest(best, useful, search)
         steps.append(best)
-        # Laws for both directions include an offset.
-        kinds = {best.variant.kind} | ({"offset"} if best.variant.kind == "both_ways" else set())
-        added = {(best.joint, kind) for kind in kinds}
-        left = [option for option in left if _added_by(option) not in added]
-        U = best.judged.directions
-        bare = {variant: _without(U, A) for variant, A in bare.items()}
-        residual = _without(U, residual)
+        added = {best.variant.term}
+        if best.variant.kind == "both_ways":  # laws for both directions include an offset
+            added.add((best.joint, "offset"))
+        left = [option for option in left if option[0].term not in added]
+        search = search.without(best.judged.directions)
     return steps, first
 
 
-def _added_by(option: Sequence[Variant]) -> JointTerm:
-    """The joint that an option is of, and the kind of term that it adds."""
-    return option[0].joint.name, option[0].kind
-
-
-def _simplest(
-    both: _Step, useful: Sequence[_Step], rows: FrictionRows, bare: _Bare, residual: Rows
-) -> _Step:
+def _simplest(both: _Step, useful: Sequence[_Step], search: _Search) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
     for offset in useful:
-        if (offset.joint, offset.variant.kind) == (both.joint, "offset"):
-            U = offset.judged.directions
-            extra = {both.variant: _without(U, bare[both.variant])}
-            more = _tried(rows, [both.variant], extra, _without(U, residual))
+        if offset.variant.term == (both.joint, "offset"):
+            more = search.without(offset.judged.directions).step([both.variant])
             return both if more is not None and more.is_useful else offset
     return both
 
@@ -215,14 +235,12 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _St
     with constants of its own; None if all are needed."""
     curved = [step for step in steps if step.variant.constants]
     joints = [step.joint for step in curved]
-    squares = float(refit.residual @ refit.residual)
-    level = squares / max(len(refit.residual) - rows.span.rank, 1)
+    squares, level = refit.squares, refit.squares / max(len(rows.tau) - rows.span.rank, 1)
     surprises = dict[_Step, float]()
     for step in curved:
         if joints.count(step.joint) > 1:
             others = [other for other in steps if other is not step]
-            residual = refined(rows, _laws(rows, others)).residual
-            more = max(float(residual @ residual) - squares, 0.0)
+            more = max(refined(rows, _laws(rows, others)).squares - squares, 0.0)
             surprises[step] = surprise(more / level, 1 + step.variant.constants)
     worst = min(surprises, key=lambda step: surprises[step], default=None)
     return worst if worst is not None and surprises[worst] <= _SEEN else None
@@ -233,46 +251,14 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step 
 
     Each is judged with all others, with the constants as they are now.
     """
-    robot, columns = rows.dynamics.robot, []
+    robot, forms = rows.dynamics.robot, dict[_Step, Variant]()
     for step in steps:
         shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)
-        columns += [(step, (rows.joints[step.joint], shape)) for shape in shapes]
-    bare = _bare(rows, rows.columns([column for _, column in columns]))
-    residual, surprises = rows.residual, dict[_Step, float]()
-    for step in steps:
-        mine = np.array([whose is step for whose, _ in columns])
-        U = bare[:, ~mine] @ independent(bare[:, ~mine])
-        variant = replace(step.variant, positive=False)
-        now = _tried(rows, [variant], {variant: _without(U, bare[:, mine])}, _without(U, residual))
+        forms[step] = replace(step.variant, shapes=shapes, positive=False)
+    search, surprises = _Search.of(rows, list(forms.values())), dict[_Step, float]()
+    for step, form in forms.items():
+        others = np.hstack([A * (variant is not form) for variant, A in search.bare.items()])
+        now = search.without(others @ independent(others)).step([form])
         if now is None or not now.is_useful:
             surprises[step] = now.judged.surprise if now is not None else 0.0
     return min(surprises, key=lambda step: surprises[step], default=None)
-
-
-def _tried(
-    rows: FrictionRows, option: Sequence[Variant], bare: _Bare, residual: Rows
-) -> _Step | None:
-    """The variant of an addition that explains most; None where none is identifiable."""
-    best: tuple[float, Variant, Columns] | None = None
-    for variant in option:
-        A = bare[variant]
-        basis = independent(A)
-        if not basis.shape[1] or (variant.positive and A[:, 0] @ residual <= 0):
-            continue
-        U = A @ basis
-        gain = float(np.sum((U.T @ residual) ** 2))
-        if best is None or gain > best[0]:
-            best = gain, variant, U
-    if best is None:
-        return None
-    _, variant, U = best
-    return _Step(variant, rows.judged(U, residual, variant.constants))
-
-
-def _bare(rows: FrictionRows, columns: Columns) -> Columns:
-    """Columns of unit length without what parameters, additions and lags explain."""
-    return rows.span.without(columns / lengths(columns))
-
-
-def _without(U: Columns, A: np.ndarray) -> np.ndarray:
-    return A - U @ (U.T @ A)

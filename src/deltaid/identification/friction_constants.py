@@ -34,33 +34,30 @@ _PULL = 1e-6
 # A term's prior is at least this share of Coulomb's.
 _SMALL = 0.02
 
-Laws = Mapping[str, Friction]
 # Joint, kind of term, name of the constant.
 _Constant = tuple[str, str, str]
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Laws of the joints that were changed, and the residual of the rows.
-
-    Priors of added terms are their estimates.
-    """
+    """Laws of the joints that were changed, priors of added terms their estimates."""
 
     laws: dict[str, Friction]
     residual: Rows
 
+    @property
+    def squares(self) -> float:
+        return float(self.residual @ self.residual)
+
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def refined(rows: FrictionRows, laws: Laws) -> Refined:
-    """Laws with the constants that fit best.
+def refined(rows: FrictionRows, laws: Mapping[str, Friction]) -> Refined:
+    """Laws of some joints, beside rows of the robot as it is described, with the constants that fit
+    best.
 
     The exponents of Stribeck's terms that were added are those of one of its two usual forms, for
     all joints the same, unless other ones explain more than chance: how the term falls is
     least identifiable, and a free exponent makes the rest of the curve less certain.
-
-    Args:
-        rows: of a robot as it is described.
-        laws: of the joints whose constants are to be fitted.
     """
     free, described = _refined(rows, laws, ()), rows.dynamics.robot.friction
     added = {
@@ -76,83 +73,71 @@ def refined(rows: FrictionRows, laws: Laws) -> Refined:
             for joint, term in added.items()
         }
         tried.append(_refined(rows, dict(laws) | usual, added))
-    best = min(tried, key=lambda trial: float(trial.residual @ trial.residual))
-    level = float(free.residual @ free.residual) / max(len(free.residual) - rows.span.rank, 1)
-    more = float(best.residual @ best.residual - free.residual @ free.residual) / level
-    return best if surprise(max(more, 0.0), len(added)) < _OTHER else free
+    best = min(tried, key=lambda trial: trial.squares)
+    level = free.squares / max(len(rows.tau) - rows.span.rank, 1)
+    more = max(best.squares - free.squares, 0.0) / level
+    return best if surprise(more, len(added)) < _OTHER else free
 
 
-def _refined(rows: FrictionRows, laws: Laws, usual: Collection[str]) -> Refined:
+def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection[str]) -> Refined:
     """Laws with the constants that fit best; Stribeck's exponents of `usual` joints stay."""
     current, travel = dict(laws), dict[_Constant, float]()
-    fitted = _fit(rows, current, travel, usual)
+    coefficients, steps, residual = _fit(rows, current, travel, usual)
     for _ in range(_STEPS):
-        if max((abs(step) for step in fitted.steps.values()), default=0.0) < _SETTLED:
+        if max((abs(step) for step in steps.values()), default=0.0) < _SETTLED:
             break
-        for constant, step in fitted.steps.items():
+        for constant, step in steps.items():
             joint, kind, name = constant
             limited = step
             if name == "speed":
                 share = getattr(current[joint], kind).speed / rows.joints[joint].fastest
-                slowest, fastest = np.log(np.array(_SPEEDS) / share).tolist()
-                limited = float(np.clip(step, slowest, fastest))
+                limited = float(np.clip(step, *np.log(np.array(_SPEEDS) / share)))
             travel[constant] = travel.get(constant, 0.0) + limited
             current[joint] = moved(current[joint], kind, name, limited)
-        fitted = _fit(rows, current, travel, usual)
-    for term, value in fitted.coefficients.items():
-        law = current.get(term.joint)
-        described = rows.dynamics.robot.friction[term.joint]
+        coefficients, steps, residual = _fit(rows, current, travel, usual)
+    for term, value in coefficients.items():
+        law, described = current.get(term.joint), rows.dynamics.robot.friction[term.joint]
         if law is not None and getattr(described, term.kind) is None:
             units = {"load": 1.0, "power": term.size}  # about as large as Coulomb's friction
             size = max(abs(value), _SMALL * units.get(term.kind, law.coulomb))
             prior = {"offset": size} if term.signed else term.in_law(size)
             current[term.joint] = law.changed(**prior)
-    return Refined(current, fitted.residual)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    coefficients: dict[FrictionTerm, float]
-    steps: dict[_Constant, float]
-    residual: Rows
+    return Refined(current, residual)
 
 
 def _fit(
-    rows: FrictionRows, laws: Laws, travel: Mapping[_Constant, float], usual: Collection[str]
-) -> _Fit:
-    """Coefficients of all terms, and steps of the logarithms of constants.
-
-    Args:
-        travel: the sum of their steps so far.
-        usual: joints whose Stribeck terms keep their exponents.
-    """
-    described = rows.dynamics.robot
+    rows: FrictionRows,
+    laws: Mapping[str, Friction],
+    travel: Mapping[_Constant, float],
+    usual: Collection[str],
+) -> tuple[dict[FrictionTerm, float], dict[_Constant, float], Rows]:
+    """Coefficients of all terms, steps of the logarithms of constants that have made some `travel`,
+    and what is left without steps; Stribeck's exponents of `usual` joints stay."""
+    described, joints = rows.dynamics.robot, rows.joints
     terms = described.changed(friction=dict(described.friction) | dict(laws)).friction_terms
-    before, joints = set(described.friction_terms), rows.joints
+    before = set(described.friction_terms)
     added = iter(rows.columns([(joints[t.joint], of_term(t)) for t in terms if t not in before]).T)
     columns = [rows.own(t.name) if t in before else next(added) for t in terms]
     columns, tau = rows.rigid.without(np.column_stack(columns)), rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
     priors = np.array([t.parameter.prior for t in terms])
     first = _bounded(columns, tau, low, high, priors)
-    coefficients = dict(zip(terms, first.tolist(), strict=True))
-    residual = tau - columns @ first
+    coefficients, residual = dict(zip(terms, first.tolist(), strict=True)), tau - columns @ first
     constants = {
         (t.joint, t.kind, name): t for t in terms if t.joint in laws for name in t.constants
         if not (name == "exponent" and t.kind == "stribeck" and t.joint in usual)
     }  # fmt: skip
     if not constants:
-        return _Fit(coefficients, {}, residual)
+        return coefficients, {}, residual
     shapes = [(joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
     sizes, n = np.array([coefficients[t] for t in constants.values()]), len(constants)
     slopes = rows.rigid.without(rows.columns(shapes) * sizes)
     prior = np.hstack([np.zeros((n, len(terms))), np.eye(n) / _SPREAD])
     A = np.vstack([np.hstack([columns, slopes]), prior])
-    b = np.concatenate([tau, [-travel.get(constant, 0.0) / _SPREAD for constant in constants]])
-    limit = np.full(n, _LARGEST)
-    bounds = np.append(low, -limit), np.append(high, limit)
+    b = np.append(tau, [-travel.get(constant, 0.0) / _SPREAD for constant in constants])
+    bounds = np.append(low, np.full(n, -_LARGEST)), np.append(high, np.full(n, _LARGEST))
     x = _bounded(A, b, *bounds, np.append(priors, np.zeros(n)))
-    return _Fit(coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), residual)
+    return coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), residual
 
 
 def _bounded(

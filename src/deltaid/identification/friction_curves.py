@@ -10,18 +10,16 @@ they were refined to (δx = 0), for a hardly known constant would leave the line
 range; whoever judges the fit takes δx as free (`freed`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.joint import Joint, joints_of
+from deltaid.effects.joint import joints_of
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.free_body import free_coefficients
-from deltaid.estimation.objective import data_term
-from deltaid.estimation.posing import METRICS
+from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.inseparable import constants
@@ -61,18 +59,18 @@ class LawConstants(Addition):
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the joints' Coulomb friction acts."""
-        drives = [joint.drives for _, _, joint in self._with_joints]
+        joints = {joint.name: joint for joint in joints_of(self.dynamics)}
+        drives = [joints[term.joint].drives for term, _ in self.constants]
         columns = np.repeat(np.arange(len(drives)), [len(entries) for entries in drives])
         return np.concatenate(drives), columns
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
-        return np.vstack(
-            [
-                term.size * term.slopes(joint.speed(own))[name] * own[joint.coulomb]
-                for term, name, joint in self._with_joints
-            ]
-        )
+        joints, values = {joint.name: joint for joint in joints_of(self.dynamics)}, list[Values]()
+        for term, name in self.constants:
+            joint = joints[term.joint]
+            values.append(term.size * term.slopes(joint.speed(own))[name] * own[joint.coulomb])
+        return np.vstack(values)
 
     def on(self, dynamics: Dynamics) -> "LawConstants":
         return LawConstants(dynamics)
@@ -80,15 +78,6 @@ class LawConstants(Addition):
     @property
     def is_held(self) -> bool:
         return True  # the constants are those of the law
-
-    @property
-    def _with_joints(self) -> list[tuple[FrictionTerm, str, Joint]]:
-        joints = {joint.name: joint for joint in joints_of(self.dynamics)}
-        return [(term, name, joints[term.joint]) for term, name in self.constants]
-
-
-def law_constants(additions: Sequence[Addition]) -> LawConstants | None:
-    return next((addition for addition in additions if isinstance(addition, LawConstants)), None)
 
 
 def freed(problem: FittedProblem) -> FittedProblem:
@@ -99,19 +88,12 @@ def freed(problem: FittedProblem) -> FittedProblem:
         (extra.parameters, free_coefficients(extra.parameters) if extra.is_held else extra.free)
         for extra in problem.additions
     ]
-    information, settings = problem.information, problem.settings
-    reduction = build_reduction(
-        problem.dynamics.robot, information.columns, added, settings.prior_spread
-    )
+    robot, information, settings = problem.dynamics.robot, problem.information, problem.settings
+    reduction = build_reduction(robot, information.columns, added, settings.prior_spread)
     reduction = replace(reduction, widened=problem.reduction.widened)
-    objective = replace(
-        problem.objective,
-        reduction=reduction,
-        data=data_term(information, reduction),
-        regularizer=METRICS[settings.regularizer].regularizer(reduction),
-    )
     known = dict(zip(problem.reduction.names, problem.solution.x.tolist(), strict=True))
     x = np.array([known.get(name, 0.0) for name in reduction.names])
+    objective = pose(information, reduction, settings)
     return replace(problem, objective=objective, solution=replace(problem.solution, x=x))
 
 
@@ -126,29 +108,26 @@ def friction_curves(
         fastest: largest speed of each drive in the recordings [rad/s or m/s].
     """
     problem = freed(problem)
-    robot, speeds = problem.dynamics.robot, dict[str, Speeds]()
+    robot, curves = problem.dynamics.robot, list[FrictionCurve]()
     tops = dict(zip(robot.drives, fastest.tolist(), strict=True))
+    offsets = constants(problem)  # of friction, which may be those of what was measured
     for joint in robot.friction_joints:
         top = tops.get(joint, robot.platform_speed)
-        if top > 0:
-            v = np.geomspace(_SLOWEST * top, top, _POINTS)
-            speeds[joint] = np.concatenate([-v[::-1], v])
-    if not speeds:
-        return ()
-    rows = [curve_rows(problem, joint, v) for joint, v in speeds.items()]
-    half = uncertainty(problem, np.vstack(rows)).interval.reshape(len(rows), -1)
-    # Constants of friction may be offsets of what was measured.
-    constant = constants(problem)
-    half = half + np.array([[abs(constant.get(joint, 0.0))] for joint in speeds])
-    return tuple(
-        FrictionCurve(
-            joint=joint,
-            speed=tuple(v.tolist()),
-            friction=tuple((row @ problem.values).tolist()),
-            half_width=tuple(width.tolist()),
+        if top <= 0:
+            continue
+        v = np.geomspace(_SLOWEST * top, top, _POINTS)
+        v = np.concatenate([-v[::-1], v])
+        rows = curve_rows(problem, joint, v)
+        half = uncertainty(problem, rows).interval + abs(offsets.get(joint, 0.0))
+        curves.append(
+            FrictionCurve(
+                joint=joint,
+                speed=tuple(v.tolist()),
+                friction=tuple((rows @ problem.values).tolist()),
+                half_width=tuple(half.tolist()),
+            )
         )
-        for (joint, v), row, width in zip(speeds.items(), rows, half, strict=True)
-    )
+    return tuple(curves)
 
 
 def curve_rows(
@@ -160,8 +139,9 @@ def curve_rows(
     for term in problem.dynamics.robot.friction_terms:
         if term.joint == joint and not term.of_load:
             rows[:, names.index(term.name)] = term.values(v)
-    if (known := law_constants(problem.additions)) is not None:
-        for (term, name), parameter in zip(known.constants, known.parameters, strict=True):
-            if term.joint == joint:
-                rows[:, names.index(parameter.name)] = term.size * term.slopes(v)[name]
+    for extra in problem.additions:
+        if isinstance(extra, LawConstants):
+            for (term, name), parameter in zip(extra.constants, extra.parameters, strict=True):
+                if term.joint == joint:
+                    rows[:, names.index(parameter.name)] = term.size * term.slopes(v)[name]
     return rows

@@ -16,7 +16,7 @@ from deltaid.effects.joint import (
     one_way_speed,
 )
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.model.friction_record import AdditionKind
+from deltaid.model.friction_record import AdditionKind, JointTerm
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
@@ -31,24 +31,27 @@ _SIZE, _LOAD = 0.3, 0.05
 # the gear carries; below zero the other way.
 _SHARES = (0.0, -1.0, -0.5, 0.25, 0.5, 0.75, 1.0)
 
+_SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
+    "offset": (one_way,),
+    "both_ways": (one_way, one_way_speed),
+    "load": (of_load,),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One form of an addition to a joint's law; of a described term, other constants.
-
-    Attributes:
-        more: what the law gets, as keys of `Friction`.
-        shapes: of the columns that show it.
-        constants: how many are chosen with it, beside its coefficients.
-        positive: whether its coefficient must be.
-    """
+    """One form of an addition to a joint's law; of a described term, other constants."""
 
     joint: Joint
     kind: AdditionKind
-    more: dict[str, Any]
-    shapes: tuple[Shape, ...]
-    constants: int
-    positive: bool
+    more: dict[str, Any]  # what the law gets, as keys of `Friction`
+    shapes: tuple[Shape, ...]  # of the columns that show it
+    constants: int  # how many are chosen with it, beside its coefficients
+    positive: bool  # whether its coefficient must be
+
+    @property
+    def term(self) -> JointTerm:
+        return self.joint.name, self.kind
 
 
 def options(rows: FrictionRows) -> Iterator[list[Variant]]:
@@ -61,8 +64,7 @@ def options(rows: FrictionRows) -> Iterator[list[Variant]]:
             if kind == "load" and rotor in names:
                 inertia = float(rows.p[names.index(rotor)])
                 joints = [replace(joint, moved=share * inertia) for share in _SHARES]
-            count = len(joints) * len(changes)
-            constants = min(count - 1, 2 if kind == "stribeck" else 1)
+            constants = min(len(joints) * len(changes) - 1, 2 if kind == "stribeck" else 1)
             positive = kind in ("load", "power", "stribeck") and changes != [{}]
             laws = [(more, law.changed(**more)) for more in changes]
             yield [
@@ -92,13 +94,6 @@ def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, A
             for share in _SPEEDS for form in FORMS
         ]  # fmt: skip
     return changes
-
-
-_SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
-    "offset": (one_way,),
-    "both_ways": (one_way, one_way_speed),
-    "load": (of_load,),
-}
 
 
 def shapes_of(

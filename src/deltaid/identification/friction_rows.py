@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
@@ -37,71 +37,52 @@ _CUTOFF = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What columns explain of rows, against chance.
+    """What columns explain of rows, against chance."""
 
-    Attributes:
-        directions: the columns, orthonormal.
-        gain: by what share the squared error falls.
-        times: what they explain as a multiple of what chance explains, in amplitude.
-        surprise: how unlikely that is by chance, in decades.
-        error: what they leave, as a share of the drives' largest torques.
-        is_large: whether what they explain is more than the error of differentiated positions.
-    """
-
-    directions: Columns
-    gain: float
-    times: float
-    surprise: float
-    error: float
-    is_large: bool
+    directions: Columns  # the columns, orthonormal
+    gain: float  # by what share the squared error falls
+    times: float  # what they explain as a multiple of what chance explains, in amplitude
+    surprise: float  # how unlikely that is by chance, in decades
+    error: float  # what they leave, as a share of the drives' largest torques
+    is_large: bool  # whether they explain more than the error of differentiated positions
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionRows:
-    """Rows of some recordings, one drive under the other, in units of each drive's noise.
-
-    Attributes:
-        largest: torque of each drive.
-        Y: active columns of the regressor, all recordings after each other.
-        extra: columns of additions, and of a lag for each drive of each recording.
-        span: what parameters and `extra` explain.
-        tau: torques.
-        p: parameters by least squares; where torques leave these open, near the prior.
-        moved: of each drive, as `Joint.moved`.
-    """
+    """Rows of some recordings, one drive under the other, in units of each drive's noise."""
 
     dynamics: Dynamics
     traces: tuple[Trace, ...]
-    largest: Float[np.ndarray, " dof"]
+    largest: Float[np.ndarray, " dof"]  # torque of each drive
+    # active columns of the regressor, all recordings after each other
     Y: Float[np.ndarray, "dof samples columns"]
+    # columns of additions, and of a lag for each drive of each recording
     extra: Float[np.ndarray, "rows extra"]
     drive_rows: DriveRows
-    span: Span
+    span: Span  # what parameters and `extra` explain
     tau: Rows
-    p: Parameters
-    moved: Float[np.ndarray, " dof"]
+    p: Parameters  # by least squares; where torques leave these open, near the prior
+    moved: Float[np.ndarray, " dof"]  # of each drive, as `Joint.moved`
 
     @cached_property
     def residual(self) -> Rows:
         """Torques without what parameters and lags explain."""
         return self.span.without(self.tau)
 
-    @property
-    def _is_friction(self) -> Bool[np.ndarray, " columns"]:
-        friction, active = self.dynamics.layout.friction, active_columns(self.dynamics)
-        return (friction.start <= active) & (active < friction.stop)
-
     @cached_property
     def rigid(self) -> Span:
         """What lags, additions and all parameters but those of friction explain."""
-        Y = np.where(self._is_friction, 0.0, self.Y)
+        active, friction = active_columns(self.dynamics), self.dynamics.layout.friction
+        is_friction = (friction.start <= active) & (active < friction.stop)
+        Y = np.where(is_friction, 0.0, self.Y)
         return Span.of(self.drive_rows.stack(Y)).with_columns(self.extra)
 
     @cached_property
     def friction(self) -> Float[np.ndarray, "dof samples"]:
         """Torques of the robot's friction [N m or N]."""
-        is_friction = self._is_friction
-        return self.Y[:, :, is_friction] @ self.p[active_columns(self.dynamics)[is_friction]]
+        p = np.zeros_like(self.p)
+        p[self.dynamics.layout.friction] = self.p[self.dynamics.layout.friction]
+        return self.Y @ p[active_columns(self.dynamics)]
 
     def own(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
@@ -114,17 +95,13 @@ class FrictionRows:
         return float(np.sqrt(np.mean(of_drives**2)))
 
     def judged(self, U: Columns, residual: Rows, constants: int) -> Judged:
-        """What orthonormal columns explain of rows.
+        """What orthonormal columns explain of rows, `constants` of them chosen beside.
 
         Chance is the scatter of their scores between stretches of time, or white noise where that
         is larger.
-
-        Args:
-            constants: that were chosen with them.
         """
-        explained = U @ (U.T @ residual)
-        after = residual - explained
-        gain = float(np.sum((U.T @ residual) ** 2))
+        scores = U.T @ residual
+        after, gain = residual - U @ scores, float(scores @ scores)
         freedom = max(len(residual) - self.span.rank - U.shape[1], 1)
         level = level_along(U, after, self.drive_rows.groups, freedom)
         return Judged(
@@ -133,7 +110,7 @@ class FrictionRows:
             times=float(np.sqrt(gain / level)),
             surprise=surprise(gain / level, U.shape[1] + constants),
             error=self.share(after),
-            is_large=self.share(explained) > POSITION_ERROR,
+            is_large=self.share(residual - after) > POSITION_ERROR,
         )
 
     @cached_property
@@ -162,10 +139,7 @@ class FrictionRows:
 def friction_rows(
     dynamics: Dynamics, recordings: Sequence[Recording], additions: Sequence[Addition] = ()
 ) -> FrictionRows:
-    """The rows of some recordings.
-
-    Args:
-        additions: extra columns of the fit, without lags.
+    """The rows of some recordings, for a fit with additions of which none is a lag.
 
     Raises:
         RecordingError: a log is too short or too slow to be differentiated.
@@ -184,24 +158,11 @@ def friction_rows(
     span, tau = Span.of(rows.stack(Y)), rows.stack(torques)
     off = tau - rows.stack(Y @ prior[active_columns(dynamics)])
     p = prior + parameters_of(dynamics, span, off)
-    extra = rows.stack(_extra_columns(traces, p, additions))
+    lags = [LagColumns(dynamics, (), p, record.recording, alone(dynamics.dof)) for record in traces]
+    parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
+    extra = rows.stack(np.concatenate(parts, axis=1))
     span, still = span.with_columns(extra), np.zeros(dynamics.dof)
     return FrictionRows(dynamics, tuple(traces), largest, Y, extra, rows, span, tau, p, still)
-
-
-def _extra_columns(
-    traces: Sequence[Trace], p: Parameters, additions: Sequence[Addition]
-) -> Float[np.ndarray, "dof samples columns"]:
-    """Columns of additions, and a lag for each drive in each recording."""
-    dynamics, parts = traces[0].dynamics, list[np.ndarray]()
-    first, dof = len(active_columns(dynamics)), dynamics.dof
-    for k, record in enumerate(traces):
-        lags = LagColumns(dynamics, (), p, record.recording, alone(dof))
-        columns = record.regressor((*additions, lags))
-        places = (k * dof, (len(traces) - 1 - k) * dof)
-        alone_here = np.pad(columns[:, :, -dof:], ((0, 0), (0, 0), places))
-        parts.append(np.concatenate([columns[:, :, first:-dof], alone_here], axis=2))
-    return np.concatenate(parts, axis=1)
 
 
 def cutoff_of(recording: Recording) -> float | None:

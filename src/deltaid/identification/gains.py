@@ -25,8 +25,10 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
 from deltaid.estimation.free_body import Free
-from deltaid.identification.fit import fit
+from deltaid.estimation.span import Span
+from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
@@ -38,26 +40,22 @@ from deltaid.robot.parameter import Parameter
 SPREAD, _TOLD = 0.1, 0.5
 # Rounds at most, and the step below which gains have settled.
 _ROUNDS, _SETTLED = 8, 1e-5
+# A change by torque constants that are 1 % off counts beyond so many standard deviations of a
+# parameter beside measured values; so many are named.
+_MOVED, _NAMED = 0.5, 3
 
 
 @dataclass(frozen=True, eq=False)
 class Gains(Addition):
-    """Remaining logarithms of gains, ε, with the columns −Y_i p₀.
-
-    Attributes:
-        dynamics: of the robot.
-        gain: c that torques of the recordings have been multiplied by.
-        values: p₀, and what goes with the other additions.
-        others: the other additions, whose torques drives bear as well.
-        prior_spread: of the fit, which all scales of parameters are relative to.
-        alike: drives of whose gains only the ratios are identifiable; all gains if empty.
-    """
+    """Remaining logarithms of gains, ε, with the columns −Y_i p₀."""
 
     dynamics: Dynamics
+    # c that torques of the recordings have been multiplied by
     gain: Float[np.ndarray, " dof"]
-    values: Parameters
-    others: tuple[Addition, ...]
-    prior_spread: float
+    values: Parameters  # p₀, and what goes with the other additions
+    others: tuple[Addition, ...]  # whose torques drives bear as well
+    prior_spread: float  # of the fit, which all scales of parameters are relative to
+    # drives of whose gains only the ratios are identifiable; all gains if empty
     alike: tuple[int, ...] = ()
 
     @property
@@ -96,11 +94,14 @@ class Gains(Addition):
         if dynamics is self.dynamics:
             return self
         before = self.dynamics.layout.names
-        p, others = np.split(self.values, [len(before)])
-        known = dict(zip(before, p.tolist(), strict=True))
+        known = dict(zip(before, self.values.tolist(), strict=False))
         p = [known.get(name, 0.0) for name in dynamics.layout.names]
-        moved = tuple(addition.on(dynamics) for addition in self.others)
-        return replace(self, dynamics=dynamics, values=np.append(p, others), others=moved)
+        return replace(
+            self,
+            dynamics=dynamics,
+            values=np.append(p, self.values[len(before) :]),
+            others=tuple(addition.on(dynamics) for addition in self.others),
+        )
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         # What known loads take is no column, and goes through the drives like the rest.
@@ -121,6 +122,7 @@ class Gains(Addition):
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
+        absolute = [other.witness for other in self.others if other.is_absolute]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
         assumed = f", {silent} is taken to be right" if silent else ""
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
@@ -136,11 +138,8 @@ class Gains(Addition):
                     "recording with a known load tells these too"
                 )
             elif gain.std < _TOLD * SPREAD:
-                witness = " and by ".join(
-                    other.witness for other in self.others if other.is_absolute
-                )
                 exact = ", which is 1 as far as this can tell" if low <= 1.0 <= high else ""
-                text = f"{torque}, told by {witness}{exact}"
+                text = f"{torque}, told by {' and by '.join(absolute)}{exact}"
             else:
                 text = (
                     f"what is known in N m by itself hardly shows in {drive}, so its gain rests on "
@@ -159,29 +158,33 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 
     Else their ratios between the drives of limbs, where recordings are off by these above all.
     """
-    others = tuple(addition for addition in setup.additions if not isinstance(addition, Gains))
-    setup = setup.changed(additions=others)
+    setup = setup.without(Gains).all_repaired(gain=())
+    dynamics, settings, others = setup.dynamics, setup.settings, setup.additions
+    limbs, alike = setup.robot.limbs, ()
     absolute = any(addition.is_absolute for addition in others)
-    alike = () if absolute else _alike(setup)
+    if not absolute and limbs is not None and limbs.identical:
+        uneven = setup.outcome is not None and "gain" in setup.outcome.kept
+        alike = tuple(range(limbs.count)) if uneven else ()
     if not (absolute or alike):
         return setup
     progress("comparing drives with what is known in N m" if absolute else "comparing drives")
-    dynamics, settings = setup.dynamics, setup.settings
     c = np.ones(dynamics.dof)
-    problem = fit(dynamics, _with(setup, c), settings, additions=others)
+    values = fit(dynamics, setup.recordings, settings, additions=others).values
+    count = len(values)  # of the robot's parameters and of all additions but the gains
 
-    def estimated() -> Gains:
-        # Of the robot and of all additions but the gains.
-        values = problem.values[: len(problem.p) + sum(len(other.parameters) for other in others)]
-        return Gains(dynamics, c, values, others, settings.prior_spread, alike)
+    def corrected() -> Setup:
+        columns = Gains(dynamics, c, values[:count], others, settings.prior_spread, alike)
+        repaired = setup.all_repaired(gain=tuple(c.tolist()))
+        return repaired.changed(additions=(*others, columns))
 
     for _ in range(_ROUNDS):
-        problem = fit(dynamics, _with(setup, c), settings, additions=(*others, estimated()))
-        step = problem.values[-dynamics.dof :]
+        now = corrected()
+        values = fit(dynamics, now.recordings, settings, additions=now.additions).values
+        step = values[-dynamics.dof :]
         if np.abs(step).max() < _SETTLED:
             break
         c = c * np.exp(step)
-    return setup.changed(recordings=_with(setup, c), additions=(*others, estimated()))
+    return corrected()
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
@@ -189,19 +192,36 @@ def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     return tuple(term for term in additions if not isinstance(term, Gains) or term.shows_in_torques)
 
 
-def _alike(setup: Setup) -> tuple[int, ...]:
-    """Drives of identical limbs, where the contest of causes finds their gains uneven."""
-    limbs = setup.robot.limbs
-    if limbs is None or not limbs.identical:
+def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
+    """A sentence where measured values in kg meet torques whose scale is assumed to be right.
+
+    Torque constants that are all off by a share ε make all base parameters of torques larger by it.
+    By torques alone that is a matter of units, for whoever gives the drives what they recorded; but
+    a weighing is in kg, and other bodies then take up the difference, more of it than ε.
+    """
+    known = any(CONSTANTS in addition.tells for addition in problem.additions)
+    stated = problem.dynamics.robot.tolerances.torque_constants
+    if problem.information.facts is None or known or stated:
         return ()
-    uneven = setup.outcome is not None and "gain" in setup.outcome.kept
-    return tuple(range(limbs.count)) if uneven else ()
-
-
-def _with(setup: Setup, c: Float[np.ndarray, " dof"]) -> tuple[Recording, ...]:
-    """Recordings whose torques have been multiplied by gains c."""
-    factors = tuple(c.tolist())
-    return tuple(
-        replace(recording, repairs=replace(recording.repairs, gain=factors))
-        for recording in setup.recordings
+    errors, count = uncertainty(problem), len(problem.p)
+    # Slopes of least-squares base parameters by ε; sensors and measured values stay.
+    information = problem.information
+    places = np.searchsorted(information.columns, problem.base.representatives)
+    torques = information.of_drives.weighted()
+    inverse = Span.of(information.weighted()[:, places]).inverse
+    slopes = inverse @ (inverse.T @ (torques[:, places].T @ torques[:, -1]))
+    more = 0.01 * slopes @ errors.follows[:, :count]
+    moved = np.abs(more) / np.where(errors.std[:count] > 0, errors.std[:count], np.inf)
+    inertial = np.array([entry.kind == "inertia" for entry in problem.layout.parameters[:count]])
+    order = [k for k in np.argsort(-moved) if inertial[k] and moved[k] > _MOVED][:_NAMED]
+    if not order:
+        return ()
+    names = ", ".join(
+        f"{problem.layout.names[k]} by {100 * abs(more[k] / problem.p[k]):.2g} %" for k in order
+    )
+    return (
+        "values measured in kg stand beside torques that nothing tells the scale of: for each per "
+        f"cent that all torque constants are off, {names}, and intervals take them for exact. "
+        "State how good they are (`tolerances: {torque_constants: 0.03}` for 3 %), or record a "
+        "known load, a plate or a torque sensor, which tell them",
     )

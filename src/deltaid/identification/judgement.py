@@ -8,13 +8,13 @@ import numpy as np
 from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_curves import friction_curves
+from deltaid.identification.gains import torque_scale
 from deltaid.identification.inseparable import ambiguous, inseparable
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
 from deltaid.identification.outcome import Outcome
 from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.torque_scale import torque_scale
 from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction
 from deltaid.model.effect_record import FittedEffect

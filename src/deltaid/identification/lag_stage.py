@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from deltaid.effects.sampling import Timing
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.torque_filter import FilterColumns
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.additions import Addition
+from deltaid.estimation.additions import Addition, of_each
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.setup import Progress, Setup
@@ -37,6 +37,8 @@ _WINDOWS, _SECONDS = 8, 12.0
 # Standard deviation beyond which intervals allow for a lag that may be none [s]: twice as much does
 # harm. It is 5 to 20 µs in good recordings of 15 s, and up to 0.1 ms in those of a few seconds.
 _HARDLY = 1.5e-4
+# What a recording is corrected by that has no lags.
+_ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None}
 
 
 def lags_corrected(setup: Setup, progress: Progress) -> Setup:
@@ -45,7 +47,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     Lags of the setup are replaced, so the stage can be repeated after others.
     """
     lag = setup.settings.lag
-    setup = setup.changed(additions=without_lags(setup.additions)).reported((), "lag")
+    setup = setup.without(TimingColumns).reported((), "lag")
     if lag == "none":
         return setup
     if not isinstance(lag, str):
@@ -53,78 +55,70 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     progress("looking for lags")
     traces = list[tuple[Recording, Trace]]()
     for k, recording in enumerate(setup.recordings):
-        bare = replace(recording.repairs, delay=(), constants=(), growth=None)
-        as_it_came, record = replace(recording, repairs=bare), None
+        as_it_came, record = recording.repaired(**_ON_TIME), None
         if not setup.is_disturbed(k):
             record = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
         if record is not None:
             traces.append((recording, record))
         else:  # an initial lag by other stages is no estimate
-            setup = setup.repaired(recording, delay=(), constants=(), growth=None)
-    if not traces:
-        return setup
-    dof, several = setup.dynamics.dof, len(setup.recordings) > 1
+            setup = setup.with_recording(k, as_it_came)
+    return _estimated(setup, traces) if traces else setup
+
+
+def _estimated(setup: Setup, traces: Sequence[tuple[Recording, Trace]]) -> Setup:
+    """With estimated lags corrected, filters and clocks as well where traces show these."""
+    additions, spread = setup.additions, setup.settings.prior_spread
+    every, several = tuple(range(setup.dynamics.dof)), len(setup.recordings) > 1
     lags = estimate_lags(
         [record for _, record in traces],
-        setup.additions,
-        spread=setup.settings.prior_spread,
+        additions,
+        spread=spread,
         turning=[_of_motors(setup, record) for _, record in traces],
-        start=np.array([recording.repairs.lag or np.zeros(dof) for recording, _ in traces]),
+        start=np.array([recording.repairs.lag or np.zeros(len(every)) for recording, _ in traces]),
     )
-    additions = setup.additions
-    rows = TraceRows.of(setup.dynamics, additions, setup.settings.prior_spread)
+    rows = TraceRows.of(setup.dynamics, additions, spread)
     for k, (recording, record) in enumerate(traces):
         timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
+        which, repairs, columns = tuple(np.flatnonzero(unsure).tolist()), _ON_TIME, list[Addition]()
+        common = (setup.dynamics, additions, lags.p, recording)
         if timing is not None:
-            setup = _timed(setup, recording, record, timing, additions)
-            continue
-        kind, groups, delay = LagColumns, lags.groups(k), np.zeros(dof)
-        for group in groups:
-            delay[list(group.drives)] = group.delay
-        delays = tuple(delay.tolist()) if groups else ()
-        setup = setup.repaired(recording, delay=delays, constants=(), growth=None)
-        if not groups and lags.common(k).deviation[0] > _HARDLY:
-            kind, groups = UnknownLag, (LagGroup(tuple(range(dof)), 0.0),)
-        if groups:
-            which = tuple(np.flatnonzero(unsure).tolist())
-            columns = kind(setup.dynamics, additions, lags.p, recording, groups, several, which)
-            setup = setup.changed(additions=(*setup.additions, columns))
-            setup = _allowed(setup, columns)
+            repairs, columns = _timed(setup, recording, record, timing, additions)
+        elif groups := lags.groups(k):
+            delays = {drive: group.delay for group in groups for drive in group.drives}
+            repairs = _ON_TIME | {"delay": tuple(delays.get(drive, 0.0) for drive in every)}
+            columns.append(LagColumns(*common, groups, several, which))
+            doubted = tuple(group for group in groups if set(group.drives) & set(which))
+            if doubted and all(group.delay for group in doubted):  # intervals allow for filters
+                columns.append(UnknownFilter(*common, doubted, several))
+        elif lags.common(k).deviation[0] > _HARDLY:
+            columns.append(UnknownLag(*common, (LagGroup(every, 0.0),), several, which))
+        setup = setup.repaired(recording, **repairs)
+        setup = setup.changed(additions=(*setup.additions, *columns))
     return setup
 
 
-def _allowed(setup: Setup, lags: LagColumns) -> Setup:
-    """With intervals that allow for filters, where lags may be theirs."""
-    groups = tuple(group for group in lags.groups if set(group.drives) & set(lags.unsure))
-    if not groups or not all(group.delay for group in groups):
-        return setup
-    columns = UnknownFilter(
-        lags.dynamics, lags.beside, lags.p, lags.recording, groups, lags.several
-    )
-    return setup.changed(additions=(*setup.additions, columns))
-
-
 def _timed(
-    setup: Setup, recording: Recording, record: Trace, timing: Timing, beside: Sequence[Addition]
-) -> Setup:
-    """Torques without filters and with one clock, and columns for what remains."""
+    setup: Setup, recording: Recording, record: Trace, timing: Timing, beside: tuple[Addition, ...]
+) -> tuple[dict[str, Any], list[Addition]]:
+    """Repairs by filters and one clock, and columns for what remains of lags, filters and clock."""
     choice, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
     delay = np.array(choice.delay)
     if timing.pure:
         timing = replace(timing, constants=np.where(timing.constants > 0, delay, 0.0), lags=delay)
-    setup = setup.repaired(
-        recording, delay=tuple((delay - timing.constants).tolist()),
-        constants=tuple(timing.constants.tolist()) if np.any(timing.constants) else (),
-        growth=timing.growth(record),
-    )  # fmt: skip
+    filtered = bool(np.any(timing.constants))
+    repairs = {
+        "delay": tuple((delay - timing.constants).tolist()),
+        "constants": tuple(timing.constants.tolist()) if filtered else (),
+        "growth": timing.growth(record),
+    }
     groups = tuple(LagGroup(members, choice.delay[members[0]]) for members in choice.groups)
-    common = (setup.dynamics, tuple(beside), timing.p, recording, groups, several)
+    common = (setup.dynamics, beside, timing.p, recording, groups, several)
     columns = list[Addition]([LagColumns(*common)] if groups else [])
-    if np.any(timing.constants):
+    if filtered:
         columns.append(FilterColumns(*common, timing=timing))
     if timing.rate:
         columns.append(ClockColumn(*common, timing=timing))
-    return setup.changed(additions=(*setup.additions, *columns))
+    return repairs, columns
 
 
 def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
@@ -134,13 +128,11 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
     Args:
         judged: the parameters of all additions, as fitted.
     """
-    rest = iter(judged)
-    for addition in setup.additions:
-        fitted = tuple(islice(rest, len(addition.parameters)))
+    for addition, fitted in of_each(setup.additions, judged):
         if not isinstance(addition, LagColumns) or not _doubtful(addition.told(fitted)):
             continue
-        repairs = [x.repairs for x in setup.recordings if addition.is_of(x)]
-        if any(repair.constants or repair.growth for repair in repairs):
+        recordings = [recording for recording in setup.recordings if addition.is_of(recording)]
+        if any(r.repairs.constants or r.repairs.growth for r in recordings):
             continue  # beyond chance, and so are their lags
         kept = tuple(
             other
@@ -148,9 +140,8 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
             if not isinstance(other, TimingColumns) or not other.is_of(addition.recording)
         )
         setup = setup.changed(additions=kept)
-        for recording in setup.recordings:
-            if addition.is_of(recording):
-                setup = setup.repaired(recording, delay=())
+        for recording in recordings:
+            setup = setup.repaired(recording, delay=())
     return setup
 
 
@@ -181,7 +172,7 @@ def _of_motors(setup: Setup, record: Trace) -> Trace:
     recording = record.recording
     if recording.repairs.gears is None:
         return record
-    motors = replace(recording, repairs=replace(recording.repairs, gears=None))
+    motors = recording.repaired(gears=None)
     return traced(setup, motors, recording.cutoff, _WINDOWS) or record
 
 
@@ -196,8 +187,7 @@ def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
         )
     delay = lag * dof if len(lag) == 1 else lag
     groups = (LagGroup(tuple(range(dof)), delay[0]),) if len(set(delay)) == 1 else alone(dof)
-    for recording in setup.recordings:
-        setup = setup.repaired(recording, delay=delay if any(delay) else ())
+    setup = setup.all_repaired(delay=delay if any(delay) else ())
     text = "torques are read so much later, as was asked for"
     return setup.reported([
         Correction(kind="lag", subject=name, value=value, unit="s", text=text)

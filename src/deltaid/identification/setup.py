@@ -13,7 +13,6 @@ from deltaid.model.corrections import Correction, Kind
 from deltaid.model.friction_record import FrictionChoice, JointTerm
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
-from deltaid.recording.repairs import Repairs
 from deltaid.robot.description import RobotDescription
 
 Progress = Callable[[str], None]
@@ -68,6 +67,11 @@ class Setup:
     def changed(self, **values: Any) -> "Setup":
         return replace(self, **values)
 
+    def without(self, *kinds: type[Addition]) -> "Setup":
+        """The same without additions of some kinds."""
+        kept = tuple(addition for addition in self.additions if not isinstance(addition, kinds))
+        return self.changed(additions=kept)
+
     def with_robot(self, robot: RobotDescription) -> "Setup":
         """The same for a description with other friction laws, additions beside its columns."""
         additions = tuple(addition.on(compiled(robot)) for addition in self.additions)
@@ -75,9 +79,12 @@ class Setup:
 
     def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
         """The same with one more thing corrected in a recording, by fields of `Repairs`."""
-        now: Repairs = replace(recording.repairs, **repairs)
         k = next(k for k, other in enumerate(self.recordings) if other is recording)
-        return self.with_recording(k, replace(recording, repairs=now))
+        return self.with_recording(k, recording.repaired(**repairs))
+
+    def all_repaired(self, **repairs: Any) -> "Setup":
+        """The same with one more thing corrected in all recordings alike."""
+        return self.changed(recordings=tuple(r.repaired(**repairs) for r in self.recordings))
 
     def with_recording(self, k: int, recording: Recording) -> "Setup":
         before, after = self.recordings[:k], self.recordings[k + 1 :]

@@ -7,13 +7,12 @@ from deltaid.identification.events import without_events
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
-from deltaid.identification.hold_stage import holds_filled
 from deltaid.identification.lag_stage import lags_corrected
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.undeclared_loads import undeclared_loads
-from deltaid.identification.velocity_stage import late_rates_left_out
+from deltaid.identification.velocity_stage import holds_filled, late_rates_left_out
 from deltaid.identification.warmth import changing_friction
 
 

@@ -1,6 +1,7 @@
-"""Recorded velocities and accelerations that come late are excluded, and positions differentiated.
+"""Columns as they were sampled: torques that drives hold between two updates are interpolated, and
+recorded velocities and accelerations that come late give way to differentiated positions.
 
-With x the recorded rate, filtered as everything is, and y the one that follows from the positions,
+With x a recorded rate, filtered as everything is, and y the one that follows from the positions,
 
     x(t) = y(t − δ)   →   x − y = −δ ½ (ẋ + ẏ)   to third order in δ,
 
@@ -23,11 +24,41 @@ from deltaid.estimation.problem import group_sums
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
+from deltaid.recording.held import holds
 from deltaid.recording.recording import Recording
 
 _WINDOWS = 8
 # Lags [s] that do no harm, and how many half widths of its interval a lag is larger than.
 _HARMLESS, _CLEAR = 2e-5, 2.0
+
+_HELD = (
+    "drives update their torques so seldom and hold them in the rows between, which come late: "
+    "torques there are interpolated between updates"
+)
+
+
+def holds_filled(setup: Setup, progress: Progress) -> Setup:
+    """Recordings with torques between their updates."""
+    if setup.settings.lag == "none":
+        return setup
+    progress("looking for repeated torques")
+    corrections = list[Correction]()
+    for recording in setup.recordings:
+        log = recording.brief.log
+        if not log.columns.torque:
+            continue
+        held = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
+        if not any(held):
+            continue
+        setup = setup.repaired(recording, hold=held)
+        alike = len({hold.rows for hold in held}) == 1
+        corrections += (
+            Correction(kind="hold", subject="" if alike else drive,
+                       log=recording.path.name, value=hold.rows / log.rate, unit="s", text=_HELD)
+            for drive, hold in zip(setup.robot.drives, held, strict=True)
+            if hold
+        )  # fmt: skip
+    return setup.reported(list(dict.fromkeys(corrections)), "hold")
 
 
 def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
@@ -41,26 +72,27 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
         lag = late_rate(recording, setup.dynamics.kinematics)
         if lag is not None:
             corrections += _corrections(lag, recording, setup.robot.drives)
-            recording = without_rates(recording, setup.settings.cutoff)
+            recording = _without_rates(recording, setup.settings.cutoff)
         recordings.append(recording)
     return setup.changed(recordings=tuple(recordings)).reported(corrections, "velocity")
 
 
-def without_rates(recording: Recording, cutoff: float | None) -> Recording:
+def _without_rates(recording: Recording, cutoff: float | None) -> Recording:
     """The recording with its positions differentiated."""
     columns = replace(recording.log.columns, velocity=(), acceleration=())
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
 
 def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
-    """The lag of recorded velocities, or else of accelerations; None where none shows."""
-    columns = recording.log.columns
+    """The lag of recorded velocities, or else of accelerations; None where none is harmful and
+    significant."""
+    columns, rate = recording.log.columns, recording.log.rate
     cutoff = recording.cutoff or recording.log.suggested_cutoff
     if not (columns.velocity or columns.acceleration) or cutoff is None:
         return None
-    recording, rate = recording.brief, recording.log.rate
     try:
-        recorded, derived = recording.changed(cutoff), without_rates(recording, cutoff)
+        recorded = recording.brief.changed(cutoff)
+        derived = _without_rates(recording.brief, cutoff)
     except RecordingError:
         return None  # too short to be differentiated
     windows = zip(recorded.windows(kinematics), derived.windows(kinematics), strict=True)
@@ -70,17 +102,14 @@ def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
     ]
     qd, qdd, qd_derived, qdd_derived, weights = map(np.concatenate, zip(*rows, strict=True))
     counts, acceleration = weights.min(axis=1) > 0, 0.5 * (qdd + qdd_derived)
-    if columns.velocity and _shows(lag := _lag(qd, qd_derived, acceleration, counts)):
-        return lag
-    jerk = rate * np.gradient(acceleration, axis=0)
-    if columns.acceleration and _shows(lag := _lag(qdd, qdd_derived, jerk, counts)):
-        return lag
-    return None
-
-
-def _shows(lag: Lag) -> bool:
-    """Whether any is harmful and significant."""
-    return bool(np.any(np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS)))
+    lags = list[Lag]()
+    if columns.velocity:
+        lags.append(_lag(qd, qd_derived, acceleration, counts))
+    if columns.acceleration:
+        jerk = rate * np.gradient(acceleration, axis=0)
+        lags.append(_lag(qdd, qdd_derived, jerk, counts))
+    shown = (np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS) for lag in lags)
+    return next((lag for lag, harmful in zip(lags, shown, strict=True) if harmful.any()), None)
 
 
 def _lag(

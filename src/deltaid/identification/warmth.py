@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
@@ -36,25 +36,18 @@ _FINER, _NEAR = (1.4, 1.08), 9
 _SEEN = 4.5
 _DEPENDENT = 1e-6
 # Coefficients that change; backwards they have others in a law for each direction.
-_CHANGING = ("viscous", "coulomb", "viscous_back", "coulomb_back")
+_CHANGING = [("friction", term) for term in ("viscous", "coulomb", "viscous_back", "coulomb_back")]
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """g(t) of one recording.
-
-    Attributes:
-        recording: which.
-        start: when it began [s].
-        constant: T [s]; None where a temperature is recorded.
-        mean: of the temperature or of the exponential, which is taken off.
-        span: from the first to the last, or of a temperature from the lowest to the highest.
-    """
+    """g(t) of one recording."""
 
     recording: Recording
-    start: float
-    constant: float | None
-    mean: float
+    start: float  # when it began [s]
+    constant: float | None  # T [s]; None where a temperature is recorded
+    mean: float  # of the temperature or of the exponential, which is taken off
+    # from the first to the last, or of a temperature from the lowest to the highest
     span: float
 
     def of(self, w: Samples) -> Float[np.ndarray, " samples"]:
@@ -65,17 +58,11 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Warmth(Addition):
-    """Changes of all joints' friction along recordings, the same in all for the same course.
-
-    Attributes:
-        dynamics: of the robot.
-        courses: of the change in each recording that has them.
-        several: whether the fit has others.
-    """
+    """Changes of all joints' friction along recordings, the same in all for the same course."""
 
     dynamics: Dynamics
-    courses: tuple[Course, ...]
-    several: bool = False
+    courses: tuple[Course, ...]  # of the change in each recording that has them
+    several: bool = False  # whether the fit has others
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -87,31 +74,30 @@ class Warmth(Addition):
         return tuple(
             Parameter(
                 kind="temperature",
-                owner=f"{parameter.owner}{where}",
-                symbol=f"{parameter.symbol}_change",
-                unit=f"{parameter.unit}{per_kelvin}",
+                owner=f"{entry.owner}{where}",
+                symbol=f"{entry.symbol}_change",
+                unit=f"{entry.unit}{per_kelvin}",
                 low=-np.inf,
                 high=np.inf,
                 prior=0.0,
-                scale=parameter.scale / span,
+                scale=entry.scale / span,
             )
-            for parameter in changing
+            for entry in changing
         )
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where viscous and Coulomb friction act."""
-        rows, columns = self.dynamics.regressor_pattern
-        entries = self._entries
-        return rows[entries], np.searchsorted(self._changing, columns[entries])
+        rows, columns = (part[self._entries] for part in self.dynamics.regressor_pattern)
+        return rows, np.searchsorted(self._changing, columns)
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         """Those of friction times g."""
-        entries = self._entries
+        changing = own[self._entries]
         for course in self.courses:
             if course.recording.log.sha256 == recording.log.sha256:
-                return own[entries] * course.of(w)
-        return np.zeros((len(entries), own.shape[1]))
+                return changing * course.of(w)
+        return np.zeros_like(changing)
 
     @property
     def is_corrected(self) -> bool:
@@ -142,16 +128,14 @@ class Warmth(Addition):
         )
 
     @property
-    def _changing(self) -> Int[np.ndarray, " changing"]:
+    def _changing(self) -> list[int]:
         """Places of viscous and Coulomb friction among the robot's parameters."""
         parameters = enumerate(self.dynamics.layout.parameters)
-        return np.array(
-            [k for k, entry in parameters if entry.kind == "friction" and entry.symbol in _CHANGING]
-        )
+        return [k for k, entry in parameters if (entry.kind, entry.symbol) in _CHANGING]
 
     @property
-    def _entries(self) -> Int[np.ndarray, " entries"]:
-        return np.flatnonzero(np.isin(self.dynamics.regressor_pattern[1], self._changing))
+    def _entries(self) -> Bool[np.ndarray, " entries"]:
+        return np.isin(self.dynamics.regressor_pattern[1], self._changing)
 
 
 def changing_friction(setup: Setup, progress: Progress) -> Setup:
@@ -160,17 +144,15 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
     With a recorded temperature, else with one time constant. Earlier results are estimated anew:
     another law may explain them.
     """
-    lasting = tuple(addition for addition in setup.additions if not isinstance(addition, Warmth))
-    bare = setup.changed(additions=lasting)
+    bare = setup.without(Warmth)
     rows = rows_for_friction(bare, progress, "changes with time")
-    return setup if rows is None else bare.changed(additions=(*lasting, *_changes(rows)))
+    return setup if rows is None else bare.changed(additions=(*bare.additions, *_changes(rows)))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _changes(rows: FrictionRows) -> list[Warmth]:
     """What rows show beyond chance, by temperature first."""
     changes, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
-    several = len(motions) > 1
     known = {
         recording: temperature(recording, w) for recording, w in motions.items()
         if recording.log.columns.temperature is not None
@@ -184,14 +166,14 @@ def _changes(rows: FrictionRows) -> list[Warmth]:
     for recording, w in motions.items():
         if recording not in known and len(w.time):
             course = _warming(rows, motions, recording)
-            changes += [Warmth(rows.dynamics, (course,), several)] if course is not None else []
+            if course is not None:
+                changes.append(Warmth(rows.dynamics, (course,), len(motions) > 1))
     return changes
 
 
-_Motions = dict[Recording, Samples]
-
-
-def _best(rows: FrictionRows, motions: _Motions, tried: Sequence[tuple[Course, ...]]) -> int | None:
+def _best(
+    rows: FrictionRows, motions: dict[Recording, Samples], tried: Sequence[tuple[Course, ...]]
+) -> int | None:
     """Number of the courses with which friction as a whole changes most; None if that is chance.
 
     A course is slow against the filter's memory, so it may come after the filter.
@@ -211,17 +193,17 @@ def _best(rows: FrictionRows, motions: _Motions, tried: Sequence[tuple[Course, .
     return best if judged.surprise > _SEEN and judged.is_large else None
 
 
-def _warming(rows: FrictionRows, motions: _Motions, recording: Recording) -> Course | None:
+def _warming(
+    rows: FrictionRows, motions: dict[Recording, Samples], recording: Recording
+) -> Course | None:
     """The time constant with which a recording's friction changes; None if it does not."""
     start, length = recording.log.clock.first, recording.log.samples / recording.log.rate
     shares, course = _CONSTANTS, None
     for spacing in (*_FINER, 1.0):
-        ends = np.exp(-1 / shares)
-        means = shares * (1 - ends)
-        courses = [
-            Course(recording, start, *numbers)
-            for numbers in np.stack([shares * length, means, ends - 1], axis=1).tolist()
-        ]
+        courses = list[Course]()
+        for share in shares.tolist():
+            end = float(np.exp(-1 / share))
+            courses.append(Course(recording, start, share * length, share * (1 - end), end - 1))
         best = _best(rows, motions, [(course,) for course in courses])
         if best is None:
             return None

@@ -90,6 +90,10 @@ class Recording(Shown):
         found = excerpt(segments, log.columns, log.samples, log.rate, self.low_pass)
         return replace(self, excerpt=found)
 
+    def repaired(self, **repairs: Any) -> "Recording":
+        """The same with other fields of its repairs."""
+        return replace(self, repairs=replace(self.repairs, **repairs))
+
     @property
     def brief(self) -> "Recording":
         """Its excerpt as a recording; all of it, where it has none."""
