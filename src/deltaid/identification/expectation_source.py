@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Regressor
 from deltaid.effects.joint import SHAPES
-from deltaid.estimation.additions import Addition, Extended, entries, extended
+from deltaid.estimation.additions import Addition, Extended, entries, extended, torques_of
 from deltaid.estimation.information import active_columns
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.masks.directions import Directions
@@ -72,8 +72,7 @@ class Source:
         self, values: Float[np.ndarray, "entries samples"], p: Float[np.ndarray, " active"]
     ) -> Torques:
         """Y p from the entries of Y."""
-        rows, col = self.pattern
-        return np.stack([p[col[rows == i]] @ values[rows == i] for i in range(self.dynamics.dof)])
+        return torques_of(self.pattern, self.dynamics.dof, values, p)
 
     def counts(self, w: Samples) -> Bool[np.ndarray, "dof samples"]:
         """Whether a drive's torque counts, and all directions of friction in it are known."""

@@ -58,19 +58,16 @@ class InspectedWindow:
 
 
 def glance(expected: Expectation, window: Window) -> InspectedWindow | None:
-    """A window inspected, if it may have outliers."""
-    quiet = expected.fits and _is_quiet(expected, window)
-    return None if quiet else _look(expected, window)
-
-
-def _is_quiet(expected: Expectation, window: Window) -> bool:
-    """Whether nothing in a window comes near a threshold, neither a mean nor a single sample."""
+    """A window inspected, if it may have outliers: a mean or a single sample near a threshold."""
     n, wide = expected.length, window.wide
-    residual = expected.rough_residual(wide, max(1, n // _PLACES))
-    mean, count = _mean(residual, n)
-    far = np.abs(mean) * np.sqrt(count / n) > _NEAR * STRONG * expected.scales(wide)
-    rough = np.abs(residual - mean) > _NEAR * ROUGH * expected.noise[:, None]
-    return not window.trimmed((far | rough).T).any()
+    if expected.fits:
+        residual = expected.rough_residual(wide, max(1, n // _PLACES))
+        mean, count = _mean(residual, n)
+        far = np.abs(mean) * np.sqrt(count / n) > _NEAR * STRONG * expected.scales(wide)
+        rough = np.abs(residual - mean) > _NEAR * ROUGH * expected.noise[:, None]
+        if not window.trimmed((far | rough).T).any():
+            return None
+    return _look(expected, window)
 
 
 def _look(expected: Expectation, window: Window) -> InspectedWindow:

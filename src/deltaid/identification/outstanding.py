@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.identification.expectation import NOISE, Expectation
-from deltaid.identification.expectation_blocks import deviation
+from deltaid.identification.expectation import NOISE, Expectation, deviation
 from deltaid.identification.looked import ROUGH, STRONG, InspectedWindow, glance
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.repairs import SPIKE, LeftSpan
