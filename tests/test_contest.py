@@ -14,8 +14,8 @@ from deltaid.effects.geometry import lengths_of, reshaped
 from deltaid.effects.point import Point
 from deltaid.effects.structure import Structure
 from deltaid.identification import contest_stage, study
+from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
-from deltaid.identification.inseparable import constants
 from deltaid.identification.outcome import Outcome
 from deltaid.identification.study import studied_trace
 from deltaid.robot.load import described

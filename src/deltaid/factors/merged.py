@@ -17,11 +17,12 @@ from deltaid.factors.columns import GatheredColumns, map_to, plain
 from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
 from deltaid.identification.balance import balanced
-from deltaid.identification.fit import FittedProblem, fit_to, widened
+from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.gathering import Gathered
 from deltaid.identification.geometry import GeometricRows, shifted
 from deltaid.identification.loads import Held, joined
+from deltaid.identification.widening import widened
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings

@@ -1,5 +1,10 @@
-"""What in a fit contradicts the data or the prior: wrong signs, units, geometry, priors, measured
-values."""
+"""What in a fit contradicts the data or the prior (wrong signs, units, geometry, priors, measured
+values), and causes that a recording does not separate, with how far parameters may be off by them.
+
+A constant of a drive's friction, by an offset or by Coulomb's friction of each direction, is the
+same torque as an offset of what measures it: the truth lies anywhere between both. No limb ties a
+telescope's drive to the others, and its torque constant scales all that it turns.
+"""
 
 from collections.abc import Iterator
 
@@ -9,6 +14,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.signs import CURE, against_motion, contradiction
+from deltaid.model.inseparable import Inseparable
 from deltaid.sensors.weighings import Weighing, weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
@@ -33,23 +39,24 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     where nothing better is; and each measured value that recordings, other values or consistency
     contradict.
     """
-    return (*_of_data(problem), *_of_measured(problem))
-
-
-def _of_data(problem: FittedProblem) -> tuple[str, ...]:
     negatives = against_motion(problem.dynamics, problem.information)
     if negatives:
-        return (f"{contradiction(negatives, problem.dynamics.robot)}; {CURE}",)
-    detected = (*_misfit(problem), *_contradictions(problem), *_grown(problem))
-    detected = detected or tuple(_of_priors(problem))
-    scale = _scale(problem)
-    if detected and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
-        return (
-            f"torques are {scale:.3g} times what the described robot would need. Likeliest their "
-            "unit, torque constant or gear is not declared, else masses and lengths of the "
-            "description are those of another robot; deltaid check compares units and gears",
-        )
-    return detected[:1]
+        of_data = [f"{contradiction(negatives, problem.dynamics.robot)}; {CURE}"]
+    else:
+        of_data = [*_misfit(problem), *_contradictions(problem), *_grown(problem)]
+        of_data = of_data or list(_of_priors(problem))
+        # How many times the prior's torques the measured ones are, by least squares.
+        rows = problem.information.of_drives.problem
+        prior = rows.A @ problem.reduction.p_reg[problem.information.columns]
+        square = float(prior @ prior)
+        scale = float(prior @ rows.b) / square if square > 0 else np.nan
+        if of_data and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
+            of_data = [
+                f"torques are {scale:.3g} times what the described robot would need. Likeliest "
+                "their unit, torque constant or gear is not declared, else masses and lengths of "
+                "the description are those of another robot; deltaid check compares units and gears"
+            ]
+    return (*of_data[:1], *_of_measured(problem))
 
 
 def _misfit(problem: FittedProblem) -> Iterator[str]:
@@ -99,14 +106,6 @@ def _of_priors(problem: FittedProblem) -> Iterator[str]:
         )
 
 
-def _scale(problem: FittedProblem) -> float:
-    """How many times the prior's torques the measured ones are, by least squares."""
-    rows = problem.information.of_drives.problem
-    prior = rows.A @ problem.reduction.p_reg[problem.information.columns]
-    square = float(prior @ prior)
-    return float(prior @ rows.b) / square if square > 0 else np.nan
-
-
 def _contradictions(problem: FittedProblem) -> Iterator[str]:
     """The base parameter that a fit holds farthest from what the recording alone gives.
 
@@ -116,7 +115,11 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
     """
     base, estimate = problem.base, problem.estimate
     by_noise, freedom = estimate.by_noise  # geometry shifts both sides alike
-    fitted, half = base.values(problem.values), _excess(problem) * quantile(freedom) * by_noise
+    # How many times larger than the data's own the noise is that γ stands for (`default_gamma`).
+    assumed = np.sqrt(problem.objective.gamma * problem.information.mean_samples)
+    assumed *= problem.settings.prior_spread
+    excess = max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
+    fitted, half = base.values(problem.values), excess * quantile(freedom) * by_noise
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
     k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
     if not count:
@@ -133,14 +136,6 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
         "recording, and other parameters of these bodies may lie outside of their intervals. "
         f"{cure}"
     )
-
-
-def _excess(problem: FittedProblem) -> float:
-    """How many times larger than the data's own the noise is that γ stands for
-    (`objective.default_gamma`)."""
-    gamma, samples = problem.objective.gamma, problem.information.mean_samples
-    assumed = problem.settings.prior_spread * np.sqrt(gamma * samples)
-    return max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
 
 
 def _of_measured(problem: FittedProblem) -> Iterator[str]:
@@ -181,3 +176,43 @@ def _contradicted(fact: Weighing, who: str, value: float, apart: float) -> str:
         "deviations apart. Likeliest its unit, or what was measured with it (screws, cables, half "
         "a joint); mend it, state a larger std, or leave it out"
     )
+
+
+def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparable]:
+    """Pairs of causes of a fit; `absolute` is whether the scale of its torques is known."""
+    if drives := tuple(constants(problem)):
+        yield Inseparable(
+            causes=("a constant of friction", "an offset of the measured torque"), subjects=drives
+        )
+    robot = problem.dynamics.robot
+    if robot.telescope is not None and not absolute:
+        last = robot.drives[-1]
+        causes = f"inertia and friction that {last} turns", "its torque constant"
+        yield Inseparable(causes=causes, is_counted=False)
+
+
+def constants(problem: FittedProblem) -> dict[str, float]:
+    """The part of each drive's friction that does not change its sign with the speed [N m or N].
+
+    Only of drives whose law has one.
+    """
+    laws = problem.dynamics.robot.friction
+    values = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
+    out = dict[str, float]()
+    for drive in problem.dynamics.robot.drives:
+        law = laws.get(drive)
+        if law is not None and law.offset is not None:
+            out[drive] = values[f"offset.{drive}"]
+        elif law is not None and not law.both_ways:
+            out[drive] = 0.5 * (values[f"coulomb.{drive}"] - values[f"coulomb_back.{drive}"])
+    return out
+
+
+def ambiguous(problem: FittedProblem) -> dict[str, float]:
+    """By how much a parameter changes where these constants are offsets of what was measured."""
+    moved = {"offset": -1.0, "coulomb": -1.0, "coulomb_back": 1.0}
+    return {
+        f"{kind}.{drive}": sign * constant
+        for drive, constant in constants(problem).items()
+        for kind, sign in moved.items()
+    }

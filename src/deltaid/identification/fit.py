@@ -22,7 +22,6 @@ from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.signs import CURE, against_motion, contradiction
-from deltaid.identification.widening import Evidence, evidence
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.sensors.weighings import weighings
@@ -97,12 +96,6 @@ class FittedProblem:
         """Level of the torques' noise, as a share of the largest torque."""
         return noise_level(self.information)
 
-    @property
-    def evidence(self) -> Evidence:
-        """The recordings' evidence against the prior."""
-        spread = self.settings.prior_spread
-        return evidence(self.reduction, spread, self.base, self.estimate)
-
 
 def fit(
     dynamics: Dynamics,
@@ -118,13 +111,14 @@ def fit(
             drives whose torques and motions contradict each other, if that is why.
     """
 
-    def posed(load: Parameters | None) -> FittedProblem:
-        return _posed(dynamics, recordings, settings, additions, load, progress)
+    def posed_with(load: Parameters | None) -> FittedProblem:
+        return posed(dynamics, recordings, settings, additions, load, progress)
 
     robot = dynamics.robot
     try:
-        problem, settled = _settled(posed, prior_parameters(robot) if robot.load_drives else None)
-        if not settled:
+        load = prior_parameters(robot) if robot.load_drives else None
+        problem, is_settled = settled(posed_with, load)
+        if not is_settled:
             raise IdentificationError(
                 "friction that depends on load does not settle: the recording cannot tell it from "
                 "the rest",
@@ -148,57 +142,29 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> Fi
     return replace(problem, estimate=estimate, geometry=geometric)
 
 
-def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
-    """The same fit with priors that its recordings contradict as wide as their evidence asks for.
-
-    A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
-    friction depends on it the fit is posed again until its shares stay as they are.
-    """
-    wide = widened(problem)
-    if wide is problem or not problem.dynamics.robot.load_drives:
-        return wide
-
-    def posed(load: Parameters | None) -> FittedProblem:
-        again = _posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
-        again = replace(again, moves=problem.moves)
-        return widened(with_geometry(again, recordings))
-
-    return _settled(posed, wide.p)[0]
-
-
-def widened(problem: FittedProblem) -> FittedProblem:
-    """With wider priors and the rows as they are; itself where no prior is contradicted."""
-    settings = problem.settings
-    if settings.gamma is not None or not (widened := problem.evidence.contradicted()):
-        return problem
-    reduction = replace(problem.reduction, widened=widened)
-    objective = pose(problem.information, reduction, settings)
-    solution = minimise(objective, SOLVERS[settings.method])
-    return replace(problem, objective=objective, solution=solution)
-
-
-def _settled(
-    posed: Callable[[Parameters | None], FittedProblem], load: Parameters | None
+def settled(
+    posed_with: Callable[[Parameters | None], FittedProblem], load: Parameters | None
 ) -> tuple[FittedProblem, bool]:
     """A fit where friction that depends on load uses the torques of the fit before, until its
     shares of the load stay as they are; and whether they do. Without load there is one round."""
-    problem = posed(load)
-    if load is None:
-        return problem, True
-    first = problem.dynamics.layout.friction.start
-    terms = enumerate(problem.dynamics.robot.friction_terms, start=first)
-    shares, step = [k for k, term in terms if term.of_load], np.zeros(1)
-    for _ in range(_LOAD_ROUNDS - 1):
-        if np.allclose(problem.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED):
+    rounds, step = 0, np.zeros(1)
+    while True:
+        problem, rounds = posed_with(load), rounds + 1
+        if load is None:
             return problem, True
+        terms = problem.dynamics.robot.friction_terms
+        shares = np.flatnonzero([term.of_load for term in terms])
+        shares = shares + problem.dynamics.layout.friction.start
         before, step = step, problem.p[shares] - load[shares]
+        if np.all(np.abs(step) <= _LOAD_SETTLED):
+            return problem, True
+        if rounds == _LOAD_ROUNDS:
+            return problem, False
         # Half of a step back, for |x| bends, and whole ones might go to and fro.
         load = 0.5 * (load + problem.p) if np.sum(step * before) < 0 else problem.p
-        problem = posed(load)
-    return problem, bool(np.allclose(problem.p[shares], load[shares], rtol=0, atol=_LOAD_SETTLED))
 
 
-def _posed(
+def posed(
     dynamics: Dynamics,
     recordings: Sequence[Recording],
     settings: Settings,
@@ -206,6 +172,7 @@ def _posed(
     load: Parameters | None,
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
+    """One round of a fit, with what gears carry by parameters `load`; errors as of `fit`."""
     rows = MeasuredRows(extended(dynamics, additions), weighings(dynamics.robot))
     gathered = balanced(gather_all(rows, recordings, load, progress), rows.weighings)
     progress("fitting")

@@ -21,8 +21,8 @@ from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.free_body import free_coefficients
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
+from deltaid.identification.doubts import constants
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.inseparable import constants
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
 from deltaid.recording.recording import Recording

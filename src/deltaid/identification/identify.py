@@ -14,13 +14,7 @@ from deltaid.effects.fitted import Fitted, fitted_effects
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
-from deltaid.identification.fit import (
-    FittedProblem,
-    Progress,
-    fit,
-    with_geometry,
-    with_widened_prior,
-)
+from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.idle_terms import idle
 from deltaid.identification.judgement import assembled, judged_parameters
@@ -31,6 +25,7 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.stages import prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.widening import with_widened_prior
 from deltaid.model.above import above
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter

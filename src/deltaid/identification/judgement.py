@@ -5,11 +5,10 @@ from importlib.metadata import version
 
 import numpy as np
 
-from deltaid.identification.doubts import doubts
+from deltaid.identification.doubts import ambiguous, doubts, inseparable
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_curves import friction_curves
 from deltaid.identification.gains import torque_scale
-from deltaid.identification.inseparable import ambiguous, inseparable
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
 from deltaid.identification.outcome import Outcome
@@ -32,8 +31,8 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
 
     Those of additions follow the robot's.
     """
-    labels, p_reg, rows = Labels(problem), problem.reduction.p_reg, list[Parameter]()
-    other = ambiguous(problem)
+    labels, p_reg, judged = Labels(problem), problem.reduction.p_reg, list[Parameter]()
+    moves = ambiguous(problem)
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
         label, value = labels.of(i), float(problem.values[i])
         low, high = label.low, label.high
@@ -41,9 +40,9 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
             # Ranges are those of the recording alone; where a fit holds what the recording would
             # have otherwise, its estimate may be at their end.
             low, high = min(low, value - label.std), max(high, value + label.std)
-        moved = other.get(parameter.name, 0.0)
+        moved = moves.get(parameter.name, 0.0)
         low, high = min(low, low + moved), max(high, high + moved)
-        rows.append(
+        judged.append(
             Parameter(
                 name=parameter.name,
                 value=value,
@@ -57,32 +56,30 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
                 share=label.share,
             )
         )
-    return tuple(rows)
+    return tuple(judged)
 
 
 def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
     """Base parameters of the robot with their intervals."""
-    base, estimate, judged = problem.base, problem.estimate, list[BaseParameter]()
+    base, estimate = problem.base, problem.estimate
     by_noise, _ = estimate.by_noise
-    parts = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
-    for k, representative in enumerate(base.representatives):
-        parameter = base.layout.parameters[representative]
-        if parameter.kind in ADDED:
-            continue
-        value, half, part = (float(row[k]) for row in (estimate.values, estimate.interval, parts))
-        judged.append(
-            BaseParameter(
-                formula=base.groups[k].formula(base.layout),
-                representative=parameter.name,
-                value=value,
-                std=float(estimate.std[k]),
-                low=value - half,
-                high=value + half,
-                unit=parameter.unit,
-                share=Share(noise=part, prior=0.0, geometry=1 - part),
-            )
+    noise = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
+    columns = (estimate.values, estimate.std, estimate.interval, noise)
+    rows = np.stack(columns, axis=1).tolist()
+    return tuple(
+        BaseParameter(
+            formula=group.formula(base.layout),
+            representative=parameter.name,
+            value=value,
+            std=std,
+            low=value - half,
+            high=value + half,
+            unit=parameter.unit,
+            share=Share(noise=part, prior=0.0, geometry=1 - part),
         )
-    return tuple(judged)
+        for group, (value, std, half, part) in zip(base.groups, rows, strict=True)
+        if (parameter := base.layout.parameters[group.representative]).kind not in ADDED
+    )
 
 
 def assembled(
@@ -114,27 +111,22 @@ def assembled(
         choice: how friction laws were chosen, if they were.
         outcome: of the contest that decided what was corrected.
     """
-    count, layout = len(problem.p), problem.layout
-    inseparable_causes = () if outcome is None else outcome.inseparable
-    doubted = () if outcome is None else tuple(outcome.doubts.values())
-    consistency = tuple(
-        Consistency(
-            body=body,
-            eigenvalues=tuple(
-                np.linalg.eigvalsh(pseudo_inertia(problem.p[layout.body(body)])).tolist()
-            ),
-        )
-        for body in layout.bodies
+    count, layout, outcome = (
+        len(problem.p),
+        problem.layout,
+        outcome or Outcome(problem.dynamics.robot),
     )
-    widened = widened_priors(
-        problem.reduction.widened, problem.evidence, problem.base, problem.estimate
-    )
+    absolute = known_absolutely(problem)
+    moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
     return IdentifiedModel(
         deltaid=version("deltaid"),
         robot=problem.dynamics.robot,
         parameters=tuple(judged[:count]),
         base_parameters=judged_base(problem),
-        consistency=consistency,
+        consistency=tuple(
+            Consistency(body=body, eigenvalues=tuple(np.linalg.eigvalsh(M).tolist()))
+            for body, M in moments.items()
+        ),
         fit=_record(problem, error),
         settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
         posterior=posterior_record(problem),
@@ -142,13 +134,13 @@ def assembled(
         readings=readings,
         effects=effects,
         sensors=fitted_sensors(problem, judged[count:]),
-        corrections=(*corrections, *widened),
-        absolute=(absolute := known_absolutely(problem)),
-        inseparable=(*inseparable(problem, absolute=bool(absolute)), *inseparable_causes),
+        corrections=(*corrections, *widened_priors(problem)),
+        absolute=absolute,
+        inseparable=(*inseparable(problem, absolute=bool(absolute)), *outcome.inseparable),
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
-        warnings=(*remarks, *doubted, *doubts_of_fit(problem)),
+        warnings=(*remarks, *outcome.doubts.values(), *doubts_of_fit(problem)),
     )
 
 

@@ -19,21 +19,22 @@ Tipping and Faul 2003), or all of a body together (another density), or its mome
 Friction is identifiable without prior.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
-from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.information import triangle
-from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.regularizer import parameter_scale
 from deltaid.estimation.scatter import inverse
-from deltaid.identification.least_squares import BaseEstimate
+from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.model.corrections import Correction
+from deltaid.recording.recording import Recording
 
 # A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less
 # than the best by so little explain a recording as well; and that a body is off as a whole is so
@@ -78,9 +79,9 @@ class Evidence:
         s = np.ones(len(self.rows))
         for _ in range(_STEPS):
             entry, body = _least(self._entries(s)), _least(self._bodies(s))
-            alone = entry.gain - _LIKELIER if entry else 0.0
-            chosen = body if body and body.gain >= max(_SIGNIFICANT, alone) else entry
-            if chosen is None or chosen.gain < _SIGNIFICANT:
+            likelier = body.gain >= max(_SIGNIFICANT, entry.gain - _LIKELIER)
+            chosen = body if likelier else entry
+            if chosen.gain < _SIGNIFICANT:
                 break
             s[chosen.at] = np.maximum(s[chosen.at], chosen.factor)
         return {name: float(s[j]) for j, name in enumerate(self.names) if s[j] > 1}
@@ -117,21 +118,18 @@ class Evidence:
         kappa = delta / (1.0 - delta * (1.0 - rest))
         gain = kappa * q**2 / (1.0 + kappa * a) - np.log1p(kappa * a)
         wider = s[:count] / np.sqrt(1.0 - delta)
-        return [_Wider([j], float(wider[j]), float(gain[j])) for j in range(count)]
+        return [_Wider([j], *best) for j, best in enumerate(zip(wider, gain, strict=True))]
 
-    def _bodies(self, s: Factors) -> list[_Wider]:
+    def _bodies(self, s: Factors) -> Iterator[_Wider]:
         """All entries of a body, with the best factor of some."""
         now = self._value(s)
-
-        def tried(entries: list[int], factor: float) -> _Wider:
-            wider = s.copy()
-            wider[entries] = np.maximum(s[entries], factor)
-            return _Wider(entries, factor, self._value(wider) - now)
-
-        return [
-            max((tried(entries, factor) for factor in _TRIED), key=lambda wider: wider.gain)
-            for entries in self.bodies
-        ]
+        for entries in self.bodies:
+            tried = list[_Wider]()
+            for factor in _TRIED:
+                wider = s.copy()
+                wider[entries] = np.maximum(s[entries], factor)
+                tried.append(_Wider(entries, factor, self._value(wider) - now))
+            yield max(tried, key=lambda wider: wider.gain)
 
     def _value(self, s: Factors) -> float:
         """Twice the logarithm of the evidence, but for a constant."""
@@ -140,44 +138,40 @@ class Evidence:
         return float(-residual @ residual - 2 * np.log(size * np.diag(L)).sum())
 
 
-def _least(candidates: Sequence[_Wider]) -> _Wider | None:
+def _least(candidates: Iterable[_Wider]) -> _Wider:
     """Of those that gain nearly the most, the one that needs the least widening."""
+    candidates = list(candidates)
     best = max((wider.gain for wider in candidates), default=0.0)
     close = (wider for wider in candidates if wider.gain >= best - _CLOSE)
-    return min(close, key=lambda wider: wider.factor, default=None)
+    return min(close, key=lambda wider: wider.factor, default=_Wider([], 1.0, -np.inf))
 
 
-def _cholesky(
-    C: Float[np.ndarray, "n n"],
-) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+def _cholesky(C: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, "n n"], Factors]:
     """L and d with C = diag(d) L Lᵀ diag(d)."""
     size = np.sqrt(np.diag(C))
     return np.linalg.cholesky(C / np.outer(size, size) + _ROUNDING * np.eye(len(C))), size
 
 
-def evidence(
-    reduction: Reduction, spread: float, base: BaseParameters, estimate: BaseEstimate
-) -> Evidence:
-    """Evidence of a recording's base parameters against the stated prior of relative standard
-    deviation `spread`."""
+def evidence(problem: FittedProblem) -> Evidence:
+    """Evidence of a fit's recordings against its stated prior."""
+    reduction, base, estimate = problem.reduction, problem.base, problem.estimate
+    changed = np.flatnonzero(np.any(reduction.A != 0, axis=1)).tolist()
     parameters = reduction.layout.parameters
-    changed = np.flatnonzero(np.any(reduction.A != 0, axis=1))
-    widenable = np.array([parameters[i].kind in _KINDS for i in changed], dtype=bool)
-    order = np.concatenate([changed[widenable], changed[~widenable]])
-    scale = spread * reduction.own_spread * parameter_scale(reduction.layout, reduction.p_reg)
+    own = [i for i in changed if parameters[i].kind in _KINDS]
+    order = own + [i for i in changed if parameters[i].kind not in _KINDS]
+    spread = problem.settings.prior_spread * reduction.own_spread
+    scale = spread * parameter_scale(reduction.layout, reduction.p_reg)
     K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
     deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
     half = inverse(estimate.noise.root)
-    size = np.linalg.norm(half, axis=1)
-    half *= (deviations / size)[:, None]
+    half *= (deviations / np.linalg.norm(half, axis=1))[:, None]
     groups: dict[tuple[str, str], list[int]] = {}
-    for j, i in enumerate(changed[widenable]):
-        if parameters[i].kind == "inertia":
-            groups.setdefault((parameters[i].owner, ""), []).append(j)
-            if parameters[i].symbol.startswith("I"):
-                groups.setdefault((parameters[i].owner, "I"), []).append(j)
+    for j, parameter in enumerate(parameters[i] for i in own):
+        if parameter.kind == "inertia":
+            for which in ("", "I") if parameter.symbol.startswith("I") else ("",):
+                groups.setdefault((parameter.owner, which), []).append(j)
     return Evidence(
-        tuple(parameters[i].name for i in changed[widenable]),
+        tuple(parameters[i].name for i in own),
         tuple(groups.values()),
         A[order] / scale[order][:, None],
         K @ A,
@@ -186,30 +180,56 @@ def evidence(
     )
 
 
-def widened_priors(
-    widened: Mapping[str, float], evidence: Evidence, base: BaseParameters, estimate: BaseEstimate
-) -> Iterator[Correction]:
+def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
+    """The same fit with priors that its recordings contradict as wide as their evidence asks for.
+
+    A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where
+    friction depends on it the fit is posed again until its shares stay as they are.
+    """
+    wide = widened(problem)
+    if wide is problem or not problem.dynamics.robot.load_drives:
+        return wide
+
+    def again(load: Parameters | None) -> FittedProblem:
+        fitted = posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
+        return widened(with_geometry(replace(fitted, moves=problem.moves), recordings))
+
+    return settled(again, wide.p)[0]
+
+
+def widened(problem: FittedProblem) -> FittedProblem:
+    """With wider priors and the rows as they are; itself where no prior is contradicted."""
+    settings = problem.settings
+    if settings.gamma is not None or not (factors := evidence(problem).contradicted()):
+        return problem
+    reduction = replace(problem.reduction, widened=factors)
+    objective = pose(problem.information, reduction, settings)
+    solution = minimise(objective, SOLVERS[settings.method])
+    return replace(problem, objective=objective, solution=solution)
+
+
+def widened_priors(problem: FittedProblem) -> Iterator[Correction]:
     """The priors that were widened, as corrections: one a body or joint."""
+    base, estimate, factors = problem.base, problem.estimate, problem.reduction.widened
+    against = evidence(problem)
     owners: dict[str, list[str]] = {}
     for parameter in base.layout.parameters:
-        if parameter.name in widened:
+        if parameter.name in factors:
             owners.setdefault(parameter.owner, []).append(parameter.name)
     for owner, names in owners.items():
-        k, apart = max(map(evidence.farthest, names), key=lambda place: place[1])
-        unit = base.layout.units[base.representatives[k]]
-        factors = {widened[name] for name in names}
-        priors = ", ".join(f"{name} {widened[name]:.2g} times" for name in names)
-        if len(names) > 2 and len(factors) == 1:
+        k, apart = max(map(against.farthest, names), key=lambda place: place[1])
+        unit, value = base.layout.units[base.representatives[k]], estimate.values[k]
+        largest = max(factors[name] for name in names)
+        priors = ", ".join(f"{name} {factors[name]:.2g} times" for name in names)
+        if len(names) > 2 and all(factors[name] == largest for name in names):
             second = all(name.startswith(f"{owner}.I") for name in names)
             whose = f"the moments of inertia of {owner}" if second else owner
-            priors = f"those of {whose} {factors.pop():.2g} times"
-        value = estimate.values[k]
+            priors = f"those of {whose} {largest:.2g} times"
         text = (
             f"the recording alone gives {base.formulas[k]} = {value:.3g} ± "
-            f"{estimate.interval[k]:.2g} {unit}, the description {value - evidence.d[k]:.3g} "
+            f"{estimate.interval[k]:.2g} {unit}, the description {value - against.d[k]:.3g} "
             f"{unit}, {apart:.2g} standard deviations away; so priors were taken to be less "
             f"certain than stated, {priors}. Where only a sum shows, another term of it may be the "
             "wrong one"
         )
-        factor = max(widened[name] for name in names)
-        yield Correction(kind="prior", subject=owner, value=factor, text=text)
+        yield Correction(kind="prior", subject=owner, value=largest, text=text)
