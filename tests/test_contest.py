@@ -8,11 +8,10 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.at_drives import DriveSpring, RippleColumns
+from deltaid.effects.along_motion import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
-from deltaid.effects.geometry import lengths_of, reshaped
+from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.point import Point
-from deltaid.effects.structure import Structure
 from deltaid.identification import contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry

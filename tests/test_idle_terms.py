@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction

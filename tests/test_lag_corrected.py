@@ -11,7 +11,8 @@ from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import slope
-from deltaid.effects.lags import Lags, agree, chosen_groups, estimate_lags
+from deltaid.effects.lag_groups import agree, chosen_groups
+from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
 from deltaid.forces.ranges import evidence

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.effects import hotelling
-from deltaid.effects.lags import agree, chosen_groups, common_lag
+from deltaid.effects import lag_groups
+from deltaid.effects.lag_groups import agree, chosen_groups, common_lag
 
 STRETCHES, SIGMA = 40, 1e-3
 APART = np.array([1.0, -1.0, 0.0, 0.0]) / np.sqrt(2)  # of length 1, and none of a common lag
@@ -42,9 +42,9 @@ def test_a_true_hypothesis_is_rejected_as_often_as_it_says(directions: int) -> N
     left = x - mean[:, None]
     covariance = np.swapaxes(left, 1, 2) @ left / (STRETCHES - 1) / STRETCHES
     T2 = np.einsum("ki,kij,kj->k", mean, np.linalg.inv(covariance), mean)
-    rejected = np.mean(hotelling.limit(directions, 0.1) < T2)
+    rejected = np.mean(lag_groups.limit(directions, 0.1) < T2)
     assert rejected == pytest.approx(0.1, abs=0.02)  # 3000 draws tell it to 0.005
-    assert hotelling.limit(directions, 0.1) == pytest.approx(limit(directions, 0.1), rel=1e-9)
+    assert lag_groups.limit(directions, 0.1) == pytest.approx(limit(directions, 0.1), rel=1e-9)
 
 
 def test_sizes_agree_up_to_one_in_a_hundred() -> None:

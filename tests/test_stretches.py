@@ -11,7 +11,7 @@ from scipy import stats
 from deltaid.check.wiring.homing import BLOCKS as OF_ZEROS
 from deltaid.check.wiring.homing import Shifts
 from deltaid.effects.contest import account
-from deltaid.effects.rigid_fit import Candidate
+from deltaid.effects.point import Candidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.span import Span

@@ -144,7 +144,7 @@ def test_the_place_of_a_step_has_its_likelihood() -> None:
     likely = np.exp(log - log.max())
     mean = likely @ places / likely.sum()
     std = np.sqrt(likely @ (places - mean) ** 2 / likely.sum())
-    found = _posterior(some.after, left, some.jump, noise**2, 1.5e-3, 3.5e-3)
+    found = _posterior(some, left, 1.0, noise**2, 1.5e-3, 3.5e-3)
     np.testing.assert_allclose(found, (mean, std), rtol=2e-3)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deltaid.check.identified import Judged
-from deltaid.effects.cause import causes_of
+from deltaid.effects.effect import causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.identification.study import studied
 from deltaid.model.verdict import Grade

@@ -15,8 +15,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.check.evidence import Evidence
 from deltaid.check.unexplained import checked_rest
 from deltaid.effects.all import effect_of
-from deltaid.effects.cause import Cause, causes_of
-from deltaid.effects.effect import DescribedEffect
+from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
@@ -98,7 +97,7 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Ver
         seen,
         subject=subject,
         cause=effect.why(cause),
-        cure=effect.cure(cause),
+        cure=effect.fix,
         number=number,
         unit=unit,
         proposals=effect.proposals(cause, recording),

@@ -4,20 +4,18 @@ Deleting one's file and its lines leaves the others.
 """
 
 from deltaid.effects.beside import BESIDE
-from deltaid.effects.cause import Cause
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
-from deltaid.effects.effect import Effect
+from deltaid.effects.effect import Cause, Effect
 from deltaid.effects.falling_gain import FallingGain, Saturation
 from deltaid.effects.friction import FrictionLaw
 from deltaid.effects.gain import Gain
 from deltaid.effects.gain import Ratios as Gains
-from deltaid.effects.geometry import Lengths, Ratios, Tilt, Zeros
+from deltaid.effects.geometry import Lengths, Ratios, Structure, Tilt, Zeros
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import Place
 from deltaid.effects.ripple import Ripple
-from deltaid.effects.structure import Structure
 from deltaid.effects.unknown import Unknown
 from deltaid.effects.zero import Zero
 

@@ -6,7 +6,7 @@ with the place x of the platform, its velocity v, and its home x_0.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,11 +14,18 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.along_motion import AlongMotion, InTask
+from deltaid.effects.along_motion import (
+    WITHOUT,
+    AlongMotion,
+    DriveSpring,
+    Fitted,
+    InTask,
+    RippleColumns,
+)
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
+from deltaid.model.effect_record import FittedEffect
 from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # Velocities below this share of the largest have no direction yet.
 _STILL = 0.01
@@ -32,7 +39,7 @@ class AtPlatform(AlongMotion):
     """A force at the platform.
 
     Attributes:
-        deviation: prior standard deviation of the coefficients, whose mean is zero.
+        deviation: prior standard deviation of each coefficient.
         fastest: largest speed of the platform [m/s].
     """
 
@@ -47,12 +54,9 @@ class AtPlatform(AlongMotion):
         """F for a coefficient of 1, one after the other."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
         rows = zip(self.symbols, self.units, self.deviation, strict=True)
-        return tuple(
-            Parameter("effect", "platform", symbol, unit, -np.inf, np.inf, 0.0, size / PRIOR_SPREAD)
-            for symbol, unit, size in rows
-        )
+        return [("platform", *row) for row in rows]
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -68,19 +72,18 @@ class AtPlatform(AlongMotion):
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
 
+    def record(self, values: tuple[float, ...]) -> FittedEffect:
+        return FittedEffect(name=self.name, values=values, fastest=self.fastest)
+
     def correction(
         self, value: float, judged: Sequence[Judged], unit: str, text: str
     ) -> tuple[Correction, ...]:
         """Its size, with the largest half width of an interval."""
-        half = max(
-            (entry.high - entry.low) / 2
-            for entry in judged
-            if entry.low is not None and entry.high is not None
-        )
+        ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
+        half = max((high - low) / 2 for low, high in ends)
         return (
             Correction(kind=self.kind, subject="platform", value=value, low=value - half,
-                       high=value + half, unit=unit,
-                       text=f"{text}; the model is of the robot without it"),
+                       high=value + half, unit=unit, text=f"{text}; {WITHOUT}"),
         )  # fmt: skip
 
 
@@ -109,10 +112,7 @@ class Spring(AtPlatform):
     units = ("N/m",) * 9
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        columns = np.zeros((3, 3, len(x), 3))
-        for i in range(3):
-            columns[i, :, :, i] = -x.T
-        return columns.reshape(9, len(x), 3)
+        return -np.einsum("ik,sj->ijsk", np.eye(3), x).reshape(9, len(x), 3)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         K = np.array([entry.value for entry in judged]).reshape(3, 3)
@@ -142,3 +142,15 @@ FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, Spring, Drag)
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
     """Each force with a prior of 1 in its units."""
     return tuple(force(dynamics, (1.0,) * len(force.symbols), fastest) for force in FORCES)
+
+
+def as_fitted(dynamics: Dynamics, record: FittedEffect) -> Fitted:
+    """An effect of a model file."""
+    names, deviation = dynamics.robot.drives, (1.0,) * len(record.values)
+    drives = tuple(names.index(drive) for drive in record.drives)
+    if record.name == RippleColumns.name:
+        return Fitted(RippleColumns(dynamics, drives, deviation, record.orders), record.values)
+    if record.name == DriveSpring.name:
+        return Fitted(DriveSpring(dynamics, drives, deviation), record.values)
+    force = next(force for force in FORCES if force.name == record.name)
+    return Fitted(force(dynamics, deviation, record.fastest), record.values)

@@ -1,31 +1,23 @@
 """Effects that stages of their own correct, so that in the contest nothing else explains them."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 from numpy.polynomial import Legendre
 
-from deltaid.effects.joint import (
-    SHAPES,
-    Joint,
-    Shape,
-    Speeds,
-    of_load,
-    one_way,
-    one_way_speed,
-)
-from deltaid.effects.lag_columns import slopes
+from deltaid.effects.joint import SHAPES, Joint, of_load, one_way, one_way_speed, over_speed
+from deltaid.effects.lag_columns import slope, slopes
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Deviations, Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.information import active_columns
+from deltaid.recording.windows import Samples
 
 # Standard deviations before any recording, of friction beside viscous and Coulomb's as shares of
-# Coulomb's: over speed, by direction; as a share of what gears carry; and of how it changes over a
-# recording, by the degree of the polynomial.
-_CURVE, _ONE_WAY, _LOAD, _WARM = 0.15, 0.1, 0.03, (0.1, 0.03)
-# Of what remains of lags [s], and of gears that wind up [rad/(N m) or m/N].
-_LAG, _COMPLIANCE = 3e-4, 3e-5
+# Coulomb's: over speed, by direction; and of how it changes over a recording, by the degree of the
+# polynomial.
+_CURVE, _ONE_WAY, _WARM = 0.15, 0.1, (0.1, 0.03)
 
 
 class FrictionOverSpeed(Unknown):
@@ -36,7 +28,7 @@ class FrictionOverSpeed(Unknown):
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.of_joints(
-            [(joint, _of_share(joint, shape)) for joint in point.joints for shape, _ in SHAPES]
+            [(joint, over_speed(joint, shape)) for joint in point.joints for shape, _ in SHAPES]
         )
 
     def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
@@ -50,13 +42,12 @@ class FrictionByDirection(Unknown):
     is_candidate = False
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        shapes = [(joint, way) for joint in _driven(point) for way in (one_way, one_way_speed)]
-        return point.of_joints(shapes)
+        ways = (one_way, one_way_speed)
+        return point.of_joints([(joint, way) for joint in point.driven for way in ways])
 
     def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        joints = _driven(point)
-        sizes = _ONE_WAY * _coulomb(point, joints)
-        return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in joints])
+        sizes = _ONE_WAY * _coulomb(point, point.driven)
+        return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
 
 class FrictionByLoad(Unknown):
@@ -64,13 +55,10 @@ class FrictionByLoad(Unknown):
 
     name = "friction-load"
     is_candidate = False
+    deviation = 0.03
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        shapes = [(joint, of_load) for joint in _driven(point)]
-        return point.of_joints(shapes)
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(columns.shape[2], _LOAD)
+        return point.of_joints([(joint, of_load) for joint in point.driven])
 
 
 class FrictionOverTime(Unknown):
@@ -81,13 +69,12 @@ class FrictionOverTime(Unknown):
     is_own = True
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        names, time = point.dynamics.layout.names, point.w.time
+        names, time = point.dynamics.layout.names, point.motion.time
         active, Y = active_columns(point.dynamics), point.trace.regressor()
-        parts = list[np.ndarray]()
+        span, parts = [time[0], max(time[-1], time[0] + 1e-9)], list[np.ndarray]()
         for joint in point.joints:
             k = [names.index(f"{term}.{joint.name}") for term in ("viscous", "coulomb")]
             torque = Y[:, :, np.searchsorted(active, k)] @ np.abs(point.p[k])
-            span = [time[0], max(time[-1], time[0] + 1e-9)]
             parts += [torque * Legendre.basis(n + 1, span)(time) for n in range(len(_WARM))]
         return np.stack(parts, axis=2) if parts else np.zeros((*point.model.shape, 0))
 
@@ -101,12 +88,10 @@ class Lag(Unknown):
     name = "lag"
     is_candidate = False
     is_own = True
+    deviation = 3e-4
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return of_own_drives(slopes(point.trace, point.p)[:, :, None])
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(point.dof, _LAG)
 
 
 class WindUp(Unknown):
@@ -115,22 +100,22 @@ class WindUp(Unknown):
     name = "compliance"
     is_candidate = False
     is_positive = True
+    deviation = 3e-5
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        dynamics, trace, each = point.dynamics, point.trace, np.eye(point.dof)
-        rate, drives = trace.low_pass.rate, np.arange(point.dof)
-        carried = [
-            trace.filtered(
-                lambda w, n=n: _rates(dynamics.carried(w.z, w.qd, w.qdd, point.p).T, rate, n),
-                drives, n,
-            ).T
-            for n in range(3)
-        ]  # fmt: skip
-        motions = [[-part * own for part in carried] for own in each]
-        return point.weighted([point.slopes.of_motion(*motion) for motion in motions])
+        dof, rate = point.dof, point.trace.low_pass.rate
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(point.dof, _COMPLIANCE)
+        def carried(w: Samples) -> Float[np.ndarray, "channels samples"]:
+            """τ_g and two derivatives by time."""
+            level = point.dynamics.carried(w.z, w.qd, w.qdd, point.p).T
+            first = rate * slope(level)
+            return np.vstack([level, first, rate * slope(first)])
+
+        filtered = point.trace.filtered(carried, np.tile(np.arange(dof), 3), 2)
+        turns = [-part.T for part in np.split(filtered, 3)]
+        return point.weighted([
+            point.slopes.of_motion(*(turn * own for turn in turns)) for own in np.eye(dof)
+        ])  # fmt: skip
 
 
 BESIDE: tuple[Unknown, ...] = (
@@ -143,25 +128,11 @@ BESIDE: tuple[Unknown, ...] = (
 )
 
 
-def _rates(x: np.ndarray, rate: float, n: int) -> np.ndarray:
-    """The n-th derivative by time."""
-    for _ in range(n):
-        x = np.gradient(x, axis=1) * rate
-    return x
-
-
-def _driven(point: Point) -> list[Joint]:
-    return [joint for joint in point.joints if joint.drive is not None]
-
-
-def _coulomb(point: Point, joints: list[Joint] | tuple[Joint, ...]) -> np.ndarray:
+def _coulomb(point: Point, joints: Sequence[Joint]) -> Float[np.ndarray, " joints"]:
     """Coulomb's friction of joints, at least what the description says."""
     described = point.dynamics.robot.friction
     sizes = [
-        max(point.coefficient("coulomb", joint), described[joint.name].coulomb) for joint in joints
+        max(abs(point.size(f"coulomb.{joint.name}")), described[joint.name].coulomb)
+        for joint in joints
     ]
     return np.array(sizes, dtype=float)
-
-
-def _of_share(joint: Joint, shape: Callable[[Speeds], Speeds]) -> Shape:
-    return lambda v, C, load: C * shape(v / joint.fastest)

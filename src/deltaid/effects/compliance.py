@@ -23,9 +23,10 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.lags import agree, common_lag
+from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.windings import (
     Compliance,
+    Groups,
     Windings,
     fitted,
     late,
@@ -33,11 +34,15 @@ from deltaid.effects.windings import (
     parameters,
     rows_of,
 )
-from deltaid.effects.windup import Groups, Windup
-from deltaid.estimation.drive_rows import OfDrives, stretch_starts
+from deltaid.estimation.drive_rows import STRETCHES, OfDrives, stretch_starts
+from deltaid.estimation.scatter import quantile
 from deltaid.estimation.trace_rows import RecordingRows, TraceRows
 from deltaid.estimation.traces import Trace
+from deltaid.model.corrections import Correction
+from deltaid.robot.description import RobotDescription
 
+# A compliance counts that is so many standard deviations, and looks like a lag from a correlation.
+_SIGNIFICANT, _ALIKE = 5.0, 0.9
 # Sweeps at most, and steps that are small enough, in standard deviations. Only compliances count
 # that make the rows of most stretches of time better by so many: for those that are there, these
 # are half as many as their sizes are.
@@ -50,6 +55,68 @@ _SHARES = 2e-3 * 2.0 ** np.arange(6)
 _SOFTEST = 4.0 * _SHARES[-1]
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
 _LITTLE = 1e-4
+
+Sizes = Float[np.ndarray, " groups"]
+
+
+@dataclass(frozen=True, eq=False)
+class Windup:
+    """Compliances of all gears.
+
+    Attributes:
+        values: s of every drive [rad/(N m) or m/N].
+        groups: which drives have each of the sizes that were searched, ones and zeros.
+        sizes, covariance: of these.
+        like_lag: how far the size of each correlates with its drives' lags, between 0 and 1.
+        p: parameters of the robot that go with them.
+    """
+
+    values: Compliance
+    groups: Groups
+    sizes: Sizes
+    covariance: Float[np.ndarray, "groups groups"]
+    like_lag: Sizes
+    p: Parameters
+
+    @property
+    def deviation(self) -> Sizes:
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def significant(self) -> Bool[np.ndarray, " groups"]:
+        """Which sizes are none by chance."""
+        return self.sizes > _SIGNIFICANT * self.deviation
+
+    def corrections(self, robot: RobotDescription) -> list[Correction]:
+        """One a drive whose gear winds up."""
+        corrections = list[Correction]()
+        wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
+        for i in np.flatnonzero(self.values):
+            s, drive = float(self.values[i]), robot.drives[i]
+            unit, inverse = ("m/N", "N/m") if robot.is_linear(drive) else ("rad/(N m)", "N m/rad")
+            evidence, low, high = ", as stated", None, None
+            for k in np.flatnonzero(self.groups[i]).tolist():
+                half = wide * float(self.deviation[k])
+                evidence, low, high = self._evidence(k), s - half, s + half
+            text = (
+                f"its gear winds up by what it carries over {1 / s:.3g} {inverse}{evidence}; "
+                "positions are those of the link"
+            )
+            corrections.append(
+                Correction(kind="compliance", subject=drive, value=s, low=low, high=high, unit=unit,
+                           text=text)
+            )  # fmt: skip
+        return corrections
+
+    def _evidence(self, k: int) -> str:
+        """How the k-th size is known."""
+        text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations beside a free lag"
+        if self.groups[:, k].sum() > 1:
+            text += ", one for all limbs"
+        if self.like_lag[k] > _ALIKE:
+            text += "; this motion hardly tells it from a lag of the torques "
+            text += f"(correlation {self.like_lag[k]:.2f})"
+        return text
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -69,7 +136,8 @@ def compliances(
         stated: s where it is known, NaN where it is to be estimated.
     """
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
-    residuals, p = fit.at(fit.known)
+    _, p = fitted(rows, traces)
+    residuals, p = fit.at(fit.known, p)
     none = np.zeros(0)
     nothing = Windup(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
     free = np.isnan(stated) & np.all([winding.loaded for winding in fit.windings(p)], axis=0)
@@ -77,57 +145,22 @@ def compliances(
         return nothing
     start, p = fit.start(free, residuals, p)
     S = np.eye(len(stated))[:, free]
-    if np.array_equal(start, fit.known) and not _hopeful(fit, S, p):
+    if np.array_equal(start, fit.known) and not fit.hopeful(S, p):
         return nothing
-    gears = _searched(fit, S, start, p)
-    whole = replace(fit, traces=tuple(wide))
-    if gears is None or not fit.better(gears) or not whole.nearer(gears):
-        return nothing
-    return gears
-
-
-def _searched(fit: "_Fit", S: Groups, start: Compliance, p: Parameters) -> Windup | None:
-    """Significant compliances from a start on; None if there are none."""
-    gears = _pooled(fit, fit.swept(S, start, p))
+    gears = fit.pooled(fit.swept(S, start, p))
     while not (significant := gears.significant).all():
         if not significant.any():
-            return None
+            return nothing
         S = gears.groups[:, significant]
         gears = fit.swept(S, S @ gears.sizes[significant], gears.p)
-    return gears
-
-
-def _hopeful(fit: "_Fit", S: Groups, p: Parameters) -> bool:
-    """Whether one step away from stiff gears, equal for identical limbs, may become significant."""
-    S = _together(S, fit.of_limbs(S))
-    gears = fit.swept(S, fit.known, p, 1)
-    likely = bool(np.any(gears.sizes > _HOPEFUL * gears.deviation))
-    return likely and fit.better(gears, _HOPEFULLY_BETTER)
-
-
-def _pooled(fit: "_Fit", gears: Windup) -> Windup:
-    """One size for the drives of identical limbs, unless each significantly has its own: a fault of
-    one drive's torques may look like a compliance that the others lack."""
-    of_limbs = fit.of_limbs(gears.groups)
-    sizes, covariance = gears.sizes[of_limbs], gears.covariance[np.ix_(of_limbs, of_limbs)]
-    if len(sizes) < 2 or (gears.significant[of_limbs].all() and not agree(sizes, covariance)):
-        return gears
-    common, together = max(common_lag(sizes, covariance)[0], 0.0), _together(gears.groups, of_limbs)
-    return fit.swept(together, together @ np.append(common, gears.sizes[~of_limbs]), gears.p)
-
-
-def _together(S: Groups, pooled: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
-    """Groups, some of them merged into the first."""
-    return np.column_stack([S[:, pooled].sum(axis=1), S[:, ~pooled]]) if pooled.any() else S
+    whole = replace(fit, traces=tuple(wide))
+    return gears if fit.better(gears) and whole.nearer(gears) else nothing
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Least squares over traces of motors, with gears that wind up.
-
-    Attributes:
-        known: s of gears whose is stated, else 0.
-    """
+    """Least squares over traces of motors, with gears that wind up, for `known` s of those whose is
+    stated, else 0."""
 
     traces: tuple[Trace, ...]
     rows: TraceRows
@@ -139,31 +172,16 @@ class _Fit:
         motors = [motors_of(robot, p, low_pass.cutoff, low_pass.rate) for low_pass in filters]
         return [Windings.measured(*pair) for pair in zip(self.traces, motors, strict=True)]
 
-    def of_limbs(self, S: Groups) -> Bool[np.ndarray, " groups"]:
-        """Which groups are of drives of identical limbs."""
-        limbs = self.rows.dynamics.robot.limbs
-        count = limbs.count if limbs is not None and limbs.identical else 0
-        return np.asarray(S[:count].any(axis=0))
-
-    def at(self, s: Compliance, p: Parameters | None = None) -> tuple[list[OfDrives], Parameters]:
-        """Residuals of each trace's rows with compliances, and p fitted with lags and friction.
-
-        Args:
-            p: by which it is known what motors take; of stiff gears if not given.
-        """
-        if p is None:
-            _, p = fitted(self.rows, self.traces)
+    def at(self, s: Compliance, p: Parameters) -> tuple[list[OfDrives], Parameters]:
+        """Residuals of each trace's rows with compliances, and p fitted with lags and friction, for
+        what motors take by other p."""
         return fitted(self.rows, [winding.turned(s) for winding in self.windings(p)])
 
     def start(
         self, free: Bool[np.ndarray, " dof"], residuals: list[OfDrives], p: Parameters
     ) -> tuple[Compliance, Parameters]:
-        """Compliances to begin with: equal windup, as a share of their drives' range,
-        for rows have several minima over it.
-
-        Args:
-            residuals: of gears as they are known.
-        """
+        """Compliances to begin with: equal windup, as a share of their drives' range, for rows have
+        several minima over it; from residuals of gears as they are known."""
         best, value = self.known, _size(residuals)
         for share in _SHARES:
             s = self.known + share * np.where(free, self._softer, 0.0)
@@ -172,6 +190,32 @@ class _Fit:
                 break
             best, value, p = s, _size(residuals), p_s
         return best, p
+
+    def hopeful(self, S: Groups, p: Parameters) -> bool:
+        """Whether one step away from stiff gears, equal for identical limbs, may become
+        significant."""
+        gears = self.swept(_together(S, self._of_limbs(S)), self.known, p, 1)
+        likely = bool(np.any(gears.sizes > _HOPEFUL * gears.deviation))
+        return likely and self.better(gears, _HOPEFULLY_BETTER)
+
+    def pooled(self, gears: Windup) -> Windup:
+        """One size for the drives of identical limbs, unless each significantly has its own: a
+        fault of one drive's torques may look like a compliance that the others lack."""
+        limbs = self._of_limbs(gears.groups)
+        sizes, covariance = gears.sizes[limbs], gears.covariance[np.ix_(limbs, limbs)]
+        if len(sizes) < 2 or (gears.significant[limbs].all() and not agree(sizes, covariance)):
+            return gears
+        common, together = (
+            max(common_lag(sizes, covariance)[0], 0.0),
+            _together(gears.groups, limbs),
+        )
+        return self.swept(together, together @ np.append(common, gears.sizes[~limbs]), gears.p)
+
+    def _of_limbs(self, S: Groups) -> Bool[np.ndarray, " groups"]:
+        """Which groups are of drives of identical limbs."""
+        limbs = self.rows.dynamics.robot.limbs
+        count = limbs.count if limbs is not None and limbs.identical else 0
+        return np.asarray(S[:count].any(axis=0))
 
     def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Windup:
         """s = known + S ε with the best ε, from a start on, in at most `most` sweeps."""
@@ -192,8 +236,7 @@ class _Fit:
         scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         correlation = np.abs(covariance / np.outer(scale, scale))[:count, count:]
         like_lag = np.max(correlation * S.T, axis=1)
-        of_sizes = covariance[:count, :count]
-        return Windup(self.known + S @ sizes, S, sizes, of_sizes, like_lag, p)
+        return Windup(self.known + S @ sizes, S, sizes, covariance[:count, :count], like_lag, p)
 
     def _of_links(
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
@@ -205,19 +248,15 @@ class _Fit:
         the model's torques, which is that of the links below the frequency at which gear and
         inertia resonate.
         """
-        motor = winding.by_model(p)
-        link = replace(motor, trace=motor.turned(s)).by_model(p)
-        clean = tuple(self._sloped(along, 0 * s, steps, p).A for along in (motor.inner(1), link))
-        return replace(self._sloped(winding.inner(2), s, steps, p), instruments=clean)
 
-    def _sloped(
-        self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
-    ) -> RecordingRows:
-        """Rows with slopes of predicted less measured torques over each size."""
-        now, *softer = (winding.turned(s + step) for step in (0 * s, *steps.T))
-        before, *after = (turned.model(p) - turned.torques() for turned in (now, *softer))
-        columns = np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
-        return rows_of(self.rows, now, p, columns, late(now, p))
+        def sloped(winding: Windings, s: Compliance) -> RecordingRows:
+            now = winding.turned(s)
+            return rows_of(self.rows, now, p, winding.slopes(s, steps, p), late(now, p))
+
+        motor = Windings.modelled(winding.trace, winding.motors, p)
+        link = Windings.modelled(motor.turned(s), winding.motors, p)
+        clean = tuple(sloped(along, 0 * s).A for along in (motor.inner(1), link))
+        return replace(sloped(winding.inner(2), s), instruments=clean)
 
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
         """Whether these compliances fit most stretches of time better, by at least so many
@@ -238,7 +277,7 @@ class _Fit:
     def _compared(self, gears: Windup) -> tuple[list[OfDrives], list[OfDrives]]:
         return self.at(gears.values, gears.p)[0], self.at(self.known, gears.p)[0]
 
-    @cached_property
+    @property
     def _largest(self) -> Float[np.ndarray, " dof"]:
         return np.max([trace.recording.log.torque_max for trace in self.traces], axis=0)
 
@@ -248,6 +287,11 @@ class _Fit:
         inverse = self.rows.dynamics.kinematics.inverse
         parts = [inverse(w.z) for trace in self.traces for w in trace.stretches]
         return np.max([np.ptp(q, axis=0) for q in parts], axis=0) / self._largest
+
+
+def _together(S: Groups, pooled: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
+    """Groups, some of them merged into the first."""
+    return np.column_stack([S[:, pooled].sum(axis=1), S[:, ~pooled]]) if pooled.any() else S
 
 
 def _size(residuals: Sequence[OfDrives]) -> float:

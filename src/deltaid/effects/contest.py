@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.effects.rigid_fit import Candidate
+from deltaid.effects.point import Candidate
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Columns, Rows, Span, independent, lengths

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_columns import slopes
-from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.point import Candidate, RigidFit
 
 
 class Delay(Effect):

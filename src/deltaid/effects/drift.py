@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.effect import DescribedEffect, torque_of
-from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.effect import Cause, DescribedEffect, torque_of
+from deltaid.effects.point import Candidate, RigidFit
 from deltaid.model.words import percent
 
 # Time constants of warming up, as shares of the recording.
@@ -23,22 +22,17 @@ class Drift(DescribedEffect):
     fix = "move the robot until it is warm before recording, and record shorter"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        time = fit.motion.time
+        time, joints = fit.motion.time, [joint.name for joint in fit.joints]
         share = (time - time[0]) / (time[-1] - time[0])
         courses = [("steadily", share - 0.5)]
         courses += [("as in warming up", np.exp(-share / constant)) for constant in _WARM]
-        friction = [
-            sum(fit.column(f"{term}.{joint.name}") * fit.size(f"{term}.{joint.name}")
-                for term in ("viscous", "coulomb"))
-            for joint in fit.joints
-        ]  # fmt: skip
+        names = [(f"viscous.{joint}", f"coulomb.{joint}") for joint in joints]
+        friction = [sum(fit.column(name) * fit.size(name) for name in pair) for pair in names]
         for words, course in courses:
             if friction:
                 columns = np.stack([fit.rows.stack(column * course) for column in friction], axis=1)
                 yield Candidate(self.kind, "", columns.sum(axis=1)[:, None], words)
-                yield Candidate(self.kind, "", columns, words)
-                for i, joint in enumerate(fit.joints):
-                    yield Candidate(self.kind, joint.name, columns[:, [i]], words)
+                yield from self.of_each(joints, columns, words)
             offset = fit.rows.own(fit.motion.weights.T * course)
             for i, drive in enumerate(fit.drives):
                 yield Candidate(self.kind, drive, offset[:, [i]], words)

@@ -5,57 +5,112 @@ A study asks each effect for its columns, and the contest (`contest`) decides wh
 than chance; an effect that no other check judges words what was detected of it.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.estimation.span import Rows
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.effects.contest import Account, Explained
+from deltaid.effects.point import Candidate, RigidFit
+from deltaid.estimation.drive_rows import POSITION_ERROR
+from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.model.verdict import Proposal
+from deltaid.model.words import percent
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
 
 # The share that a single drive explains of what all do, where it is about this one.
 _MOSTLY = 0.7
+# A cause counts if it explains this share of all that is explained; smaller ones may be what the
+# first-order columns of another one leave.
+SHARE = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """An effect that was detected, with all that it explains.
+
+    Attributes:
+        fit, account: where, and beside what else.
+        found: its candidates, in the order they were detected.
+        rms: of what it explains in each drive's torque [N m or N].
+    """
+
+    kind: str
+    fit: RigidFit
+    account: Account
+    found: tuple[Explained, ...]
+    rms: Float[np.ndarray, " dof"]
+
+    @property
+    def first(self) -> Candidate:
+        return self.found[0].candidate
+
+    @property
+    def others(self) -> Span:
+        """What parameters and all other causes explain."""
+        span = self.fit.span
+        for explained in self.account.found:
+            if explained.candidate.kind != self.kind:
+                span = span.with_columns(explained.directions)
+        return span
+
+
+def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
+    """The effects of a residual that count."""
+    total = sum(part.gain for part in account.found)
+    least = POSITION_ERROR * np.abs(fit.model).max(axis=1)
+    causes = []
+    for kind in dict.fromkeys(part.candidate.kind for part in account.found):
+        parts = tuple(part for part in account.found if part.candidate.kind == kind)
+        added = np.sum([part.directions @ (part.directions.T @ fit.tau) for part in parts], axis=0)
+        rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
+        if sum(part.gain for part in parts) > SHARE * total and np.any(rms > least):
+            causes.append(Cause(kind, fit, account, parts, rms))
+    return causes
 
 
 class Effect:
-    """A cause; another check judges it, unless it is a `DescribedEffect`.
-
-    Attributes:
-        kind: its name.
-    """
+    """A cause, called `kind`; another check judges it, unless it is a `DescribedEffect`."""
 
     kind: ClassVar[str]
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Columns that it would add to the torques, to first order, known beforehand."""
-        del fit
         return ()
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
         """A search for columns in the residual torques."""
-        del fit
         return lambda residual: ()
 
     def held(self, cause: Cause, recording: Recording) -> Load | None:
         """The load that a cause is, and when it is held; None for no load, or where that is not
         known."""
-        del cause, recording
         return None
 
+    def of_each(
+        self, subjects: Sequence[str], columns: Columns, words: str = ""
+    ) -> Iterable[Candidate]:
+        """A candidate for each subject's column, and one for all."""
+        for i, subject in enumerate(subjects):
+            yield Candidate(self.kind, subject, columns[:, [i]], words)
+        yield Candidate(self.kind, "", columns, words)
 
-class DescribedEffect(Effect, ABC):
+
+class DescribedEffect(Effect):
     """A cause that a verdict on the residual is about.
 
     Attributes:
         likeliest: its likeliest cause in words, where that is always the same.
-        fix: what to do about it, where that is always the same.
+        fix: what to do about it.
+        follows: what torques follow, where `seen` says this.
     """
 
     likeliest: ClassVar[str] = ""
     fix: ClassVar[str] = ""
+    follows: ClassVar[str] = "the position"
 
     @property
     def key(self) -> str:
@@ -66,36 +121,24 @@ class DescribedEffect(Effect, ABC):
         named = cause.first.subject
         if named and all(part.candidate.subject in ("", named) for part in cause.found):
             return named
-        alone = [
-            trial for trial in cause.account.first
-            if trial.candidate.kind == cause.kind and trial.candidate.subject
-        ]  # fmt: skip
-        if alone and alone[0].gain > _MOSTLY * cause.found[0].gain:
-            return alone[0].candidate.subject
+        for trial in cause.account.first:
+            if trial.candidate.kind == cause.kind and trial.candidate.subject:
+                mostly = trial.gain > _MOSTLY * cause.found[0].gain
+                return trial.candidate.subject if mostly else ""
         return ""
 
-    @abstractmethod
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        """A number, its unit, and what was detected in words.
-
-        Args:
-            subject: the drive or joint.
-            share: what it makes of the drive's torque that has most of it.
-        """
+        """A number, its unit, and what was detected in words, for the drive or joint `subject` and
+        the share that it makes of the torque of the drive that has most of it."""
+        part = f"{percent(share)} of {torque_of(subject)} follows {self.follows}"
+        return 100 * share, "%", f"{part} and is not explained: {cause.first.words}"
 
     def why(self, cause: Cause) -> str:
         """The likeliest cause in words."""
-        del cause
         return self.likeliest
-
-    def cure(self, cause: Cause) -> str:
-        """What to do about it."""
-        del cause
-        return self.fix
 
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
         """Lines of a file that would correct it."""
-        del cause, recording
         return ()
 
 

@@ -4,12 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.geometry import of_each_drive
-from deltaid.effects.point import Point
-from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.point import Candidate, Point, RigidFit
+from deltaid.effects.unknown import Deviations, Unknown, of_each
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
 from deltaid.model.corrections import Correction
@@ -17,8 +14,6 @@ from deltaid.model.words import percent
 from deltaid.recording.readings import LEAST_SLOPE
 from deltaid.robot.description import RobotDescription
 
-# Standard deviation of the shares that joints lack, before any recording.
-_LACKING = 0.05
 # Currents at which a torque has to grow.
 _CURRENTS = 21
 
@@ -28,14 +23,12 @@ class Saturation(Unknown):
 
     name = "torque-constant"
     corrects = "readings"
+    deviation = 0.05
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         torque = point.recorded
         squared = (torque / point.torque_max[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(columns.shape[2], _LACKING)
 
     def possible(self, values: Deviations) -> Deviations:
         """Torques grow with current, up to the largest."""
@@ -51,7 +44,7 @@ class Saturation(Unknown):
         lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
         text = "its torque constant falls with current: the joint lacks this at its largest torque"
         units = ["%"] * len(lacking)
-        return of_each_drive("torque-constant", robot, 100 * lacking, 100 * wide, units, text)
+        return of_each("torque-constant", robot.drives, 100 * lacking, 100 * wide, units, text)
 
 
 class FallingGain(DescribedEffect):
@@ -69,13 +62,9 @@ class FallingGain(DescribedEffect):
     )
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        cubes = _cubes(fit)
-        for i, drive in enumerate(fit.drives):
-            yield Candidate(self.kind, drive, cubes[:, [i]])
-        yield Candidate(self.kind, "", cubes)
+        return self.of_each(fit.drives, _cubes(fit))
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        del share
         fit, others = cause.fit, cause.others
         lacking = np.linalg.lstsq(others.without(_cubes(fit)), others.without(fit.tau))[0]
         worst = fit.drives.index(subject) if subject else int(np.argmax(np.abs(lacking)))
@@ -86,5 +75,4 @@ class FallingGain(DescribedEffect):
 
 def _cubes(fit: RigidFit) -> Columns:
     """τ³/τ_max², one column a drive."""
-    largest = np.abs(fit.model).max(axis=1, keepdims=True)
-    return fit.rows.own(fit.model**3 / np.where(largest > 0, largest, 1.0) ** 2)
+    return fit.rows.own(fit.model * (fit.model / fit.largest[:, None]) ** 2)

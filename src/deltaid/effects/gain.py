@@ -6,11 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import Point
-from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.point import Candidate, Point, RigidFit
+from deltaid.effects.unknown import Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
 from deltaid.model.words import listed, percent
@@ -21,15 +19,13 @@ _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 # Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
 
-# Standard deviation of the ratios of torque constants before any recording.
-_RATIO = 0.03
-
 
 class Ratios(Unknown):
     """τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to all is not
     identifiable."""
 
     name = "gain"
+    deviation = 0.03
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         limbs = point.dynamics.robot.limbs
@@ -38,48 +34,33 @@ class Ratios(Unknown):
         ratios[:count] = null_space(np.ones((1, count)))
         return of_own_drives(point.model[:, :, None]) @ ratios
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(columns.shape[2], _RATIO)
-
 
 class Gain(DescribedEffect):
     """A factor for one drive's torque, or for each."""
 
     kind = "drive-gain"
+    likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
+    fix = (
+        "check torque constants and gears of these drives' torque columns; a recording shows "
+        "ratios of gains only, and a second one with a known load tells each of them"
+    )
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        columns = fit.rows.own(fit.scaled_model)
-        for i, drive in enumerate(fit.drives):
-            yield Candidate(self.kind, drive, columns[:, [i]])
-        yield Candidate(self.kind, "", columns)
+        return self.of_each(fit.drives, fit.rows.own(fit.scaled_model))
 
     def subject(self, cause: Cause) -> str:
         odd = list(odd_gains(cause))
         return listed(odd) if len(odd) < len(cause.fit.drives) else ""
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        del subject, share
         gains = odd_gains(cause)
-        sizes = listed(
-            [
-                f"{drive}'s {'torque is ' if k == 0 else ''}{percent(abs(gain))} too "
-                f"{'large' if gain > 0 else 'small'}"
-                for k, (drive, gain) in enumerate(gains.items())
-            ]
-        )
+        sizes = [
+            f"{drive}'s {'torque is ' if k == 0 else ''}{percent(abs(gain))} too "
+            f"{'large' if gain > 0 else 'small'}"
+            for k, (drive, gain) in enumerate(gains.items())
+        ]
         reference = "the other drives'" if len(gains) == 1 else "the mean of the limbs' drives"
-        return 100 * max(gains.values(), key=abs), "%", f"{sizes} against {reference}"
-
-    def why(self, cause: Cause) -> str:
-        del cause
-        return "a torque constant, rated torque or gear that is not what the mapping says"
-
-    def cure(self, cause: Cause) -> str:
-        del cause
-        return (
-            "check torque constants and gears of these drives' torque columns; a recording shows "
-            "ratios of gains only, and a second one with a known load tells each of them"
-        )
+        return 100 * max(gains.values(), key=abs), "%", f"{listed(sizes)} against {reference}"
 
 
 def odd_gains(cause: Cause) -> dict[str, float]:
@@ -91,17 +72,15 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     fit, drives = cause.fit, cause.fit.drives
     named = {part.candidate.subject for part in cause.found}
     factor, deviation = _factors(cause)
-    middle = np.median(factor)
-    apart = np.abs(factor / middle - 1.0)
+    apart = np.abs(factor / np.median(factor) - 1.0)
     least = np.maximum(_CLEAR * deviation, max(_ODD, _BESIDE * float(apart.max())))
     odd = [drives.index(drive) for drive in named] if named != {""} and len(named) == 1 else []
     odd = odd or np.flatnonzero(apart > least).tolist() or [int(np.argmax(apart))]
     if len(odd) == 1:
         others = np.delete(factor, odd[0])
         return {drives[odd[0]]: float(factor[odd[0]] / np.median(others) - 1.0)}
-    limbs = fit.trace.dynamics.robot.limbs
-    mean = float(np.mean(factor[: limbs.count if limbs else None]))
-    gains = factor / mean - 1.0
+    limbs = fit.dynamics.robot.limbs
+    gains = factor / np.mean(factor[: limbs.count if limbs else None]) - 1.0
     clear = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
     return {drives[i]: float(gains[i]) for i in clear}
 

@@ -1,21 +1,21 @@
-"""Zeros, gear ratios, lengths and a tilt of the base that are not as described."""
+"""What is not as described: zeros, gear ratios, lengths, a tilt of the base, symmetry of bodies."""
 
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
+from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
 from deltaid.effects.point import Point
-from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.effects.unknown import SIZE, Deviations, Unknown, of_each
 from deltaid.estimation.drive_rows import ColumnsOfDrives
-from deltaid.model.corrections import Correction, Kind
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.model.corrections import Correction
+from deltaid.robot.body import Entry
 from deltaid.robot.description import RobotDescription
 
-# Standard deviations before any recording: of zeros and a tilt [rad; m for a rail], gear ratios,
-# and lengths [m].
-_ZERO, _TILT, _RATIO, _LENGTH = 4e-3, 1e-2, 4e-3, 5e-4
-# A base that leans more [rad] is seen by eye, and is no error of mounting.
-_LEANS = 0.05
 # Lengths of a limb that may be off, and the place of each among a limb's symbols of growth.
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 
@@ -26,19 +26,17 @@ class Zeros(Unknown):
     name = "zero"
     is_geometry = True
     corrects = "readings"
+    deviation = 4e-3
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(point.dof, _ZERO)
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
         text = "its zero is off: positions are this much more than recorded"
         units = [robot.units(drive).coordinate for drive in robot.drives]
-        return of_each_drive("zero", robot, values, half, units, text)
+        return of_each("zero", robot.drives, values, half, units, text)
 
 
 class Ratios(Unknown):
@@ -47,37 +45,37 @@ class Ratios(Unknown):
     name = "gear-ratio"
     is_geometry = True
     corrects = "readings"
+    deviation = 4e-3
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        q, w, each = point.q, point.w, np.eye(point.dof)
-        motions = [(q * own, w.qd * own, w.qdd * own) for own in each]
-        return point.weighted([point.slopes.of_motion(*motion) for motion in motions])
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(point.dof, _RATIO)
+        w, slopes = point.motion, point.slopes
+        each = np.eye(point.dof)
+        return point.weighted([
+            slopes.of_motion(point.q * own, w.qd * own, w.qdd * own) for own in each
+        ])  # fmt: skip
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
         text = "its gear ratio is off: it moves this share more than recorded"
-        units = ["%"] * len(values)
-        return of_each_drive("gear-ratio", robot, 100 * values, 100 * half, units, text)
+        return of_each(
+            "gear-ratio", robot.drives, 100 * values, 100 * half, ["%"] * len(half), text
+        )
 
 
 class Tilt(Unknown):
-    """Turns of gravity about two axes across it [rad]."""
+    """Turns of gravity about two axes across it [rad]; a base that leans more than its limit is
+    seen by eye, and is no error of mounting."""
 
     name = "tilt"
     is_geometry = True
     corrects = "robot"
-    limit = _LEANS
+    deviation = 1e-2
+    limit = 0.05
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         slopes = point.slopes
         return point.weighted([slopes.of_gravity(axis) for axis in across(slopes.gravity)])
-
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(columns.shape[2], _TILT)
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
@@ -106,41 +104,18 @@ class Lengths(Unknown):
     name = "length"
     is_geometry = True
     corrects = "robot"
+    deviation = 5e-4
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         lengths = lengths_of(point.dynamics.robot)
         return point.weighted([point.slopes.of_length(number) for _, _, number in lengths])
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        return np.full(columns.shape[2], _LENGTH)
-
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
+        subjects = [f"{name} of limb {i + 1}" for name, i, _ in lengths_of(robot)]
         text = "it is this much longer than described"
-        rows = zip(lengths_of(robot), values.tolist(), half.tolist(), strict=True)
-        return tuple(
-            Correction(kind="length", subject=f"{name} of limb {i + 1}", value=more,
-                       low=more - wide, high=more + wide, unit="m", text=text)
-            for (name, i, _), more, wide in rows
-        )  # fmt: skip
-
-
-def of_each_drive(
-    kind: Kind,
-    robot: RobotDescription,
-    values: Deviations,
-    half: Deviations,
-    units: Sequence[str],
-    text: str,
-) -> tuple[Correction, ...]:
-    """A correction for each drive."""
-    rows = zip(robot.drives, values.tolist(), half.tolist(), units, strict=True)
-    return tuple(
-        Correction(kind=kind, subject=drive, value=value, low=value - wide, high=value + wide,
-                   unit=unit, text=text)
-        for drive, value, wide, unit in rows
-    )  # fmt: skip
+        return of_each("length", subjects, values, half, ["m"] * len(half), text)
 
 
 def lengths_of(robot: RobotDescription) -> tuple[tuple[str, int, int], ...]:
@@ -162,11 +137,63 @@ def reshaped(
         g = np.array(robot.gravity)
         changed["gravity"] = tuple((g + np.cross(np.array(turned) @ across(g), g)).tolist())
     if any(longer) and robot.limbs is not None:
-        lengths: dict[str, list[float]] = {}
+        limbs: dict[str, tuple[float, ...]] = {}
         for (name, i, _), more in zip(lengths_of(robot), longer, strict=True):
             given = getattr(robot.limbs, name)
             described = given[i] if isinstance(given, tuple) else given
-            lengths.setdefault(name, []).append(described + more)
-        limbs = {name: tuple(values) for name, values in lengths.items()}
+            limbs[name] = (*limbs.get(name, ()), described + more)
         changed["limbs"] = robot.limbs.model_copy(update=limbs)
     return robot.model_copy(update=changed)
+
+
+class Structure(Unknown):
+    """First moments and products of bodies that a description takes to be zero [kg m, kg m²].
+
+    A centre that is off by a share of a body's length, or an axis that is turned by as much, makes
+    this share of m ℓ and m ℓ².
+    """
+
+    name = "structure"
+    is_fitted = True
+
+    def columns(self, point: Point) -> ColumnsOfDrives:
+        reduction, left_out = _left_out(point)
+        return point.trace.regressor() @ reduction.A[active_columns(point.dynamics)][:, left_out]
+
+    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+        reduction, left_out = _left_out(point)
+        return SIZE * reduction.scale[left_out]
+
+    def names(self, point: Point) -> tuple[str, ...]:
+        """Of the entries, such as U.mcy."""
+        reduction, left_out = _left_out(point)
+        return tuple(reduction.names[k] for k in left_out)
+
+    def corrections(
+        self, robot: RobotDescription, values: Deviations, half: Deviations
+    ) -> tuple[Correction, ...]:
+        text = (
+            "bodies are less symmetric than their descriptions say: entries that `free` leaves out "
+            "are estimated too"
+        )
+        return (Correction(kind="structure", text=text),)
+
+
+def opened(robot: RobotDescription) -> RobotDescription:
+    """With all ten entries free of each body that is not known."""
+    bodies = {
+        name: body.model_copy(update={"free": get_args(Entry)}) if body.free else body
+        for name, body in robot.bodies.items()
+    }
+    return robot.model_copy(update={"bodies": bodies})
+
+
+def _left_out(point: Point) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
+    """The reduction of a robot with all entries, and which of them are zero in the description."""
+    active, robot = active_columns(point.dynamics), point.dynamics.robot
+    full, own = build_reduction(opened(robot), active), build_reduction(robot, active)
+    off_diagonal = ("mc", "Sxy", "Syz", "Sxz")
+    return full, np.flatnonzero([
+        variable.name not in own.names and variable.symbol.startswith(off_diagonal)
+        for variable in full.variables
+    ])  # fmt: skip

@@ -129,6 +129,11 @@ def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
     return C * np.abs(load)
 
 
+def over_speed(joint: Joint, shape: Callable[[Speeds], Speeds]) -> Shape:
+    """Coulomb's entries times a shape over the speed as a share of the joint's largest."""
+    return lambda v, C, load: C * shape(v / joint.fastest)
+
+
 def of_term(term: FrictionTerm) -> Shape:
     """A term: what changes its sign with the speed by Coulomb's entries, the rest as it is."""
 

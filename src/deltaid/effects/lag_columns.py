@@ -11,7 +11,7 @@ them, `Trace.shifted` applies them exactly.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,10 +19,11 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.estimation.additions import Addition, Own, Values, extended
+from deltaid.effects.lag_groups import LagGroup
+from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
 from deltaid.estimation.drive_rows import OfDrives
 from deltaid.estimation.traces import Trace
-from deltaid.model.corrections import Correction
+from deltaid.model.corrections import Correction, Kind
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
@@ -31,32 +32,12 @@ from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 # What a lag may be about the one that has been applied already: a standard deviation of half [s].
 _SIZE = 0.02
 _UNSURE = "; a first-order filter of this time constant would look the same here"
-# Lags that differ by more [s] are reported to do so; half a 95 % interval in standard deviations.
-_APART, _NORMAL = 3e-4, 1.96
+# Lags that differ by more [s] are reported to do so.
+_APART = 3e-4
+# Half a 95 % interval in standard deviations.
+NORMAL = 1.96
 
-
-@dataclass(frozen=True)
-class LagGroup:
-    """Drives that have the same lag.
-
-    Attributes:
-        drives: their numbers.
-        delay: what has been corrected already [s].
-        beside: the further lag by rows that no fit has [s].
-        deviation: its standard deviation; infinite if nothing is known [s].
-        free: whether the fit may change it; where other rows contradict what is known, it may not.
-    """
-
-    drives: tuple[int, ...]
-    delay: float
-    beside: float = 0.0
-    deviation: float = np.inf
-    free: bool = True
-
-    def subjects(self, dynamics: Dynamics) -> tuple[str, ...]:
-        """Names of these drives; one that is empty for all of the robot's."""
-        names = dynamics.robot.drives
-        return ("",) if len(self.drives) == len(names) else tuple(names[i] for i in self.drives)
+Ends = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +60,17 @@ class TimingColumns(Addition):
     several: bool = False
 
     @property
-    def fitted(self) -> tuple[LagGroup, ...]:
-        """Groups that the fit has a coefficient of each."""
-        return self.groups
+    @abstractmethod
+    def drives(self) -> Sequence[Sequence[int]]:
+        """The drives of each column."""
+
+    @abstractmethod
+    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        """Of every drive's torque, for a coefficient of 1, by −τ̇ and what gives x its rate ẋ."""
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """One entry a drive of these groups."""
-        entries = [(drive, k) for k, group in enumerate(self.fitted) for drive in group.drives]
+        entries = [(drive, k) for k, drives in enumerate(self.drives) for drive in drives]
         drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
         return drives, columns
 
@@ -94,27 +78,20 @@ class TimingColumns(Addition):
         drives, _ = self.pattern
         if not self.is_of(recording):
             return np.zeros((len(drives), own.shape[1]))
-        return self.changes(w, own, recording)[drives]
+        turned = self.reversals(own)
 
-    @abstractmethod
-    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """Of every drive's torque, for a coefficient of 1."""
+        def rise(x: Values) -> Values:
+            return recording.log.rate * slope(x, turned)
+
+        return self.changes(w, -rise(self.torques(w, own, recording)), rise)[drives]
 
     def is_of(self, recording: Recording) -> bool:
         return recording.log.sha256 == self.recording.log.sha256
 
-    def slopes(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """−τ̇ of each drive."""
-        return -recording.log.rate * slope(self.torques(w, own, recording), self.reversals(own))
-
     def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """τ of each drive."""
+        """τ of each drive, with that of loads, which lags with all else."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
-        rows, columns = self._columns
-        tau = w.carried.T.copy()  # of loads, which lag with all else
-        for i in range(len(tau)):
-            tau[i] += self.p[columns[rows == i]] @ values[rows == i]
-        return tau
+        return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
 
     @cached_property
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -124,14 +101,23 @@ class TimingColumns(Addition):
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
         """Whether a joint with friction turns round between a sample and the next, in whose row."""
         layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
+        viscous = np.isin(columns, np.arange(len(layout.names))[layout.viscous])
         turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
-        for k in np.flatnonzero(np.isin(columns, np.arange(len(layout.names))[layout.viscous])):
-            turned[rows[k]] |= own[k, :-1] * own[k, 1:] < 0
+        np.logical_or.at(turned, rows[viscous], own[viscous, :-1] * own[viscous, 1:] < 0)
         return turned
 
-    def name(self, drives: str = "torques") -> str:
-        """Of a parameter, with the recording where there are several."""
-        return drives + (f"@{self.recording.path}" if self.several else "")
+    def parameter(self, owner: str, unit: str, mean: float, deviation: float) -> Parameter:
+        """A coefficient, named with the recording where there are several."""
+        name = owner + (f"@{self.recording.path}" if self.several else "")
+        scale = deviation / PRIOR_SPREAD
+        return Parameter("lag", name, "lag", unit, -np.inf, np.inf, mean, scale)
+
+    def correction(
+        self, kind: Kind, value: float, ends: Ends, unit: str, text: str, subject: str = ""
+    ) -> Correction:
+        low, high = ends
+        return Correction(kind=kind, subject=subject, log=self.recording.path.name, value=value,
+                          low=low, high=high, unit=unit, text=text)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,66 +131,41 @@ class LagColumns(TimingColumns):
     unsure: tuple[int, ...] = ()
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One lag a group that is free."""
-        return tuple(
-            Parameter("lag", self.name("+".join(group.subjects(self.dynamics)) or "torques"),
-                      "lag", "s", -np.inf, np.inf, group.beside,
-                      min(group.deviation / PRIOR_SPREAD, _SIZE))
-            for group in self.fitted
-        )  # fmt: skip
+    def drives(self) -> Sequence[Sequence[int]]:
+        return [group.drives for group in self.groups if group.free]
 
     @property
-    def fitted(self) -> tuple[LagGroup, ...]:
-        return tuple(group for group in self.groups if group.free)
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One lag a group that is free."""
+        names = ("+".join(group.subjects(self.dynamics)) for group in self.groups)
+        return tuple(
+            self.parameter(
+                name or "torques", "s", group.beside, min(group.deviation, PRIOR_SPREAD * _SIZE)
+            )
+            for name, group in zip(names, self.groups, strict=True)
+            if group.free
+        )
 
-    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """−τ̇."""
-        return self.slopes(w, own, recording)
+    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        return late
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
         corrections, spread = list[Correction](), max(delays) - min(delays)
         for group in self.groups:
+            half, remaining = NORMAL * group.deviation, group.beside
+            ends: Ends = (group.delay + remaining - half, group.delay + remaining + half)
             if group.free:
                 fitted = next(values)
-                remaining, ends = fitted.value, (fitted.low, fitted.high)
-            else:
-                remaining, half = group.beside, _NORMAL * group.deviation
-                ends = remaining - half, remaining + half
-            low, high = (None if end is None else group.delay + end for end in ends)
-            value = group.delay + remaining
-            common = Correction(
-                kind="lag", log=self.recording.path.name, value=value, low=low, high=high, unit="s",
-                text=_sentence(value, spread, held=not group.free)
-                + _UNSURE * bool(set(group.drives) & set(self.unsure)),
-            )  # fmt: skip
-            corrections += (common.changed(subject=name) for name in group.subjects(self.dynamics))
+                remaining, ends = fitted.value, ends_of(group.delay, fitted)
+            text = _sentence(group.delay + remaining, spread, held=not group.free)
+            text += _UNSURE * bool(set(group.drives) & set(self.unsure))
+            corrections += (
+                self.correction("lag", group.delay + remaining, ends, "s", text, subject)
+                for subject in group.subjects(self.dynamics)
+            )
         return tuple(corrections)
-
-
-@dataclass(frozen=True, eq=False)
-class UnknownFilter(TimingColumns):
-    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
-
-    @property
-    def is_held(self) -> bool:
-        return True
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """By how much a response is wider than that of a delay, T², one a group."""
-        return tuple(
-            Parameter("lag", self.name("filter." + "+".join(group.subjects(self.dynamics))), "lag",
-                      "s²", -np.inf, np.inf, 0.0, 0.5 * group.delay**2 / PRIOR_SPREAD)
-            for group in self.groups
-        )  # fmt: skip
-
-    def changes(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """½ τ̈."""
-        slopes = self.slopes(w, own, recording)
-        return -0.5 * recording.log.rate * slope(slopes, self.reversals(own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,27 +178,39 @@ class UnknownLag(LagColumns):
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """Nothing has been corrected."""
-        del judged
         return ()
 
 
-def alone(dof: int) -> tuple[LagGroup, ...]:
-    """A lag for every drive, of which nothing is known."""
-    return tuple(LagGroup((i,), 0.0) for i in range(dof))
+@dataclass(frozen=True, eq=False)
+class UnknownFilter(TimingColumns):
+    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+
+    @property
+    def is_held(self) -> bool:
+        return True
+
+    @property
+    def drives(self) -> Sequence[Sequence[int]]:
+        return [group.drives for group in self.groups]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """By how much a response is wider than that of a delay, T², one a group."""
+        names = ("+".join(group.subjects(self.dynamics)) for group in self.groups)
+        return tuple(
+            self.parameter(f"filter.{name}", "s²", 0.0, 0.5 * group.delay**2)
+            for name, group in zip(names, self.groups, strict=True)
+        )
+
+    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        """½ τ̈."""
+        return -0.5 * rise(late)
 
 
 def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> OfDrives:
     """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that it
-    comes late.
-
-    Args:
-        p: parameters of the robot, then those of additions.
-    """
-    dof, by_p = trace.dynamics.dof, replace(trace, load=p[: len(trace.dynamics.layout.names)])
-    lags = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(dof))
-    return trace.filtered(
-        lambda w: lags.entries(w, by_p.entries(w), trace.recording), np.arange(dof), 1
-    )
+    comes late; p of the robot, then of additions."""
+    return timing_slopes(trace, p, additions, 0.0)[0]
 
 
 def timing_slopes(
@@ -252,7 +225,7 @@ def timing_slopes(
     y the torque behind the filter that the trace has, y′ that behind it twice."""
     drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
     by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
-    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, alone(len(drives)))
+    columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, ())
     sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
 
     def derivatives(w: Samples) -> Values:
@@ -283,6 +256,12 @@ def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -
         for values in (np.where(turned, 0.0, steps), np.where(turned, 0.0, np.ones_like(steps)))
     )
     return total / np.maximum(number, 1.0)
+
+
+def ends_of(applied: float, rest: Judged) -> Ends:
+    """The interval of what has been applied and what a fit adds to it."""
+    low, high = (None if end is None else applied + end for end in (rest.low, rest.high))
+    return low, high
 
 
 def _sentence(value: float, spread: float, *, held: bool) -> str:

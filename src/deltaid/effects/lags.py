@@ -7,23 +7,18 @@ and it is repeated until ε is small. Rows at reversals are excluded and evaluat
 
 The prior makes it sharp: a drive's own columns, of a wrist above all, are nearly dependent and
 would take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms).
-
-Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
-all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that defines whose lags
-are equal and whose are zero; ε by generalised least squares, misfit of S by Hotelling's T².
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 import numpy as np
 from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.hotelling import limit
-from deltaid.effects.lag_columns import LagGroup, slopes
+from deltaid.effects.lag_columns import slopes
+from deltaid.effects.lag_groups import LagGroup, chosen_groups, common_lag
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
@@ -40,17 +35,9 @@ _SWEEPS, _SETTLED = 12, 1e-4
 _PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
 # What is added to the deviation of a lag by rows that do not follow the law of friction [s].
 _DOUBTFUL = 3e-3
-# How often it is rejected, if true, that there is no lag or that all drives have the same; and what
-# else is equal or zero by chance only.
-_REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
-# Lags [s] that do no harm, and need not be corrected.
-_HARMLESS = 2e-5
-# Drives beyond which only common lags and lags of single drives are distinguished.
-_MANY = 6
 
 Delays = Float[np.ndarray, "recordings dof"]
 Covariances = Float[np.ndarray, "recordings dof dof"]
-Covariance = Float[np.ndarray, "dof dof"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +79,7 @@ class Lags:
         return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
 
     def common(self, k: int) -> Lag:
-        """The lag that all its drives have, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), for every drive."""
+        """The lag that all its drives have, for every drive."""
         value, deviation = common_lag(self.values[k], self.covariance[k])
         return Lag(np.full(len(self.values[k]), value), np.full(len(self.values[k]), deviation))
 
@@ -142,12 +129,12 @@ def estimate_lags(
         for trace, lags in zip(turning or traces, values, strict=True)
     ]
     steps, step_std = np.array([(lag.values, lag.deviation) for lag in reversals]).swapaxes(0, 1)
+    filtered = np.array([lag.filtered for lag in reversals])
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     agrees = np.abs(steps - values) < _AGREE * np.hypot(step_std, deviation)
     # A filter and friction that yields look alike; one that no other rows confirm does not count.
-    yields = np.array([lag.filtered for lag in reversals]) & ~agrees
+    yields = filtered & ~agrees
     step_std = np.where(yields, np.inf, step_std)
-    abrupt = np.isfinite(step_std) & ~np.array([lag.filtered for lag in reversals])
     known = np.isfinite(step_std)
     agrees |= ~known
     if known.any():
@@ -162,7 +149,7 @@ def estimate_lags(
     # Where steps contradict a drive's friction law, other rows are not trusted.
     doubtful = (np.array([lag.doubtful for lag in reversals]) | yields) & ~known
     covariance = covariance + _DOUBTFUL**2 * _diagonal(doubtful)
-    return Lags(values, covariance, steps, step_std, agrees, abrupt, p)
+    return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
 
 
 def _diagonal(entries: np.ndarray) -> Covariances:
@@ -178,12 +165,10 @@ def _swept(
     p: Parameters | None = None,
 ) -> tuple[Delays, Covariances, Parameters]:
     """Lags from some on, given that they are `centre` ± `deviation`; covariances, and p."""
-    dof, sweep = rows.dynamics.dof, 0
+    sweep, every = 0, np.arange(delays.size).reshape(delays.shape)
     while True:
-        shifted = [
-            trace.shifted(delay) if np.any(delay) else trace
-            for trace, delay in zip(traces, delays, strict=True)
-        ]
+        pairs = zip(traces, delays, strict=True)
+        shifted = [trace.shifted(delay) if np.any(delay) else trace for trace, delay in pairs]
         parts = [rows.of_trace(trace) for trace in shifted]
         if p is None:
             p = rows.parameters(rows.problem(parts).x)
@@ -191,110 +176,12 @@ def _swept(
             shifted = [replace(trace, load=p[: len(trace.load)]) for trace in shifted]
             parts = [rows.of_trace(trace) for trace in shifted]
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
-            columns = slopes(trace, p, rows.additions)[:, :, None]
-            lags = np.zeros((*columns.shape[:2], delays.size))
-            lags[:, :, k * dof : (k + 1) * dof] = of_own_drives(columns)
+            lags = np.zeros((*part.tau.shape, delays.size))
+            lags[:, :, every[k]] = of_own_drives(slopes(trace, p, rows.additions)[:, :, None])
             parts[k] = replace(part, A=np.concatenate([part.A, lags], axis=2))
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
         if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
-            all_of_them = problem.covariance(slice(rows.size, None))
-            blocks = all_of_them.reshape(*delays.shape, *delays.shape)
-            return delays, np.array([blocks[k, :, k] for k in range(len(traces))]), p
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """Groups of drives that have the same lag, and the lag of every drive [s]."""
-
-    groups: tuple[tuple[int, ...], ...]
-    delay: tuple[float, ...]
-
-
-def chosen_groups(values: Delay, covariance: Covariance) -> Choice:
-    """The simplest hypothesis on lags that their estimates do not contradict.
-
-    Of several that are as simple, the one with fewer drives without a lag is taken, then the one
-    that is contradicted least: a drive that hardly moves has the lag of the others.
-
-    Args:
-        values: estimate of each drive's lag [s].
-        covariance: of these, by scatter between `STRETCHES` stretches.
-    """
-    dof = len(values)
-    _, together = _fitted(values, covariance, np.ones((dof, 1)))
-    for (count, _), hypotheses in groupby(_hypotheses(dof), key=_complexity):
-        candidates = list[tuple[float, tuple[int, ...], Delay]]()
-        for labels in hypotheses:
-            S = np.equal.outer(labels, np.arange(1, count + 1)).astype(float)
-            delay, distance = _fitted(values, covariance, S)
-            harmless = np.abs(values - delay).max() < _HARMLESS
-            if harmless or not _contradicted(labels, distance, together):
-                candidates.append((distance, labels, delay))
-        if candidates:
-            _, labels, delay = min(candidates, key=lambda candidate: candidate[0])
-            members = (np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count))
-            return Choice(tuple(map(tuple, members)), tuple(delay.tolist()))
-    raise AssertionError  # a lag for every drive is never contradicted
-
-
-def agree(values: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
-    """Whether estimates do not contradict that all are of the same size."""
-    _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
-    return distance <= limit(len(values) - 1, _SELDOM)
-
-
-def common_lag(values: Delay, covariance: Covariance) -> tuple[float, float]:
-    """The lag that all drives have by generalised least squares, and its standard deviation [s]."""
-    b, A = _whitened(values, covariance, np.ones((len(values), 1)))
-    size = float(np.sum(A**2))
-    return float(A[:, 0] @ b) / size, size**-0.5
-
-
-def _whitened(
-    values: Delay, covariance: Covariance, S: Float[np.ndarray, "dof groups"]
-) -> tuple[Delay, Float[np.ndarray, "dof groups"]]:
-    """Estimates, and the columns of a hypothesis, in units in which estimates err as 1."""
-    scale = np.sqrt(np.diag(covariance))
-    root = np.linalg.cholesky(covariance / np.outer(scale, scale))
-    white = np.linalg.solve(root, np.column_stack([values, S]) / scale[:, None])
-    return white[:, 0], white[:, 1:]
-
-
-def _fitted(
-    values: Delay, covariance: Covariance, S: Float[np.ndarray, "dof groups"]
-) -> tuple[Delay, float]:
-    """S ε by generalised least squares, and T² of what it leaves."""
-    b, A = _whitened(values, covariance, S)
-    free = np.linalg.lstsq(A, b, rcond=None)[0]
-    return S @ free, float(np.sum((b - A @ free) ** 2))
-
-
-def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> bool:
-    """Whether T² rejects a hypothesis.
-
-    Args:
-        distance, together: T² of what it leaves, and of what one lag for all leaves.
-    """
-    free = len(labels) - max(labels)
-    if not any(labels):
-        common = distance - together > limit(1, 0.5 * _REJECTED)
-        return common or distance > limit(free, 0.5 * _REJECTED)
-    share = _REJECTED if len(set(labels)) == 1 else _UNLIKELY
-    return free > 0 and distance > limit(free, share)
-
-
-def _hypotheses(dof: int) -> list[tuple[int, ...]]:
-    """For each drive 0, no lag, or the number of its group; the simplest first."""
-    if dof > _MANY:
-        return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
-    labels: list[tuple[int, ...]] = [()]
-    for _ in range(dof):
-        labels = [(*head, k) for head in labels for k in range(max(head, default=0) + 2)]
-    return sorted(labels, key=_complexity)
-
-
-def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
-    """How many lags there are, and how many drives have none."""
-    return max(labels), labels.count(0)
+            covariance = problem.covariance(slice(rows.size, None))
+            return delays, np.array([covariance[np.ix_(own, own)] for own in every]), p

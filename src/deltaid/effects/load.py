@@ -3,13 +3,11 @@
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.load_times import refined, two_levels
-from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.estimation.span import Rows
+from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.load_times import Held, refined, two_levels
+from deltaid.effects.point import Candidate, RigidFit
+from deltaid.estimation.span import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
@@ -28,56 +26,42 @@ class LoadChange(DescribedEffect):
     """
 
     kind = "load-change"
+    likeliest = "a load is picked up or put down while recording goes on"
+    fix = (
+        "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
+        "identified with the robot; else record without load"
+    )
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
         holders = _holders(fit)
 
         def candidates_in(residual: Rows) -> Iterable[Candidate]:
-            for body in holders:
-                mass = fit.rows.stack(fit.column(f"{body}.m"))
-                held = two_levels(fit, mass, residual) if np.any(mass) else None
+            for body, columns in holders.items():
+                mass = columns[:, :1]
+                held = two_levels(fit, mass[:, 0], residual) if np.any(mass) else None
                 if held is None:
                     continue
-                yield self._load(fit, body, mass[:, None], held)
-                columns = _columns_of(fit, body)
-                if (better := refined(fit, columns, residual, held)) is not None:
-                    yield self._load(fit, body, columns, better)
+                yield self._load(fit, body, mass, held)
+                shown = columns[:, columns.any(axis=0)]
+                if (better := refined(fit, shown, residual, held)) is not None:
+                    yield self._load(fit, body, shown, better)
 
         return candidates_in
 
-    def _load(
-        self,
-        fit: RigidFit,
-        body: str,
-        columns: Float[np.ndarray, "rows columns"],
-        held: Int[np.ndarray, " samples"],
-    ) -> Candidate:
+    def _load(self, fit: RigidFit, body: str, columns: Columns, held: Held) -> Candidate:
         """Columns while the load is held, the mass's first."""
-        changes = np.flatnonzero(np.diff(held))
+        changes, time = np.flatnonzero(np.diff(held)), fit.motion.time
         tries = float(np.log10(len(held))) * len(changes)
-        rows = np.tile(held, len(fit.drives))[:, None]
-        time = fit.motion.time
+        rows = np.tile(held, fit.dof)[:, None]
         times = tuple((0.5 * (time[changes] + time[changes + 1])).tolist())
         return Candidate(self.kind, "", columns * rows, body, tries, times)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        del subject, share
         first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
         return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
-
-    def why(self, cause: Cause) -> str:
-        del cause
-        return "a load is picked up or put down while recording goes on"
-
-    def cure(self, cause: Cause) -> str:
-        del cause
-        return (
-            "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
-            "identified with the robot; else record without load"
-        )
 
     def held(self, cause: Cause, recording: Recording) -> Load | None:
         """The load and when it is held; None where not all of the recording was inspected, or where
@@ -87,7 +71,7 @@ class LoadChange(DescribedEffect):
         missing = np.diff(time, prepend=start, append=end)
         if log.columns.loads or missing.max() > _GONE:
             return None
-        is_held = first.columns.reshape(len(cause.fit.drives), len(time), -1).any(axis=(0, 2))
+        is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
         k = int(np.argmax(is_held))
         held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_mass(cause) > 0)
@@ -96,8 +80,7 @@ class LoadChange(DescribedEffect):
         spans = tuple(
             (round(a, 3), round(b, 3)) for a, b in zip(ends[::2], ends[1::2], strict=True)
         )
-        body = None if first.words in ("EE", "P") else first.words
-        return Load(spans=spans, body=body)
+        return Load(spans=spans, body=None if first.words in ("EE", "P") else first.words)
 
     def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare a load; none where it is not known when it is held."""
@@ -106,24 +89,22 @@ class LoadChange(DescribedEffect):
             return ()
         body = () if load.body is None else (("load.body", load.body),)
         spans = [list(span) for span in load.spans or ()]
-        lines = (("load.name", load.name), *body, ("load.spans", spans))
-        return (Proposal("mapping", lines),)
+        return (Proposal("mapping", (("load.name", load.name), *body, ("load.spans", spans))),)
 
 
-def _holders(fit: RigidFit) -> list[str]:
-    """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows."""
-    robot, bodies = fit.trace.dynamics.robot, fit.trace.dynamics.layout.bodies
+def _holders(fit: RigidFit) -> dict[str, Columns]:
+    """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows:
+    columns of those of their ten parameters that do, the mass first."""
+    robot, layout = fit.dynamics.robot, fit.dynamics.layout
     limbs = 0 if robot.limbs is None else robot.limbs.count
     arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
-    free = ["EE"] if "EE" in bodies else [body for body in bodies if body not in arms]
-    return [body for body in free if fit.shows(f"{body}.m")]
-
-
-def _columns_of(fit: RigidFit, body: str) -> Float[np.ndarray, "rows columns"]:
-    """Those of a body's ten parameters that show, the mass first."""
-    names = [entry.name for entry in fit.trace.dynamics.layout.parameters if entry.owner == body]
-    columns = [fit.column(name) for name in names if fit.shows(name)]
-    return np.stack([fit.rows.stack(column) for column in columns if np.any(column)], axis=1)
+    free = ["EE"] if "EE" in layout.bodies else [body for body in layout.bodies if body not in arms]
+    shown = [entry for entry in layout.parameters if fit.shows(entry.name)]
+    return {
+        body: np.stack([fit.rows.stack(fit.column(e.name)) for e in shown if e.owner == body], 1)
+        for body in free
+        if fit.shows(f"{body}.m")
+    }
 
 
 def _mass(cause: Cause) -> float:

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.effects.rigid_fit import RigidFit
-from deltaid.estimation.span import Rows
+from deltaid.effects.point import RigidFit
+from deltaid.estimation.span import Columns, Rows
 
 # Length of the windows in which a load is searched [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
@@ -13,68 +13,67 @@ _HELD = 0.4
 # Shares of the windows that the search begins with as the lower level, and its rounds.
 _SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
 
+# For each sample or window 0 or 1: the lower or higher of two levels.
+Held = Int[np.ndarray, " samples"]
 
-def refined(
-    fit: RigidFit, columns: Float[np.ndarray, "rows columns"], residual: Rows, held: np.ndarray
-) -> Int[np.ndarray, " samples"] | None:
+
+def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held | None:
     """The course of a load and its coefficients by turns; None where it is not held long enough."""
-    dof, count = len(fit.drives), len(held)
+    count = len(held)
     for _ in range(_ROUNDS):
-        carried = columns * np.tile(held, dof)[:, None]
-        bare = fit.span.without(carried)
+        is_held = np.tile(held, fit.dof)
+        bare = fit.span.without(columns * is_held[:, None])
         theta = np.linalg.lstsq(bare, residual, rcond=1e-6)[0]
         remaining = residual - bare @ theta
         load = columns @ theta
         # What the torques would be of, were parameters those that go with this load.
-        torque = remaining + np.tile(held, dof) * load
-        gain = (load * (2 * torque - load)).reshape(dof, -1).sum(axis=0)
+        torque = remaining + is_held * load
+        gain = (load * (2 * torque - load)).reshape(fit.dof, -1).sum(axis=0)
         noise = float(remaining @ remaining) / len(remaining)
         course = _course(np.stack([np.zeros(count), -gain]), 4.0 * noise * np.log(count))
         if np.array_equal(course, held):
             break
         held = course
-    step = float(np.median(np.diff(fit.motion.time)))
-    return held if min(held.sum(), count - held.sum()) * step >= _HELD else None
+    return held if _is_long(held, float(np.median(np.diff(fit.motion.time)))) else None
 
 
-def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Int[np.ndarray, " samples"] | None:
+def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
     """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
 
     Means of two levels by turns with the most likely course between them (Viterbi), where each
     change costs as much as chance makes of one.
     """
-    time, dof = fit.motion.time, len(fit.drives)
+    time = fit.motion.time
     step = float(np.median(np.diff(time)))
     length = max(round(_WINDOW / step), 1, -(-len(time) // _WINDOWS))
     window = np.arange(len(time)) // length
-    count = int(window[-1]) + 1
-    u = np.bincount(window, (column * residual).reshape(dof, -1).sum(axis=0), count)
-    d = np.bincount(window, (column**2).reshape(dof, -1).sum(axis=0), count)
-    noise = float(residual @ residual) / len(residual)
-    order = np.argsort(u / np.maximum(d, 1e-300))
-    share = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
-    cost, best, lowest = 4.0 * noise * np.log(count), None, np.inf
+    u = np.bincount(window, (column * residual).reshape(fit.dof, -1).sum(axis=0))
+    d = np.bincount(window, (column**2).reshape(fit.dof, -1).sum(axis=0))
+    order, count = np.argsort(u / np.maximum(d, 1e-300)), len(d)
+    share = np.empty(count)
+    share[order] = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
+    cost = 4.0 * float(residual @ residual) / len(residual) * np.log(count)
+    best, lowest = None, np.inf
     for split in _SPLITS:
-        levels = [_mean(u, d, order[part]) for part in (share <= split, share > split)]
-        course, errors = np.zeros(count, dtype=int), np.zeros((2, count))
+        course, errors = (share > split).astype(int), np.zeros((2, count))
         for _ in range(_ROUNDS):
+            sums = [(np.sum(u[part]), np.sum(d[part])) for part in (course == 0, course == 1)]
+            levels = [total / max(weight, 1e-300) for total, weight in sums]
             errors = np.stack([d * level**2 - 2 * u * level for level in levels])
             course = _course(errors, cost)
-            levels = [_mean(u, d, course == k) for k in (0, 1)]
         changes = int(np.sum(np.diff(course) != 0))
-        if min(course.sum(), count - course.sum()) * length * step < _HELD:
-            continue
         total = float(errors[course, np.arange(count)].sum()) + cost * changes
-        if changes and total < lowest:
+        if changes and total < lowest and _is_long(course, length * step):
             best, lowest = course[window], total
     return best
 
 
-def _mean(u: np.ndarray, d: np.ndarray, part: np.ndarray) -> float:
-    return float(np.sum(u[part]) / max(float(np.sum(d[part])), 1e-300))
+def _is_long(course: Held, step: float) -> bool:
+    """Whether both levels last long enough, for seconds from one to the next."""
+    return bool(min(course.sum(), len(course) - course.sum()) * step >= _HELD)
 
 
-def _course(errors: Float[np.ndarray, "2 windows"], cost: float) -> Int[np.ndarray, " windows"]:
+def _course(errors: Float[np.ndarray, "2 samples"], cost: float) -> Held:
     """The course of least error between two levels, each change of which costs something."""
     count = errors.shape[1]
     came = np.zeros((2, count), dtype=int)

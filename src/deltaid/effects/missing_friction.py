@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.point import Candidate, RigidFit
 
 
 class MissingFriction(Effect):
@@ -14,12 +14,11 @@ class MissingFriction(Effect):
     kind = "friction-missing"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        robot = fit.trace.dynamics.robot
-        without = [i for i, drive in enumerate(fit.drives) if drive not in robot.friction]
-        if not without:
-            return
-        drives = np.arange(len(fit.drives))
-        signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, drives)
-        speeds = fit.trace.filtered(lambda w: w.qd.T, drives)
-        columns = np.hstack([fit.rows.own(rates)[:, without] for rates in (signs, speeds)])
-        yield Candidate(self.kind, "", columns, is_preferred=True)
+        friction = fit.dynamics.robot.friction
+        without = [i for i, drive in enumerate(fit.drives) if drive not in friction]
+        if without:
+            every = np.arange(fit.dof)
+            signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, every)
+            speeds = fit.trace.filtered(lambda w: w.qd.T, every)
+            columns = np.hstack([fit.rows.own(rates)[:, without] for rates in (signs, speeds)])
+            yield Candidate(self.kind, "", columns, is_preferred=True)

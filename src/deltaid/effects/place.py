@@ -4,10 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.cause import Cause
-from deltaid.effects.effect import DescribedEffect, torque_of
-from deltaid.effects.rigid_fit import Candidate, RigidFit
-from deltaid.model.words import percent
+from deltaid.effects.effect import DescribedEffect
+from deltaid.effects.point import Candidate, RigidFit
 
 # Decades that torques over the place must be more surprising: so many shapes bend to noise that is
 # not quite white.
@@ -25,20 +23,13 @@ class Place(DescribedEffect):
     fix = "measure arms, struts and radii, set the drives' zeros anew, and look for play"
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
-        w = fit.motion
-        middle, reach = w.z.mean(axis=0), np.maximum(np.ptp(w.z, axis=0), 1e-12)
-        x = (w.z - middle) / reach
-        dof = x.shape[1]
-        shapes = [x[:, i] for i in range(dof)]
-        shapes += [x[:, i] * x[:, j] for i in range(dof) for j in range(i, dof)]
-        alone = [fit.rows.own(w.weights.T * shape) for shape in shapes]
-        times = [fit.rows.own(fit.model * shape) for shape in shapes[:dof]]
+        w, dof = fit.motion, fit.dof
+        x = ((w.z - w.z.mean(axis=0)) / np.maximum(np.ptp(w.z, axis=0), 1e-12)).T
+        shapes = [*x, *(x[i] * x[j] for i in range(dof) for j in range(i, dof))]
+        blocks = [fit.rows.own(w.weights.T * shape) for shape in shapes]
+        blocks += [fit.rows.own(fit.model * shape) for shape in x]
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
-            columns = np.stack([block[:, i] for block in (*alone, *times)], axis=1)
+            columns = np.stack([block[:, i] for block in blocks], axis=1)
             yield Candidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
-        yield Candidate(self.kind, "", np.hstack(alone + times), words, _BENDS, bends=True)
-
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        follows = f"{percent(share)} of {torque_of(subject)} follows the position"
-        return 100 * share, "%", f"{follows} and is not explained: {cause.first.words}"
+        yield Candidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)

@@ -1,4 +1,5 @@
-"""A recording at some parameters: what slopes of its torques are taken of."""
+"""A recording at some parameters: what slopes of its torques are taken of, what parameters leave of
+them, and columns that effects would add."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,19 +13,54 @@ from deltaid.dynamics.geometry import TorqueSlopes
 from deltaid.dynamics.grown import grown_torques
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
+
+# Sweeps of a fit with a factor for each drive; directions below this share are excluded.
+_SWEEPS, _SHOWN = 3, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Columns that one effect would add, to first order in its size.
+
+    Attributes:
+        subject: the drive or joint; empty for all together.
+        columns: as rows of all drives.
+        words: what the torque follows, for messages.
+        tries: how many of its like it was chosen from, as a decimal logarithm.
+        detail: further results, such as times.
+        is_preferred: whether it is taken where another explains little more: other checks judge
+            it better.
+        bends: whether it bends with the place of the platform.
+    """
+
+    kind: str
+    subject: str
+    columns: Columns
+    words: str = ""
+    tries: float = 0.0
+    detail: tuple[float, ...] = ()
+    is_preferred: bool = False
+    bends: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Rows of a recording and the robot's parameters there."""
+    """A recording and the robot's parameters; properties are at its filtered samples.
+
+    Attributes:
+        fastest, highest: largest speed of each joint and torque of each drive, where those of other
+            recordings count too.
+    """
 
     trace: Trace
     p: Parameters
-    fastest: dict[str, float] = field(default_factory=dict[str, float])  # of joints
-    highest: tuple[float, ...] = ()  # recorded torque of each drive
+    fastest: dict[str, float] = field(default_factory=dict[str, float], kw_only=True)
+    highest: tuple[float, ...] = field(default=(), kw_only=True)
 
     @property
     def dynamics(self) -> Dynamics:
@@ -34,20 +70,23 @@ class Point:
     def dof(self) -> int:
         return self.dynamics.dof
 
+    @property
+    def drives(self) -> tuple[str, ...]:
+        return self.dynamics.robot.drives
+
     @cached_property
-    def w(self) -> Samples:
-        """The motion at the filtered samples."""
+    def motion(self) -> Samples:
         return self.trace.motion()
 
     @cached_property
     def q(self) -> Float[np.ndarray, "samples dof"]:
-        return self.dynamics.kinematics.inverse(self.w.z)
+        return self.dynamics.kinematics.inverse(self.motion.z)
 
     @cached_property
     def platform(self) -> Float[np.ndarray, "samples 3"]:
         """Velocity of the platform."""
-        J_x = self.dynamics.kinematics.platform_jacobian(self.w.z)
-        return np.einsum("sij,sj->si", J_x, self.w.qd)
+        J_x = self.dynamics.kinematics.platform_jacobian(self.motion.z)
+        return np.einsum("sij,sj->si", J_x, self.motion.qd)
 
     @cached_property
     def model(self) -> OfDrives:
@@ -73,18 +112,20 @@ class Point:
     @cached_property
     def speeds(self) -> dict[str, float]:
         """Largest speed of each joint with friction."""
-        entries = self.trace.entries(self.w)
+        entries = self.trace.entries(self.motion)
         return {j.name: float(j.speed(entries).max()) for j in joints_of(self.dynamics)}
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """Joints with friction that move."""
         speeds = self.fastest or self.speeds
-        return tuple(
-            replace(joint, fastest=speeds[joint.name])
-            for joint in joints_of(self.dynamics)
-            if speeds[joint.name] > 0
-        )
+        joints = [replace(joint, fastest=speeds[joint.name]) for joint in joints_of(self.dynamics)]
+        return tuple(joint for joint in joints if joint.fastest > 0)
+
+    @property
+    def driven(self) -> tuple[Joint, ...]:
+        """Those of them that are drives."""
+        return tuple(joint for joint in self.joints if joint.drive is not None)
 
     @cached_property
     def slopes(self) -> TorqueSlopes:
@@ -92,16 +133,16 @@ class Point:
         smooth, layout, robot = self.p.copy(), self.dynamics.layout, self.dynamics.robot
         smooth[layout.friction] = 0.0
         smooth[layout.viscous] = self.p[layout.viscous]
-        rates, gravity = np.hstack([self.w.qd, self.w.qdd]), np.array(robot.gravity)
-        return TorqueSlopes(grown_torques(robot), self.w.z, rates, smooth, gravity)
+        rates, gravity = np.hstack([self.motion.qd, self.motion.qdd]), np.array(robot.gravity)
+        return TorqueSlopes(grown_torques(robot), self.motion.z, rates, smooth, gravity)
 
-    def coefficient(self, term: str, joint: Joint) -> float:
-        """Size of a joint's friction."""
-        return float(abs(self.p[self.dynamics.layout.names.index(f"{term}.{joint.name}")]))
+    def size(self, name: str) -> float:
+        """Of a parameter, such as 'coulomb.drive1'."""
+        return float(self.p[self.dynamics.layout.names.index(name)])
 
     def weighted(self, slopes: Sequence[np.ndarray]) -> ColumnsOfDrives:
         """Columns of slopes at the filtered samples."""
-        weights = self.w.weights.T
+        weights = self.motion.weights.T
         columns = [slope * weights for slope in slopes]
         return np.stack(columns, axis=2) if columns else np.zeros((*weights.shape, 0))
 
@@ -122,6 +163,44 @@ class Point:
         out = np.zeros((self.dof, filtered.shape[1], len(addition.parameters)))
         out[rows, :, columns] = filtered
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit(Point):
+    """A recording before its effects are known, at the parameters of least squares.
+
+    Attributes:
+        Y: the active columns of its regressor, filtered.
+        rows, span: its samples as rows, and what these columns explain of them.
+        tau: its torques as rows.
+    """
+
+    Y: ColumnsOfDrives
+    rows: DriveRows
+    span: Span
+    tau: Rows
+
+    @cached_property
+    def scaled_model(self) -> OfDrives:
+        """Torques of parameters that are fitted together with a factor for every drive.
+
+        τ_i = (1 + g_i) Y_i p, by Gauss–Newton. Hardly identifiable factors, such as one common to
+        all, stay 1.
+        """
+        model = self.model
+        for _ in range(_SWEEPS):
+            columns = self.rows.own(model)
+            residual = self.span.without(self.tau)
+            gain = np.linalg.lstsq(self.span.without(columns), residual, rcond=_SHOWN)[0]
+            model = self.Y @ self.span.coefficients(self.tau - columns @ gain)
+        return model
+
+    def shows(self, name: str) -> bool:
+        return self.dynamics.layout.names.index(name) in active_columns(self.dynamics)
+
+    def column(self, name: str) -> OfDrives:
+        k = self.dynamics.layout.names.index(name)
+        return self.Y[:, :, np.searchsorted(active_columns(self.dynamics), k)]
 
 
 def points_of(traces: Sequence[Trace], p: Parameters) -> list[Point]:

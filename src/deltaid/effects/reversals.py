@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import slope
-from deltaid.estimation.additions import Addition
+from deltaid.estimation.additions import Addition, torques_of
 from deltaid.estimation.span import lengths
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.windows import WINDOW, Samples
@@ -54,7 +54,7 @@ _MOSTLY, _SURE, _OWN = 0.5, 3.0, 0.35
 _TINY = np.finfo(float).tiny
 
 Around = Float[np.ndarray, "reversals around"]
-Torques = Float[np.ndarray, "_ dof"]  # each stretch as long as it is
+Torques = Float[np.ndarray, "dof _"]  # each stretch as long as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,21 +137,18 @@ def _modelled(
     trace: Trace, additions: Sequence[Addition], p: Parameters, stretch: Samples
 ) -> tuple[Torques, Torques]:
     """Torques of the model along a stretch, and what of them is friction of the drive itself."""
-    dynamics, (drives, columns) = trace.dynamics, trace.pattern(additions)
-    owners = {
-        k: term.owner
-        for k, term in enumerate(dynamics.layout.parameters)
-        if term.kind == "friction"
-    }
-    names = dynamics.robot.drives
-    is_own = np.array([owners.get(k) == names[i] for i, k in zip(drives, columns, strict=True)])
-    tau, friction = np.zeros_like(stretch.tau), np.zeros_like(stretch.tau)
+    layout, names = trace.dynamics.layout, trace.dynamics.robot.drives
+    drives, columns = trace.pattern(additions)
+    owners = {k: t.owner for k, t in enumerate(layout.parameters) if t.kind == "friction"}
+    pairs = zip(drives.tolist(), columns.tolist(), strict=True)
+    own = np.array([owners.get(k) == names[i] for i, k in pairs])
+    parts = list[tuple[Torques, Torques]]()
     for first in range(0, len(stretch.time), WINDOW):
-        part = slice(first, first + WINDOW)
-        values = trace.entries(stretch.part(part), additions) * p[columns, None]
-        for i in range(dynamics.dof):
-            tau[part, i] = values[drives == i].sum(axis=0)
-            friction[part, i] = values[(drives == i) & is_own].sum(axis=0)
+        values = trace.entries(stretch.part(slice(first, first + WINDOW)), additions)
+        tau = torques_of((drives, columns), len(names), values, p)
+        friction = torques_of((drives[own], columns[own]), len(names), values[own], p)
+        parts.append((tau, friction))
+    tau, friction = (np.hstack(part) for part in zip(*parts, strict=True))
     return tau, friction
 
 
@@ -174,15 +171,13 @@ def _about_reversals(
         sure &= np.diff(before, prepend=-np.inf) > 2 * width
         sure &= np.diff(before, append=np.inf) > 2 * width
         before = before[sure]
-        sure = np.ones(len(before), dtype=bool)
         for shift in (0, late):  # where the motion, and where the torque is read
-            off = (offsets + shift <= -_MASKED) | (offsets + shift > _MASKED)
-            sure &= np.all(counts[before[:, None] + offsets + shift][:, off], axis=1)
-        before = before[sure]
+            off = offsets[(offsets + shift <= -_MASKED) | (offsets + shift > _MASKED)]
+            before = before[np.all(counts[before[:, None] + off + shift], axis=1)]
         rows = before[:, None] + offsets
         share = speed[before] / (speed[before] - speed[before + 1])
-        jump = friction[before + 1, drive] - friction[before, drive]
-        smooth = tau[rows, drive] - 0.5 * jump[:, None] * np.where(offsets > 0, 1.0, -1.0)
+        jump = friction[drive, before + 1] - friction[drive, before]
+        smooth = tau[drive, rows] - 0.5 * jump[:, None] * np.where(offsets > 0, 1.0, -1.0)
         smooth += slope(smooth) * (late - known * rate)  # at the instant of each torque
         residual = stretch.tau[rows + late, drive] - smooth
         parts.append(((offsets + late - share[:, None]) / rate, residual, jump))
@@ -196,16 +191,16 @@ def located(steps: Steps, known: float, reach: float) -> tuple[float, float] | N
     """
     if len(steps.jump) < _LEAST:
         return None
-    residual, jump = steps.left - steps.left.mean(axis=1, keepdims=True), steps.jump
-    place = _posterior(steps.after, residual, jump, float(np.var(residual)), known, reach)
+    residual = steps.left - steps.left.mean(axis=1, keepdims=True)
+    place = _posterior(steps, residual, 1.0, float(np.var(residual)), known, reach)
     for _ in range(2):
         shape = sharp(steps.after, place[0])
         local = locally(steps, shape)
         if local.seen < _SEEN:
             return None
-        residual = local.left + local.seen * jump[:, None] * shape
+        residual = local.left + local.seen * steps.jump[:, None] * shape
         variance = float(np.mean(local.left**2))
-        place = _posterior(steps.after, residual, local.seen * jump, variance, known, reach)
+        place = _posterior(steps, residual, local.seen, variance, known, reach)
     return place
 
 
@@ -277,16 +272,13 @@ def locally(steps: Steps, shape: Around) -> Local:
 
 
 def _posterior(
-    after: Around,
-    r: Around,
-    jump: Float[np.ndarray, " reversals"],
-    variance: float,
-    known: float,
-    reach: float,
+    steps: Steps, r: Around, seen: float, variance: float, known: float, reach: float
 ) -> tuple[float, float]:
-    """Mean and standard deviation of the place of the step, equally likely within reach before."""
-    order = np.argsort(after.ravel())
-    times, gain = after.ravel()[order], (jump[:, None] * r / max(variance, _TINY)).ravel()[order]
+    """Mean and standard deviation of the place of the step, equally likely within reach before, by
+    what is left of its share that is seen."""
+    gain = seen * steps.jump[:, None] * r / max(variance, _TINY)
+    order = np.argsort(steps.after.ravel())
+    times, gain = steps.after.ravel()[order], gain.ravel()[order]
     inner = np.abs(times - known) < reach
     edges = np.concatenate([[known - reach], times[inner], [known + reach]])
     # Beyond the last sample within reach the sum is the same for all.

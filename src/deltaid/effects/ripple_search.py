@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Added
 from deltaid.estimation.scatter import surprise
@@ -20,6 +20,7 @@ _PASSED = 0.1
 
 # Of each recording, whose samples differ in number.
 Residuals = Sequence[Float[np.ndarray, "dof _"]]
+Orders = Float[np.ndarray, " orders"]
 
 
 def largest_ripples(
@@ -36,7 +37,12 @@ def largest_ripples(
         orders = _orders(points, i)
         if len(orders) < 2:
             continue
-        explained = _explained(points, residuals, i, orders)
+        power, scale = np.zeros(len(orders)), np.zeros(len(orders))
+        for point, residual in zip(points, residuals, strict=True):
+            waves = np.exp(1j * np.outer(orders, point.q[:, i])) * passed(point, i, orders)
+            power += np.abs(waves @ residual[i]) ** 2
+            scale += np.sum(np.abs(waves) ** 2, axis=1)
+        explained = 2 * power / np.maximum(scale, 1e-300)  # of the residuals' sum of squares
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
             ripples.append((i, nearest_order(points, residuals, i, float(orders[best]))))
@@ -55,44 +61,29 @@ def nearest_order(points: Sequence[Point], residuals: Residuals, i: int, order: 
     return float(near[np.argmax(explained)])
 
 
-def _explained(
-    points: Sequence[Point], residuals: Residuals, i: int, orders: Float[np.ndarray, " orders"]
-) -> Float[np.ndarray, " orders"]:
-    """What ripples of a drive explain of the residuals' sum of squares."""
-    power, scale = np.zeros(len(orders)), np.zeros(len(orders))
-    for point, residual in zip(points, residuals, strict=True):
-        waves = np.exp(1j * np.outer(orders, point.q[:, i])) * _size(point, i, orders)
-        power += np.abs(waves @ residual[i]) ** 2
-        scale += np.sum(np.abs(waves) ** 2, axis=1)
-    return 2 * power / np.maximum(scale, 1e-300)
-
-
 def ripple_of(point: Point, drive: int, order: float) -> Added:
     """A ripple in the contest."""
-    name = f"ripple of {point.dynamics.robot.drives[drive]}, {order:.4g}"
+    name = f"ripple of {point.drives[drive]}, {order:.4g}"
     return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
 
 
-def _orders(points: Sequence[Point], i: int) -> Float[np.ndarray, " orders"]:
+def _orders(points: Sequence[Point], i: int) -> Orders:
     """That are searched [1/rad or 1/m]."""
-    low = min(point.q[:, i].min() for point in points)
-    stroke = max(point.q[:, i].max() for point in points) - low
-    usual = max(float(np.sqrt(np.mean(point.w.qd[:, i] ** 2))) for point in points)
+    stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
+    usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
     if stroke <= 0 or usual <= 0:
         return np.zeros(0)
     wave = 2 * np.pi / stroke
     fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
     orders = np.arange(_LEAST, min(fastest / wave, _MOST), _APART) * wave
-    passed = [np.sqrt(np.mean(_size(point, i, orders) ** 2, axis=1)) for point in points]
-    return orders[np.max(passed, axis=0) > _PASSED]
+    sizes = [np.sqrt(np.mean(passed(point, i, orders) ** 2, axis=1)) for point in points]
+    return orders[np.max(sizes, axis=0) > _PASSED]
 
 
-def _size(
-    point: Point, i: int, orders: Float[np.ndarray, " orders"]
-) -> Float[np.ndarray, "orders samples"]:
-    """What the low-pass leaves of ripples of size 1: at the frequency n q̇ / 2π."""
+def passed(point: Point, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
+    """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
     low_pass = point.trace.low_pass
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
     response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
-    speeds = np.abs(np.outer(orders, point.w.qd[:, i])) / (2 * np.pi)
-    return np.interp(speeds, frequency, response) * point.w.weights[:, i]
+    speeds = np.abs(np.outer(orders, point.motion.qd[:, i])) / (2 * np.pi)
+    return np.interp(speeds, frequency, response) * point.motion.weights[:, i]

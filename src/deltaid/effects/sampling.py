@@ -6,11 +6,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.delay import Growth
 
 # Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
 _LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
+
+All = Float[np.ndarray, " all"]  # lags, time constants, rate
+Covariance = Float[np.ndarray, "all all"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +33,12 @@ class Timing:
     constants: Delay
     rate: float
     about: float
-    covariance: Float[np.ndarray, "all all"]
+    covariance: Covariance
     p: Parameters
+
+    @property
+    def values(self) -> All:
+        return np.concatenate([self.lags, self.constants, [self.rate]])
 
     @property
     def pure(self) -> bool:
@@ -60,8 +68,7 @@ class Timing:
     def beside(self, trace: Trace) -> Trace:
         """A trace as it came with torques beside their motion, the model's filtered as they are."""
         constants = tuple(self.constants.tolist()) if np.any(self.constants) else ()
-        trace = replace(trace, constants=constants)
-        delays = self.lags - self.constants
+        trace, delays = replace(trace, constants=constants), self.lags - self.constants
         if not self.rate and not np.any(delays):
             return trace
         return trace.shifted(delays, growth=self.growth(trace))
@@ -90,3 +97,13 @@ class Free:
     def deviation(self) -> Float[np.ndarray, " free"]:
         dof = len(self.filters)
         return np.repeat([_LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
+
+    def steps(self, problem: LinearProblem, first: int) -> tuple[All, Covariance]:
+        """Steps of all values that a problem has from some column on, and their covariance; zero
+        for what is not estimated."""
+        own = np.flatnonzero(self.columns)
+        places, count = slice(first, first + len(own)), len(self.columns)
+        step, covariance = np.zeros(count), np.zeros((count, count))
+        step[own] = problem.x[places]
+        covariance[np.ix_(own, own)] = problem.covariance(places)
+        return step, covariance

@@ -24,8 +24,8 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.contest import SEEN
-from deltaid.effects.hotelling import exceeded
 from deltaid.effects.lag_columns import timing_slopes
+from deltaid.effects.lag_groups import exceeded
 from deltaid.effects.sampling import Free, Timing
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.problem import LinearProblem
@@ -44,18 +44,18 @@ _TAIL = 5.0
 # clocks of drives are alike, that rows far from reversals agree with the tails, that a lag there
 # is no filter's.
 _SELDOM = 1e-3
-# Standard deviations within which a time constant lies mostly.
-_LIKELY = 2.0
+# Standard deviations within which a time constant lies mostly, and by which it may exceed a lag,
+# beside the sample by which torques may be ahead.
+_LIKELY, _SURE = 2.0, 3.0
 # Share of a time constant to which it and a lag must be known to say that they are equal.
 _KNOWN = 0.25
-# Standard deviations by which a time constant may exceed a lag, beside the sample by which torques
-# may be ahead.
-_SURE = 3.0
+
+Drives = Bool[np.ndarray, " dof"]
 
 
 def other_than_delays(
-    rows: TraceRows, trace: Trace, lags: Delay, abrupt: Bool[np.ndarray, " dof"], p: Parameters
-) -> tuple[Timing | None, Bool[np.ndarray, " dof"]]:
+    rows: TraceRows, trace: Trace, lags: Delay, abrupt: Drives, p: Parameters
+) -> tuple[Timing | None, Drives]:
     """Filters or a clock that a recording's torques have, None where there is neither; and whose
     lags may be those of filters as well as delays.
 
@@ -89,41 +89,38 @@ def other_than_delays(
 
 def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Timing:
     """The same without dead times where all filters do without: their T is known as well as L."""
-    filters, dof = np.flatnonzero(free.filters), len(timing.lags)
-    if not len(filters):
-        return timing
-    S = np.zeros((len(filters), len(timing.covariance)))
-    S[np.arange(len(filters)), filters], S[np.arange(len(filters)), dof + filters] = 1.0, -1.0
-    dead = (timing.lags - timing.constants)[filters]
-    if exceeded(dead, S @ timing.covariance @ S.T, _SELDOM):
+    dead, covariance = _dead_times(timing, free.filters)
+    if not len(dead) or exceeded(dead, covariance, _SELDOM):
         return timing
     start = replace(timing, constants=np.where(free.filters, timing.lags, 0.0))
     return _swept(rows, trace, start, replace(free, pure=True))
 
 
+def _dead_times(timing: Timing, some: Drives) -> tuple[Delay, Float[np.ndarray, "dof dof"]]:
+    """L − T of some drives, and its covariance."""
+    each = np.eye(len(some))[some]
+    S = np.hstack([each, -each, np.zeros((len(each), 1))])
+    return S @ timing.values, S @ timing.covariance @ S.T
+
+
 def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
     """Whether torques with lags corrected may have a clock of their own."""
-    dof, problem = len(none.lags), _linear(rows, none.beside(trace), none, Free(
-        np.zeros(len(none.lags), bool), True))  # fmt: skip
-    place = slice(rows.size + dof, rows.size + dof + 1)
-    return exceeded(problem.x[place], problem.covariance(place), _SELDOM)
+    free = Free(np.zeros(len(none.lags), bool), clock=True)
+    step, covariance = free.steps(_linear(rows, none.beside(trace), none, free), rows.size)
+    return exceeded(step[-1:], covariance[-1:, -1:], _SELDOM)
 
 
 def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
     """Lags, time constants of some drives, and the rate of a clock, by Gauss and Newton."""
-    timing, dof = start, len(start.lags)
+    timing, dof, own = start, len(start.lags), np.flatnonzero(free.filters)
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
     for _ in range(_SWEEPS):
         problem = _linear(rows, timing.beside(trace), timing, free)
-        now = np.concatenate([timing.lags, timing.constants, [timing.rate]])
-        places = slice(rows.size, rows.size + int(free.columns.sum()))
-        now[free.columns] += problem.x[places]
-        lags, constants, rate = np.split(now, [dof, 2 * dof])
-        covariance = np.zeros((len(now),) * 2)
-        covariance[np.ix_(free.columns, free.columns)] = problem.covariance(places)
+        step, covariance = free.steps(problem, rows.size)
+        lags, constants, rate = np.split(timing.values + step, [dof, 2 * dof])
         if free.pure:
-            constants, own = lags, np.flatnonzero(free.filters)
+            constants = lags
             covariance[np.ix_(dof + own, dof + own)] = covariance[np.ix_(own, own)]
         before, timing = timing, Timing(
             np.clip(lags, -_MOST[0], _MOST[0]),
@@ -131,9 +128,8 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
             float(np.clip(rate[0], -_MOST[2], _MOST[2])), timing.about, covariance,
             rows.parameters(problem.x),
         )  # fmt: skip
-        steps = [timing.lags - before.lags, timing.constants - before.constants,
-                 [(timing.rate - before.rate) * duration]]  # fmt: skip
-        if np.abs(np.concatenate(steps)).max() < _SETTLED:
+        moved = np.abs(timing.values - before.values)
+        if max(moved[:-1].max(), moved[-1] * duration) < _SETTLED:
             break
     return timing
 
@@ -143,15 +139,17 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Linear
     late, longer, growing = timing_slopes(trace, timing.p, rows.additions, timing.about)
     if free.pure:
         late = late + longer * free.filters[:, None]
-    own = np.concatenate([of_own_drives(x[:, :, None]) for x in (late, longer)], axis=2)
-    steps = np.concatenate([own, growing[:, :, None]], axis=2)[:, :, free.columns]
-    warm = _warm(rows, trace, timing) if free.clock else own[:, :, :0]
+    own = [of_own_drives(x[:, :, None]) for x in (late, longer)]
+    steps = np.concatenate([*own, growing[:, :, None]], axis=2)[:, :, free.columns]
     part = rows.of_trace(trace)
-    now = np.concatenate([timing.lags, timing.constants, [timing.rate]])[free.columns]
+    warm = _warm(rows, trace, timing) if free.clock else np.zeros((*part.tau.shape, 0))
+    # Coefficients of friction that warms up are about such that it is of the size of torques.
+    rms = np.sqrt(np.mean(warm**2, axis=(0, 1)))
+    sizes = np.sqrt(np.mean(part.tau**2)) / np.maximum(rms, np.finfo(float).tiny)
     return rows.problem(
         [replace(part, A=np.concatenate([part.A, steps, warm], axis=2))],
-        np.concatenate([-now, np.zeros(warm.shape[2])]),
-        np.concatenate([free.deviation, _sizes(warm, part.tau)]),
+        np.concatenate([-timing.values[free.columns], np.zeros(len(sizes))]),
+        np.concatenate([free.deviation, sizes]),
     )
 
 
@@ -170,62 +168,46 @@ def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     return out
 
 
-def _sizes(columns: ColumnsOfDrives, tau: OfDrives) -> Float[np.ndarray, " columns"]:
-    """Standard deviations of coefficients that give columns the size of torques."""
-    size = np.sqrt(np.mean(tau**2))
-    rms = np.sqrt(np.mean(columns**2, axis=(0, 1)))
-    return size / np.maximum(rms, np.finfo(float).tiny)
-
-
-def _filtered(
-    rows: TraceRows, trace: Trace, timing: Timing, free: Free
-) -> Bool[np.ndarray, " dof"]:
+def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Drives:
     """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
-    dof, errors, row = len(timing.lags), timing.covariance, 1.0 / trace.low_pass.rate
+    dof, row = len(timing.lags), 1.0 / trace.low_pass.rate
     kept = free.filters & (timing.constants > row)
-    S = np.hstack([-np.eye(dof), np.eye(dof), np.zeros((dof, 1))])
-    beyond = row + _SURE * np.sqrt(np.diag(S @ errors @ S.T))
-    kept &= timing.constants - timing.lags < beyond
-    kept &= _seen(timing.constants, errors[dof:-1, dof:-1], kept)
+    dead, errors = _dead_times(timing, np.ones(dof, bool))
+    kept &= -dead < row + _SURE * np.sqrt(np.diag(errors))
+    kept &= _seen(timing, kept)
     if not kept.any():
         return kept
     away = _away_from_reversals(trace, int(np.ceil(_TAIL * timing.constants.max() / row)))
-    problem = _linear(rows, timing.beside(away), timing, free)
-    places = np.flatnonzero(free.columns)
-    of_constants = rows.size + np.searchsorted(places, dof + np.flatnonzero(kept))
-    of_lags = rows.size + np.flatnonzero(kept)
-    covariance = problem.covariance(slice(rows.size, rows.size + len(places)))
-    at = of_constants - rows.size
-    errors = covariance[np.ix_(at, at)]
-    step, T = problem.x[of_constants], timing.constants[kept]
-    if exceeded(step, errors, _SELDOM):
+    step, errors = free.steps(_linear(rows, timing.beside(away), timing, free), rows.size)
+    lags, constants = np.flatnonzero(kept), dof + np.flatnonzero(kept)
+    of_constants, more = errors[np.ix_(constants, constants)], step[constants]
+    T = timing.constants[kept]
+    if exceeded(more, of_constants, _SELDOM):
         return np.zeros(dof, bool)
     # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
-    width, slope = T**2 + 2 * T * step, np.diag(2 * T)
-    wide = exceeded(width, slope @ errors @ slope, _SELDOM)
+    slope = np.diag(2 * T)
+    wide = exceeded(T**2 + 2 * T * more, slope @ of_constants @ slope, _SELDOM)
     # A lag that is the T of the tails is a coincidence for anything but a filter.
-    dead, at = timing.lags[kept] + problem.x[of_lags] - T, np.flatnonzero(kept)
-    variances = covariance[np.ix_(at, at)] + timing.covariance[np.ix_(dof + at, dof + at)]
+    dead = timing.lags[kept] + step[lags] - T
+    variances = errors[np.ix_(lags, lags)] + timing.covariance[np.ix_(constants, constants)]
     known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
     pure = known and not exceeded(dead, variances, _SELDOM)
     return kept if wide or pure else np.zeros(dof, bool)
 
 
-def _seen(
-    T: Delay, covariance: Float[np.ndarray, "dof dof"], some: Bool[np.ndarray, " dof"]
-) -> Bool[np.ndarray, " dof"]:
+def _seen(timing: Timing, some: Drives) -> Drives:
     """Which of some drives' time constants are beyond chance: together, and each on its own or by
     being that of the others."""
-    places = np.flatnonzero(some)
-    seen = np.zeros(len(T), bool)
-    if not len(places) or not exceeded(T[places], covariance[np.ix_(places, places)], 10**-SEEN):
+    drives, dof, seen = np.flatnonzero(some), len(some), np.zeros(len(some), bool)
+    covariance = timing.covariance[np.ix_(dof + drives, dof + drives)]
+    T, variance = timing.constants[drives], np.diag(covariance)
+    if not len(drives) or not exceeded(T, covariance, 10**-SEEN):
         return seen
-    variance = np.diag(covariance)
-    common = np.sum(T[places] / variance[places]) / np.sum(1 / variance[places])
-    for i in places.tolist():
-        own = variance[i].reshape(1, 1)
-        alone = exceeded(T[[i]], own, 10**-SEEN)
-        seen[i] = alone or not exceeded(T[[i]] - common, own, _SELDOM)
+    common = np.sum(T / variance) / np.sum(1 / variance)
+    for k, drive in enumerate(drives.tolist()):
+        own = variance[k].reshape(1, 1)
+        alone = exceeded(T[[k]], own, 10**-SEEN)
+        seen[drive] = alone or not exceeded(T[[k]] - common, own, _SELDOM)
     return seen
 
 

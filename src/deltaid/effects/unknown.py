@@ -1,6 +1,7 @@
 """What takes part in the contest of causes: an effect with unknown coefficients."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Float
 from deltaid.effects.point import Point
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives
-from deltaid.model.corrections import Correction
+from deltaid.model.corrections import Correction, Kind
 from deltaid.robot.description import RobotDescription
 
 # What nobody described makes some such share of a drive's torque, before any recording [rms].
@@ -23,6 +24,8 @@ class Unknown(ABC):
 
     Attributes:
         name: of the effect.
+        deviation: standard deviation of each coefficient before any recording, where it is the same
+            for all; 0 if not.
         is_candidate: whether it is named and corrected where rows need it; else it only keeps
             others from explaining what it may be, and stages of their own correct it.
         is_positive: whether its coefficients are at least zero by physics.
@@ -36,6 +39,7 @@ class Unknown(ABC):
     """
 
     name: str
+    deviation: ClassVar[float] = 0.0
     is_candidate: ClassVar[bool] = True
     is_positive: ClassVar[bool] = False
     is_own: ClassVar[bool] = False
@@ -49,8 +53,10 @@ class Unknown(ABC):
         """Slopes of the torques by its coefficients."""
 
     def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
-        """Standard deviations of its coefficients before any recording; by default those that make
-        `SIZE` of the drives' largest torques."""
+        """Standard deviations of its coefficients before any recording; where nothing is known
+        those that make `SIZE` of the drives' largest torques."""
+        if self.deviation:
+            return np.full(columns.shape[2], self.deviation)
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
@@ -79,3 +85,20 @@ class Added(Unknown):
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.added(self.addition)
+
+
+def of_each(
+    kind: Kind,
+    subjects: Sequence[str],
+    values: Deviations,
+    half: Deviations,
+    units: Sequence[str],
+    text: str,
+) -> tuple[Correction, ...]:
+    """A correction for each of some drives or links."""
+    rows = zip(subjects, values.tolist(), half.tolist(), units, strict=True)
+    return tuple(
+        Correction(kind=kind, subject=subject, value=value, low=value - wide, high=value + wide,
+                   unit=unit, text=text)
+        for subject, value, wide, unit in rows
+    )  # fmt: skip

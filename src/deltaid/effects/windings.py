@@ -29,6 +29,7 @@ _CAUSES = (len(SHAPES), 1, 2, 2)
 _FREE = sum(_CAUSES)
 
 Compliance = Float[np.ndarray, " dof"]
+Groups = Float[np.ndarray, "dof groups"]
 
 
 def motors_of(robot: RobotDescription, p: Parameters, cutoff: float, rate: float) -> Gears:
@@ -73,36 +74,33 @@ class Windings:
         carried = trace.dynamics.carried
         return cls._along(trace, motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried)
 
-    def by_model(self, p: Parameters) -> "Windings":
-        """The same with what gears carry by the torques of p along this motion."""
-        return self.modelled(self.trace, self.motors, p)
-
     @classmethod
     def _along(
         cls, trace: Trace, motors: Gears, torque: Callable[[Samples], np.ndarray]
     ) -> "Windings":
         """A torque that gears carry and its derivatives, without the ends that filters take."""
         low_pass = motors.low_pass(trace.low_pass.rate)
-        taps, lost = (low_pass.level, low_pass.first, low_pass.second), low_pass.margin
-        stretches, carried = list[Samples](), list[np.ndarray]()
-        for w in trace.stretches:
-            along = torque(w)
-            parts = np.array([convolved(tap, along) for tap in taps])
-            if parts.shape[1] > 0:
-                stretches.append(w.part(slice(lost, lost + parts.shape[1])))
-                carried.append(parts)
-        return cls(replace(trace, stretches=tuple(stretches)), motors, tuple(carried))
+        taps = (low_pass.level, low_pass.first, low_pass.second)
+        torques = ((w, torque(w)) for w in trace.stretches)
+        pairs = [(w, np.array([convolved(tap, along) for tap in taps])) for w, along in torques]
+        return cls._cut(trace, motors, pairs, low_pass.margin)
+
+    @classmethod
+    def _cut(
+        cls, trace: Trace, motors: Gears, pairs: Sequence[tuple[Samples, np.ndarray]], lost: int
+    ) -> "Windings":
+        """Stretches without ends that are lost, with what is carried in between; none for those
+        that nothing is left of."""
+        kept = [(w.part(slice(lost, -lost)), c) for w, c in pairs if c.shape[1] > 0]
+        stretches = tuple(w for w, _ in kept)
+        return cls(replace(trace, stretches=stretches), motors, tuple(c for _, c in kept))
 
     def inner(self, times: int) -> "Windings":
         """The same without the ends that a filter takes which is applied so many times."""
         lost = times * self.motors.low_pass(self.trace.low_pass.rate).margin
-        pairs = [
-            (w.part(slice(lost, -lost)), along[:, lost:-lost])
-            for w, along in zip(self.trace.stretches, self.carried, strict=True)
-            if len(w.time) > 2 * lost
-        ]
-        stretches, carried = tuple(w for w, _ in pairs), tuple(along for _, along in pairs)
-        return Windings(replace(self.trace, stretches=stretches), self.motors, carried)
+        pairs = zip(self.trace.stretches, self.carried, strict=True)
+        inner = [(w, carried[:, lost:-lost]) for w, carried in pairs]
+        return self._cut(self.trace, self.motors, inner, lost)
 
     @property
     def loaded(self) -> Bool[np.ndarray, " dof"]:
@@ -123,6 +121,13 @@ class Windings:
             tau = w.tau - self.motors.less(w.qd, w.qdd, turn[1], turn[2])
             stretches.append(replace(w, z=z, qd=w.qd - turn[1], qdd=w.qdd - turn[2], tau=tau))
         return replace(self.trace, stretches=tuple(stretches))
+
+    def slopes(self, s: Compliance, steps: Groups, p: Parameters) -> ColumnsOfDrives:
+        """What predicted less measured torques of p change by over each size, by differences from
+        compliances s to those of one more step."""
+        turned = [self.turned(s + step) for step in (0 * s, *steps.T)]
+        before, *after = (trace.model(p) - trace.torques() for trace in turned)
+        return np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
 
 
 def late(trace: Trace, p: Parameters) -> ColumnsOfDrives:

@@ -1,11 +1,12 @@
 """Zeros of drives that are off, and a tilted base, which looks much the same."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.point import Candidate, RigidFit
 
 # Steps [rad or m] that the slope by a drive's zero is taken with.
 _STEP = 1e-4
@@ -18,18 +19,11 @@ class Zero(Effect):
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
         """Slopes of the torques by each zero."""
-        w, dynamics = fit.motion, fit.trace.dynamics
-        before = dynamics.torque(w.z, w.qd, w.qdd, fit.p)
-        columns = []
-        for i, drive in enumerate(fit.drives):
-            moved = fit.q.copy()
-            moved[:, i] += _STEP
-            z, good = dynamics.kinematics.forward_unchecked(moved)
+        w, dynamics = fit.motion, fit.dynamics
+        before, slopes = dynamics.torque(w.z, w.qd, w.qdd, fit.p), list[np.ndarray]()
+        for step in _STEP * np.eye(fit.dof):
+            z, good = dynamics.kinematics.forward_unchecked(fit.q + step)
             slope = (dynamics.torque(z, w.qd, w.qdd, fit.p) - before) / _STEP
-            slope[~good] = 0.0
-            columns.append(fit.rows.stack((slope * w.weights).T))
-            yield self._candidate(drive, columns[-1][:, None])
-        yield self._candidate("", np.stack(columns, axis=1))
-
-    def _candidate(self, drive: str, columns: np.ndarray) -> Candidate:
-        return Candidate(self.kind, drive, columns, is_preferred=True, bends=True)
+            slopes.append(np.where(good[:, None], slope, 0.0).T)
+        for candidate in self.of_each(fit.drives, fit.rows.stack(fit.weighted(slopes))):
+            yield replace(candidate, is_preferred=True, bends=True)

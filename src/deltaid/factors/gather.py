@@ -12,7 +12,8 @@ from jaxtyping import Float
 from deltaid.check.identified import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.effects.lag_columns import LagColumns
+from deltaid.effects.lag_groups import alone
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle

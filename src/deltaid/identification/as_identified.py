@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.fitted import as_fitted
+from deltaid.effects.at_platform import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.left_out import spans_left_out
 from deltaid.model.model import Model, ModelLike, load

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.contest import SEEN
 from deltaid.effects.point import Point
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of

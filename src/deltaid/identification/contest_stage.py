@@ -7,12 +7,11 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.at_drives import AtDrives, DriveSpring, with_rests
+from deltaid.effects.along_motion import AtDrives, DriveSpring, with_rests
 from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
-from deltaid.effects.geometry import reshaped
+from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import Point, points_of
-from deltaid.effects.structure import Structure, opened
 from deltaid.effects.unknown import Added, Unknown
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows

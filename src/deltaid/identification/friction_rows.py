@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
-from deltaid.effects.lag_columns import LagColumns, alone
+from deltaid.effects.lag_columns import LagColumns
+from deltaid.effects.lag_groups import alone
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.fitted import Fitted, fitted_effects
+from deltaid.effects.along_motion import Fitted, fitted_effects
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
@@ -140,7 +140,7 @@ def identify(
         judged,
         loads=loads,
         readings=recordings[0].repairs.readings,
-        effects=tuple(effect.record for effect in effects),
+        effects=tuple(effect.addition.record(effect.values) for effect in effects),
         outcome=setup.outcome,
         corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
         sources=tuple(

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaid.effects.along_motion import AlongMotion
-from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.estimation.additions import of_each
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_curves import freed

@@ -7,19 +7,12 @@ from typing import Any
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.clock_rate import ClockColumn
-from deltaid.effects.lag_columns import (
-    LagColumns,
-    LagGroup,
-    TimingColumns,
-    UnknownFilter,
-    UnknownLag,
-    alone,
-)
-from deltaid.effects.lags import chosen_groups, estimate_lags
+from deltaid.effects.filter_columns import ClockColumn, FilterColumns
+from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter, UnknownLag
+from deltaid.effects.lag_groups import LagGroup, alone, chosen_groups
+from deltaid.effects.lags import estimate_lags
 from deltaid.effects.sampling import Timing
 from deltaid.effects.timing import other_than_delays
-from deltaid.effects.torque_filter import FilterColumns
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition, of_each
 from deltaid.estimation.trace_rows import TraceRows

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.chebyshev import chebvander
 
-from deltaid.effects.cause import SHARE, causes_of
 from deltaid.effects.contest import SEEN
+from deltaid.effects.effect import SHARE, causes_of
 from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.scatter import surprise

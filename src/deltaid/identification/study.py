@@ -17,13 +17,14 @@ from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
-from deltaid.effects.rigid_fit import Candidate, RigidFit
+from deltaid.effects.point import Candidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Rows, Span
+from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW
@@ -160,7 +161,8 @@ def _accounted(
     span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
     if Y_extra.size:
         span = span.with_columns(rows.stack(Y_extra))
-    fit = RigidFit(record, Y_robot, rows, span, tau)
+    p = parameters_of(record.dynamics, span, tau)
+    fit = RigidFit(record, p, Y_robot, rows, span, tau)
     effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]

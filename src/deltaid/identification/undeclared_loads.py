@@ -7,7 +7,7 @@ then known from all of the recording; that it was there is a verdict.
 from dataclasses import replace
 
 from deltaid.effects.all import effect_of
-from deltaid.effects.cause import Cause, causes_of
+from deltaid.effects.effect import Cause, causes_of
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gains import gains

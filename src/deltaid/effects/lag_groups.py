@@ -1,0 +1,159 @@
+"""Which drives have the same lag, or none, by Hotelling's T² of their estimates.
+
+Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
+all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that defines whose lags
+are equal and whose are zero; ε by generalised least squares. Covariances come from the scatter
+between stretches.
+"""
+
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import fdtri
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.drive_rows import STRETCHES
+
+# How often it is rejected, if true, that there is no lag or that all drives have the same; and what
+# else is equal or zero by chance only.
+_REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
+# Lags [s] that do no harm, and need not be corrected.
+_HARMLESS = 2e-5
+# Drives beyond which only common lags and lags of single drives are distinguished.
+_MANY = 6
+
+Estimates = Float[np.ndarray, " n"]
+Covariance = Float[np.ndarray, "n n"]
+Hypothesis = Float[np.ndarray, "n groups"]
+
+
+@dataclass(frozen=True)
+class LagGroup:
+    """Drives that have the same lag.
+
+    Attributes:
+        drives: their numbers.
+        delay: what has been corrected already [s].
+        beside: the further lag by rows that no fit has [s].
+        deviation: its standard deviation; infinite if nothing is known [s].
+        free: whether the fit may change it; where other rows contradict what is known, it may not.
+    """
+
+    drives: tuple[int, ...]
+    delay: float
+    beside: float = 0.0
+    deviation: float = np.inf
+    free: bool = True
+
+    def subjects(self, dynamics: Dynamics) -> tuple[str, ...]:
+        """Names of these drives; one that is empty for all of the robot's."""
+        names = dynamics.robot.drives
+        return ("",) if len(self.drives) == len(names) else tuple(names[i] for i in self.drives)
+
+
+def alone(dof: int) -> tuple[LagGroup, ...]:
+    """A lag for every drive, of which nothing is known."""
+    return tuple(LagGroup((i,), 0.0) for i in range(dof))
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Groups of drives that have the same lag, and the lag of every drive [s]."""
+
+    groups: tuple[tuple[int, ...], ...]
+    delay: tuple[float, ...]
+
+
+def chosen_groups(values: Estimates, covariance: Covariance) -> Choice:
+    """The simplest hypothesis on lags [s] that their estimates do not contradict.
+
+    Of several that are as simple, the one with fewer drives without a lag is taken, then the one
+    that is contradicted least: a drive that hardly moves has the lag of the others.
+    """
+    dof = len(values)
+    _, together = _fitted(values, covariance, np.ones((dof, 1)))
+    for (count, _), hypotheses in groupby(_hypotheses(dof), key=_complexity):
+        candidates = list[tuple[float, tuple[int, ...], Estimates]]()
+        for labels in hypotheses:
+            S = np.equal.outer(labels, np.arange(1, count + 1)).astype(float)
+            delay, distance = _fitted(values, covariance, S)
+            harmless = np.abs(values - delay).max() < _HARMLESS
+            if harmless or not _contradicted(labels, distance, together):
+                candidates.append((distance, labels, delay))
+        if candidates:
+            _, labels, delay = min(candidates, key=lambda candidate: candidate[0])
+            members = (np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count))
+            return Choice(tuple(map(tuple, members)), tuple(delay.tolist()))
+    raise AssertionError  # a lag for every drive is never contradicted
+
+
+def agree(values: Estimates, covariance: Covariance) -> bool:
+    """Whether estimates do not contradict that all are of the same size."""
+    _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
+    return distance <= limit(len(values) - 1, _SELDOM)
+
+
+def exceeded(values: Estimates, covariance: Covariance, rejected: float) -> bool:
+    """Whether zero is rejected for estimates, wrongly in this share of cases."""
+    if not np.all(np.diag(covariance) > 0):
+        return False
+    _, distance = _fitted(values, covariance, np.zeros((len(values), 0)))
+    return distance > limit(len(values), rejected)
+
+
+def limit(free: int, rejected: float) -> float:
+    """What T² with so many directions exceeds by chance in this share of cases."""
+    nu = STRETCHES - 1
+    return free * nu / (nu - free + 1) * float(fdtri(free, nu - free + 1, 1 - rejected))
+
+
+def common_lag(values: Estimates, covariance: Covariance) -> tuple[float, float]:
+    """The lag that all drives have by generalised least squares, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), and its
+    standard deviation [s]."""
+    b, A = _whitened(values, covariance, np.ones((len(values), 1)))
+    size = float(np.sum(A**2))
+    return float(A[:, 0] @ b) / size, size**-0.5
+
+
+def _whitened(
+    values: Estimates, covariance: Covariance, S: Hypothesis
+) -> tuple[Estimates, Hypothesis]:
+    """Estimates, and the columns of a hypothesis, in units in which estimates err as 1."""
+    scale = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(covariance / np.outer(scale, scale))
+    white = np.linalg.solve(root, np.column_stack([values, S]) / scale[:, None])
+    return white[:, 0], white[:, 1:]
+
+
+def _fitted(values: Estimates, covariance: Covariance, S: Hypothesis) -> tuple[Estimates, float]:
+    """S ε by generalised least squares, and T² of what it leaves."""
+    b, A = _whitened(values, covariance, S)
+    free = np.linalg.lstsq(A, b, rcond=None)[0]
+    return S @ free, float(np.sum((b - A @ free) ** 2))
+
+
+def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> bool:
+    """Whether T² rejects a hypothesis, by what it leaves and what one lag for all leaves."""
+    free = len(labels) - max(labels)
+    if not any(labels):
+        common = distance - together > limit(1, 0.5 * _REJECTED)
+        return common or distance > limit(free, 0.5 * _REJECTED)
+    share = _REJECTED if len(set(labels)) == 1 else _UNLIKELY
+    return free > 0 and distance > limit(free, share)
+
+
+def _hypotheses(dof: int) -> list[tuple[int, ...]]:
+    """For each drive 0, no lag, or the number of its group; the simplest first."""
+    if dof > _MANY:
+        return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
+    labels: list[tuple[int, ...]] = [()]
+    for _ in range(dof):
+        labels = [(*head, k) for head in labels for k in range(max(head, default=0) + 2)]
+    return sorted(labels, key=_complexity)
+
+
+def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
+    """How many lags there are, and how many drives have none."""
+    return max(labels), labels.count(0)
