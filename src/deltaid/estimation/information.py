@@ -241,7 +241,7 @@ def chunks_of_drives(
     ]
 
 
-def triangle(A: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rank n"]:
+def triangle(A: Float[np.ndarray, "*many rows n"]) -> Float[np.ndarray, "*many rank n"]:
     """The upper triangular R with RᵀR = AᵀA, from a QR factorisation."""
     return np.asarray(np.linalg.qr(A, mode="r"))
 

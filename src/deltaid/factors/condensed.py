@@ -10,33 +10,21 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Some samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it feels.
+    """Some samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it feels."""
 
-    Attributes:
-        name: which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'.
-        factors: upper triangular, one a drive; τ is the last column.
-        samples: number of samples behind each.
-        torque_max: largest |τ| of each.
-    """
-
-    name: str
-    factors: tuple[Float[np.ndarray, "_ _"], ...]
-    samples: Float[np.ndarray, " drives"]
-    torque_max: Float[np.ndarray, " drives"]
+    name: str  # which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'
+    factors: tuple[Float[np.ndarray, "_ _"], ...]  # upper triangular; τ is the last column
+    samples: Float[np.ndarray, " drives"]  # number of samples behind each
+    torque_max: Float[np.ndarray, " drives"]  # largest |τ| of each
 
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Many groups, packed as a file holds them, unpacked on access.
-
-    Attributes:
-        names, samples, torque_max: of the groups.
-        sizes: of each drive's triangles.
-        packed: upper triangles row by row, one drive after the other.
-    """
+    """Many groups, packed as a file holds them, unpacked on access."""
 
     names: tuple[str, ...]
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # of each drive's triangles
+    # upper triangles row by row, one drive after the other
     packed: Float[np.ndarray, "groups packed"]
     samples: Float[np.ndarray, "groups drives"]
     torque_max: Float[np.ndarray, "groups drives"]
@@ -72,8 +60,7 @@ class Groups:
 
 def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
     """An upper triangle row by row; rows beyond the rank are zero."""
-    n = R.shape[1]
-    return np.vstack([R, np.zeros((n - len(R), n))])[_upper(n)]
+    return np.pad(R, ((0, R.shape[1] - len(R)), (0, 0)))[_upper(R.shape[1])]
 
 
 @cache
@@ -83,19 +70,11 @@ def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """A recording's factors.
+    """A recording's factors."""
 
-    Attributes:
-        names: of the columns that were gathered.
-        felt: places of those that each drive feels among them.
-        whole: all samples.
-        groups: the same in stretches of time, then by place.
-        geometry: some samples, with what tolerances of the description do to them before τ; None
-            where there are none.
-    """
-
-    names: tuple[str, ...]
-    felt: tuple[Int[np.ndarray, " _"], ...]
-    whole: Group
-    groups: Groups
+    names: tuple[str, ...]  # of the columns that were gathered
+    felt: tuple[Int[np.ndarray, " _"], ...]  # places of those that each drive feels among them
+    whole: Group  # all samples
+    groups: Groups  # the same in stretches of time, then by place
+    # some samples, with what tolerances of the description do to them before τ, if there are any
     geometry: Group | None = None

@@ -32,17 +32,12 @@ _SCHEMA = {
 
 @dataclass(frozen=True, eq=False)
 class FactorFile:
-    """A recording's factors with what they rest on.
-
-    Attributes:
-        path: of the file; empty for what has been gathered just now.
-        key: a checksum of what it follows from.
-    """
+    """A recording's factors with what they rest on."""
 
     record: FactorRecord
     condensed: Condensed
-    path: str = ""
-    key: str = ""
+    path: str = ""  # of the file; empty for what has been gathered just now
+    key: str = ""  # a checksum of what it follows from
 
     @property
     def where(self) -> str:
@@ -56,14 +51,8 @@ def is_factor_file(path: Path) -> bool:
 
 
 def write(file: FactorFile, path: Path, key: str = "") -> None:
-    """Write a factor file, whole or not at all.
-
-    Args:
-        key: a checksum of what it follows from.
-
-    Raises:
-        DeltaidError: it cannot be written.
-    """
+    """Write a factor file, whole or not at all; `key` is a checksum of what it follows from. A
+    DeltaidError says why it cannot be written."""
     condensed, rows = file.condensed, []
     geometry = [] if condensed.geometry is None else [condensed.geometry]
     for group in (condensed.whole, *geometry, *condensed.groups):
@@ -99,20 +88,11 @@ def read(path: Path) -> FactorFile:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)
-    record = _record(beside.get(_KEY), where)
-    return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
-
-
-def _refusal(reason: str, where: str) -> RecordingError:
-    cure = "gather the recording again with `deltaid gather`"
-    return RecordingError(reason, where=where, cure=cure)
-
-
-def _record(text: str | None, where: str) -> FactorRecord:
+    text = beside.get(_KEY)
     if text is None:
         raise _refusal("is no factor file", where)
     try:
-        return FactorRecord.model_validate_json(text)
+        record = FactorRecord.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
@@ -121,6 +101,12 @@ def _record(text: str | None, where: str) -> FactorRecord:
         ) from None
     except DeltaidError as error:
         raise _refusal(f"holds what cannot be: {error.what}", where) from None
+    return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
+
+
+def _refusal(reason: str, where: str) -> RecordingError:
+    cure = "gather the recording again with `deltaid gather`"
+    return RecordingError(reason, where=where, cure=cure)
 
 
 def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:

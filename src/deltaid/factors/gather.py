@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.identified import identify
-from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import prior_parameters
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
 from deltaid.effects.load_columns import LoadColumns
@@ -80,18 +79,12 @@ def gathered(
 
 @dataclass(frozen=True)
 class Gathering:
-    """What became of one recording.
-
-    Attributes:
-        path: its factor file, whether or not it could be made.
-        state: 'there' where it had been made before.
-        error: why it was refused.
-    """
+    """What became of one recording."""
 
     log: Path
-    path: Path
-    state: Literal["new", "there", "refused"]
-    error: DeltaidError | None = None
+    path: Path  # its factor file, whether or not it could be made
+    state: Literal["new", "there", "refused"]  # 'there' where it had been made before
+    error: DeltaidError | None = None  # why it was refused
 
     @property
     def reason(self) -> str:
@@ -158,27 +151,29 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = Places(box, rows.dof, len(rows.active) + 1, parts)
-    column = np.searchsorted(rows.active, columns.kept)
     drives, entries = rows.regressor_pattern
     felt = tuple(
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
     )
-    stretch_count, place_count = _counts([len(own) + 1 for own in felt])
-    blocks = gather(rows, recording, places, count=stretch_count)
-    with_tau = [np.append(column[own], len(rows.active)) for own in felt]
+    column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
+    with_tau = [column[[*own, -1]] for own in felt]
+    sizes = [len(own) for own in with_tau]
+    # As many stretches of time and places as a file has room for, by the sizes of its factors.
+    room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
+    most_places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
+    stretches = max(min(_STRETCHES, room - most_places), 2)
+    blocks = gather(rows, recording, places, count=stretches)
 
     def group(name: str, part: Information) -> Group:
         factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
         return Group(name, tuple(factors), part.samples, part.torque_max)
 
-    def place(name: str, sums: np.ndarray) -> Group:
+    groups = [group(f"time {k}", block) for k, block in enumerate(blocks)]
+    for name, sums in _by_place(places.sums, names, most_places):
         factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, with_tau, strict=True))
-        return Group(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof))
-
-    stretches = [group(f"time {k}", block) for k, block in enumerate(blocks)]
-    visited = [place(*visited) for visited in _by_place(places.sums, names, place_count)]
+        groups.append(Group(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
     whole = group("whole", merge(blocks))
-    return Condensed(tuple(columns.place), felt, whole, Groups.of([*stretches, *visited]))
+    return Condensed(tuple(columns.place), felt, whole, Groups.of(groups))
 
 
 def with_geometry(
@@ -201,14 +196,6 @@ def with_geometry(
     )
     geometry = Group("geometry", tuple(factors), none, none)
     return replace(condensed, geometry=geometry), rows.names
-
-
-def _counts(sizes: Sequence[int]) -> tuple[int, int]:
-    """How many stretches of time and places a file has room for, by the sizes of factors."""
-    entries = sum(n * (n + 1) // 2 for n in sizes)
-    room = int((_BYTES - _BESIDE) / (_GROUP * entries) - _WHOLES)
-    places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
-    return max(min(_STRETCHES, room - places), 2), places
 
 
 def _cells(
@@ -239,13 +226,11 @@ def _by_place(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """The places that are visited most, and one for all others; so many at most."""
     weight = np.einsum("pijj->p", sums)
-    visited = np.flatnonzero(weight > 0)
-    visited = visited[np.argsort(-weight[visited], kind="stable")]
-    often, seldom = visited[: count - 1], visited[count - 1 :]
-    for k in sorted(often.tolist()):
+    visited = np.argsort(-weight, kind="stable")[: np.count_nonzero(weight)]
+    for k in sorted(visited[: count - 1].tolist()):
         yield names[k], sums[k]
-    if seldom.size:
-        yield "place elsewhere", sums[seldom].sum(axis=0)
+    if len(visited) >= count:
+        yield "place elsewhere", sums[visited[count - 1 :]].sum(axis=0)
 
 
 def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
@@ -256,8 +241,7 @@ def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
 
 def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     """The fitted parameters of the robot with plain friction."""
-    dynamics = compiled(plain(problem.dynamics.robot))
+    robot = plain(problem.dynamics.robot)
+    values = dict(zip(parameter_layout(robot).names, prior_parameters(robot).tolist(), strict=True))
     fitted = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
-    prior = prior_parameters(dynamics.robot)
-    names = dynamics.layout.names
-    return np.array([fitted.get(n, value) for n, value in zip(names, prior.tolist(), strict=True)])
+    return np.array([fitted.get(name, value) for name, value in values.items()])

@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.information import Information, merge
+from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.span import Span
 from deltaid.factors.columns import GatheredColumns, map_to, plain
 from deltaid.factors.condensed import Group
@@ -72,23 +72,21 @@ class Merging:
         return map_to(self.columns, self.dynamics, self.additions)
 
     def part(self, file: FactorFile, *, fine: bool = True) -> Part:
-        """A recording's part of the fit.
-
-        Args:
-            fine: whether its stretches of time are taken one by one.
-        """
+        """A recording's part of the fit, its stretches of time one by one if that is `fine`."""
         whole, views = list[Rows](), list[Rows]()
         for i, R in enumerate(file.condensed.whole.factors):
             view, local = self._view(file, i)
-            lag = file.record.lags[i]
+            places, lag = list(local.values()), file.record.lags[i]
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
+            is_lag = np.array([name == f"lag.{lag.drive}" for name in local], dtype=bool)
             prior = np.zeros(view.shape[1])
             prior[-1] = weight * lag.beside
-            L = np.vstack([R[:, list(local.values())],
-                           [weight * (name == f"lag.{lag.drive}") for name in local]])  # fmt: skip
-            span, A = Span.of(L), np.vstack([R @ view, prior])
+            span, A = (
+                Span.of(np.vstack([R[:, places], weight * is_lag])),
+                np.vstack([R @ view, prior]),
+            )
             whole.append(span.without(A))
-            view[list(local.values())] -= span.inverse @ (span.Q.T @ A)
+            view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
         def rows(group: Group) -> list[Rows]:
@@ -103,13 +101,13 @@ class Merging:
 
     def geometry(self, file: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
         """What tolerances of the description do to rows of a recording, weighted as in the fit."""
-        group, n = file.condensed.geometry, len(self.active)
+        group = file.condensed.geometry
         assert group is not None
         rows = list[Rows]()
         for i, (R, weight) in enumerate(zip(group.factors, weights, strict=True)):
             view = self._view(file, i)[0][:-1, :-1]
             rows.append(weight * np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
-        Y, D, tau = np.split(np.vstack(rows), [n, n + len(file.record.quantities)], axis=1)
+        Y, D, tau = np.split(np.vstack(rows), [len(self.active), -1], axis=1)
         return GeometricRows(Y, tau[:, 0], D, file.record.quantities)
 
     def _information(self, group: Group, rows: Sequence[Rows]) -> Information:
@@ -117,23 +115,24 @@ class Merging:
         wide = np.zeros((len(rows), max(size, *(len(A) for A in rows)), size))
         for i, A in enumerate(rows):
             wide[i, : len(A)] = A
-        factors = np.asarray(np.linalg.qr(wide, mode="r"))
-        return Information(self.active, factors, group.samples, group.torque_max)
+        return Information(self.active, triangle(wide), group.samples, group.torque_max)
 
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
         """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
         alone."""
-        place = self.columns.place
-        names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
-        view = np.zeros((len(names) + 1, len(self.active) + 1))
-        for row, name in zip(view, names, strict=False):
+        place, local = self.columns.place, dict[str, int]()
+        felt = file.condensed.felt[drive]
+        view = np.zeros((len(felt) + 1, len(self.active) + 1))
+        for row, name in enumerate(file.condensed.names[k] for k in felt):
             if name in place:
-                row[:-1] = self._map[place[name], self.active]
+                view[row, :-1] = self._map[place[name], self.active]
+            else:
+                local[name] = row
         taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
         zeros = np.zeros(len(self.dynamics.layout.names))
         view[:, -1] = view[:, :-1] @ np.append(zeros, self.of_loads(taken))[self.active]
         view[-1, -1] = 1.0
-        return view, {name: k for k, name in enumerate(names) if name not in place}
+        return view, local
 
     def of_loads(self, known: Mapping[str, Float[np.ndarray, " 10"]]) -> Float[np.ndarray, " _"]:
         """Values of the additions: of known loads less what has been taken out already; zero of all
@@ -150,28 +149,22 @@ class Merging:
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
     """Recordings together, ordered by their checksums, so results do not depend on their order."""
     fine = len(files) == 1 or sum(len(file.condensed.groups) for file in files) <= _STRETCHES
-    parts, places = list[Part](), dict[str, np.ndarray]()
+    stretches, whole, places = [], list[Information](), dict[str, np.ndarray]()
     for file in ordered(files):
         part = merging.part(file, fine=fine)
         for name, products in part.places.items():
             places[name] = places.get(name, 0.0) + products
-        parts.append(replace(part, places={}))
-    return Gathered(
-        parts=tuple(part.stretches for part in parts),
-        places=np.stack([places[name] for name in sorted(places)]),
-        whole=merge([part.information for part in parts]),
-    )
+        stretches.append(part.stretches)
+        whole.append(part.information)
+    every = np.stack([places[name] for name in sorted(places)])
+    return Gathered(tuple(stretches), every, whole=merge(whole))
 
 
 def fitted(
     files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
 ) -> FittedProblem:
-    """The fit of a robot to recordings by their factors.
-
-    Args:
-        files: of recordings of the same robot.
-        robot: with the friction laws that are to be fitted.
-        settings: method, regulariser, γ, prior's spread.
+    """The fit of a robot, with the friction laws that are to be fitted, to its recordings by their
+    factors, by the settings of method, regulariser, γ and prior's spread.
 
     Raises:
         IdentificationError: the fit cannot be posed, or its solver did not reach its end.
@@ -180,9 +173,8 @@ def fitted(
     gathered = balanced(merged(merging, files), weighings(robot))
     problem = fit_to(gathered, merging.dynamics, settings, merging.additions)
     drives = np.sqrt(problem.information.drive_weights)
-    with_geometry = [file for file in files if file.condensed.geometry is not None]
-    if with_geometry:
-        rows = [merging.geometry(file, drives) for file in with_geometry]
+    rows = [merging.geometry(file, drives) for file in files if file.condensed.geometry]
+    if rows:
         geometry = shifted(rows, problem.base, problem.information, merging.additions)
         estimate = problem.estimate.with_shifts(geometry.shifts)
         problem = replace(problem, estimate=estimate, geometry=geometry)

@@ -113,14 +113,8 @@ class FactorRecord(Part):
 def record_of(
     robot: RobotDescription, result: Judged, condensed: Condensed, quantities: tuple[str, ...]
 ) -> FactorRecord:
-    """The record of a recording that has been gathered.
-
-    Args:
-        robot: as described.
-        result: of the recording by itself.
-        condensed: its factors.
-        quantities: names of tolerances among these.
-    """
+    """The record of a recording that has been gathered: the robot as described, its result by
+    itself, its factors, and names of tolerances among these."""
     recording, model = result.recordings[0], result.model
     log, (low, high) = recording.log, recording.log.reach.tolist()
     fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}

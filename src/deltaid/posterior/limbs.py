@@ -75,7 +75,7 @@ def _scattered(
     result = np.repeat(M[:, None], count, axis=1)
     freedom = 2.0 * ((count - 1) / tolerance**2 - 1.0) / count
     for rows in connected(np.any(M != 0, axis=0)):
-        L = np.linalg.cholesky(M[np.ix_(range(len(M)), rows, rows)])
+        L = np.linalg.cholesky(M[:, rows[:, None], rows])
         # Z Zᵀ is Wishart (Bartlett): lower triangles, χ on the diagonal, N(0, 1) below
         Z = np.tril(rng.standard_normal((len(M), count, len(rows), len(rows))), -1)
         for i in range(len(rows)):
@@ -83,5 +83,5 @@ def _scattered(
         W = Z @ Z.mT
         values, V = np.linalg.eigh(W.sum(axis=1))
         H = (L @ (V / np.sqrt(values)[:, None]) @ V.mT)[:, None]
-        result[np.ix_(range(len(M)), range(count), rows, rows)] = count * H @ W @ H.mT
+        result[:, :, rows[:, None], rows] = count * H @ W @ H.mT
     return inertia_parameters(result)
