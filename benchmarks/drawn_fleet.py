@@ -22,9 +22,8 @@ import numpy as np
 from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, template
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.factors.condensed import Condensed, Group, Groups
 from deltaid.factors.file import FactorFile
-from deltaid.factors.record import FactorRecord, Temperature
+from deltaid.factors.record import Condensed, FactorRecord, Group, Groups, Temperature
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia

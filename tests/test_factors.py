@@ -14,11 +14,10 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.factors import gather
-from deltaid.factors.columns import GatheredColumns, map_to, plain
+from deltaid.factors.columns import KNOTS, GatheredColumns, map_to, plain, splines
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.gather import Gathering, gather_into, gathered
 from deltaid.factors.identify import identify_gathered, validate_gathered
-from deltaid.factors.speed_columns import KNOTS, splines
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.record import Settings

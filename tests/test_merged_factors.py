@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.factors.condensed import Group, Groups
 from deltaid.factors.file import FactorFile, read, write
 from deltaid.factors.gather import gathered
 from deltaid.factors.identify import identify_gathered, validate_gathered
 from deltaid.factors.merged import merged, merging_of
+from deltaid.factors.record import Group, Groups
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction

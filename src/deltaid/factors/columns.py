@@ -2,7 +2,12 @@
 
 - Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
-- Friction: splines over speed (`speed_columns`), and what gears carry.
+- Friction, by splines over speed: that of a joint is sign(v) φ(|v|), φ a sum of terms. A cubic
+  spline through knots v_k on the axis of speed follows every usual φ, φ(|v|) ≈ Σ_k φ(v_k) s_k(|v|),
+  with cardinal splines s_k that are one at their knot and zero at all others. Columns of any law
+  and its constants are combinations of sign(v) s_k(|v|); viscous and Coulomb friction are exact. A
+  drive has the columns 1 and |v| as well, for one-way friction, and sign(q̇) |x|, x the load of
+  its gear.
 - What loads take while they are held.
 - Nuisance columns of this recording: residual lag of each drive, friction that changes along it.
 
@@ -11,25 +16,128 @@ A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.interpolate import CubicSpline
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.estimation.additions import Addition, Extended, extended
+from deltaid.effects.joint import Joint, joints_of, of_load, one_way, one_way_speed
+from deltaid.estimation.additions import Addition, Extended, Own, Values, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import active_columns
-from deltaid.factors.speed_columns import CarriedColumns, SpeedColumns
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.generic_motion import random_motion_base
+from deltaid.recording.recording import Recording
+from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm
+from deltaid.robot.parameter import Parameter
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
+# Knots as shares of a joint's reference speed: dense where Stribeck's terms bend. From the last one
+# on splines go on as lines.
+KNOTS = (0.0, 0.0025, 0.006, 0.012, 0.024, 0.045, 0.08, 0.14, 0.24, 0.4, 0.65, 1.0)
+# Friction at rest is that of hardly moving, on the side of the step that the direction says.
+_CREEP = 1e-12
+
+
+@cache
+def _cardinal() -> CubicSpline:
+    return CubicSpline(KNOTS, np.eye(len(KNOTS)), bc_type="natural")
+
+
+def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "knots samples"]:
+    """s_k(v) at speeds v ≥ 0 for a reference speed; together 1 everywhere, and Σ v_k s_k(v) = v."""
+    x, spline = v / top, _cardinal()
+    beyond = x > 1.0
+    values = spline(np.minimum(x, 1.0)).T
+    if beyond.any():
+        values[:, beyond] += np.outer(spline(1.0, 1), x[beyond] - 1.0)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedColumns(Addition):
+    """The columns of one joint's friction over speed; `top` is its reference speed [rad/s, m/s]."""
+
+    dynamics: Dynamics
+    name: str
+    top: float
+
+    @cached_property
+    def joint(self) -> Joint:
+        """The joint and its entries in the regressor."""
+        return next(joint for joint in joints_of(self.dynamics) if joint.name == self.name)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One a spline; of a drive those of both directions alike behind them."""
+        symbols = [f"speed{k}" for k in range(len(KNOTS))]
+        symbols += [] if self.joint.drive is None else ["one_way", "one_way_speed"]
+        return _constants(self.name, symbols, self.dynamics.robot.units(self.name).force)
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        rows, count = self.joint.drives, len(self.parameters)
+        return np.tile(rows, count), np.repeat(np.arange(count), len(rows))
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """sign(v) s_k(|v|) ∂v/∂q̇; behind them 1 and |v|."""
+        del w, recording
+        C, v = own[self.joint.coulomb], self.joint.speed(own)
+        columns = [C * s for s in splines(v, self.top)]
+        if self.joint.drive is not None:
+            columns += [one_way(v, C, v), one_way_speed(v, C, v)]
+        return np.vstack(columns)
+
+    def on(self, dynamics: Dynamics) -> "SpeedColumns":
+        return replace(self, dynamics=dynamics)
+
+    def following(self, h: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " columns"]:
+        """The combination of columns that is a law's h(v), v with its sign."""
+        knots = self.top * np.array(KNOTS)
+        v = np.maximum(knots, _CREEP)
+        odd, even = 0.5 * (h(v) - h(-v)), 0.5 * (h(v) + h(-v))
+        if self.joint.drive is None:
+            return odd
+        return np.array([*odd, even[0], (even[-1] - even[0]) / knots[-1]])
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedColumns(Addition):
+    """One column a drive, sign(q̇) |x|; x by parameters p, of the robot and of what it holds."""
+
+    dynamics: Dynamics
+    p: Float[np.ndarray, " parameters"]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        drives = self.dynamics.robot.drives
+        return tuple(entry for drive in drives for entry in _constants(drive, ["carried"], "1"))
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        drives = np.arange(self.dynamics.dof)
+        return drives, drives
+
+    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+        del own, recording
+        x = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + w.carried
+        return of_load(w.qd, np.sign(w.qd), x).T
+
+    def on(self, dynamics: Dynamics) -> "CarriedColumns":
+        return replace(self, dynamics=dynamics)
+
+
+def _constants(joint: str, symbols: list[str], unit: str) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter("constant", joint, symbol, unit, -np.inf, np.inf, 0.0, 1.0) for symbol in symbols
+    )
 
 
 def plain(robot: RobotDescription) -> RobotDescription:
@@ -57,15 +165,10 @@ def _reference_speed(robot: RobotDescription, joint: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class GatheredColumns:
-    """The columns of one robot, with additional ones.
+    """The columns of one robot, with additional ones."""
 
-    Attributes:
-        dynamics: of the robot with plain friction.
-        additions: speed columns, then carried load, then all others.
-    """
-
-    dynamics: Dynamics
-    additions: tuple[Addition, ...]
+    dynamics: Dynamics  # of the robot with plain friction
+    additions: tuple[Addition, ...]  # speed columns, then carried load, then all others
 
     @classmethod
     def of(
@@ -74,12 +177,7 @@ class GatheredColumns:
         p: Float[np.ndarray, " parameters"],
         others: Sequence[Addition] = (),
     ) -> "GatheredColumns":
-        """Columns of a robot.
-
-        Args:
-            p: of the plain robot, for the load that gears carry.
-            others: additional columns.
-        """
+        """Columns of a robot; p is that of the plain robot, for the load that gears carry."""
         dynamics = compiled(plain(robot))
         speeds = (
             SpeedColumns(dynamics, joint, _reference_speed(dynamics.robot, joint))
@@ -123,13 +221,8 @@ class GatheredColumns:
 def map_to(
     columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()
 ) -> Float[np.ndarray, "kept columns"]:
-    """T for a robot with any friction law, and for additions behind its columns.
-
-    Args:
-        columns: what was gathered.
-        dynamics: of the same mechanism.
-        additions: loads that were gathered, and constants of the robot's laws.
-    """
+    """T for a robot of the same mechanism with any friction law, and for additions behind its
+    columns: loads that were gathered, and constants of the robot's laws."""
     plain_names, place = columns.dynamics.layout.names, columns.place
     shares: dict[str, dict[str, float]] = {}
     for group in columns.base.groups:
@@ -141,8 +234,10 @@ def map_to(
     every = [shares.get(name, {}) for name in dynamics.layout.names]
     for extra in additions:
         if isinstance(extra, LawConstants):
-            slopes = ((term, partial(_slope, term, constant)) for term, constant in extra.constants)
-            every += [_friction(columns, term, slope) for term, slope in slopes]
+            every += [
+                _friction(columns, term, partial(_slope, term, constant))
+                for term, constant in extra.constants
+            ]
         else:
             every += [{parameter.name: 1.0} for parameter in extra.parameters]
     T = np.zeros((len(place), len(every)))
@@ -159,10 +254,10 @@ def _friction(
     """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
         return {f"carried.{term.joint}": 1.0}
-    speeds = (splines for splines in columns.additions if isinstance(splines, SpeedColumns))
-    splines = next(splines for splines in speeds if splines.name == term.joint)
-    names = (parameter.name for parameter in splines.parameters)
-    return dict(zip(names, splines.following(h).tolist(), strict=True))
+    speeds = (own for own in columns.additions if isinstance(own, SpeedColumns))
+    own = next(own for own in speeds if own.name == term.joint)
+    names = (parameter.name for parameter in own.parameters)
+    return dict(zip(names, own.following(h).tolist(), strict=True))
 
 
 def _slope(term: FrictionTerm, constant: str, v: np.ndarray) -> np.ndarray:

@@ -14,8 +14,7 @@ import polars as pl
 from pydantic import ValidationError
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.factors.condensed import Condensed, Groups, packed
-from deltaid.factors.record import FORMAT, FactorRecord
+from deltaid.factors.record import FORMAT, Condensed, FactorRecord, Groups, packed
 from deltaid.files import write_bytes
 
 ENDING = ".factors.parquet"

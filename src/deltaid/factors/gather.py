@@ -18,10 +18,9 @@ from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.places import Places
 from deltaid.factors.columns import GatheredColumns, map_to, plain
-from deltaid.factors.condensed import Condensed, Group, Groups
 from deltaid.factors.file import ENDING, FactorFile, read_key, write
 from deltaid.factors.keys import digest, safe, ways
-from deltaid.factors.record import record_of
+from deltaid.factors.record import Condensed, Group, Groups, record_of
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
@@ -156,7 +155,7 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
     )
     column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
-    with_tau = [column[[*own, -1]] for own in felt]
+    with_tau = [column[np.append(own, -1)] for own in felt]
     sizes = [len(own) for own in with_tau]
     # As many stretches of time and places as a file has room for, by the sizes of its factors.
     room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)

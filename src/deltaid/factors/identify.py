@@ -39,16 +39,11 @@ _CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom
 def identify_gathered(
     robot: RobotLike, files: Sequence[FactorFile], settings: Settings | None = None
 ) -> Judged:
-    """Identify a robot from the factors of its recordings.
+    """Identify a robot, with priors, reductions and measured values of its own, from the factors of
+    its recordings, by settings of method, regulariser, γ, prior's spread and friction.
 
     What was corrected in each recording stays so. Friction laws are those of the description, or
     what most of the recordings asked for.
-
-    Args:
-        robot: with priors, reductions and measured values of its own; its mechanism is that of the
-            files.
-        files: of recordings of the same robot.
-        settings: method, regulariser, γ, prior's spread, friction.
 
     Raises:
         RecordingError: files do not go together, or not with the robot.
@@ -97,8 +92,7 @@ def _torque_errors(
     information: Information, values: Parameters, files: Sequence[FactorFile]
 ) -> TorqueError:
     """Residual torques of all recordings; unfiltered noise is that of the recordings' own fits."""
-    drives = information.drives
-    rms, torque = information.rms(values)[drives], information.torque_rms()[drives]
+    rms, torque = information.rms(values), information.torque_rms()
     fits = [file.record.model.fit for file in files]
     samples = [file.condensed.whole.samples.mean() for file in files]
     beyond = [np.square(fit.rms_unfiltered) - np.square(fit.rms) for fit in fits]
@@ -240,8 +234,12 @@ def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
                 cure="identify the recordings themselves together, or write the constant into the "
                 "description and gather them again",
             )
-        fixes = [fix for _, fix in corrections]
-        surest.append(min(fixes, key=lambda fix: (fix.high or 0.0) - (fix.low or 0.0)))
+        surest.append(
+            min(
+                (fix for _, fix in corrections),
+                key=lambda fix: (fix.high or 0.0) - (fix.low or 0.0),
+            )
+        )
     return surest
 
 

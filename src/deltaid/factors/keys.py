@@ -17,9 +17,10 @@ from deltaid.robot.description import RobotDescription
 # Settings of the fit; all others are fixed when a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
 # Keys of a description that gathered columns do not depend on: priors, measured values and limits.
-_FREE = {"name", "title", "bodies", "friction", "measured", "sensors", "sources",
-         "platform_speed", "platform_acceleration", "strut_swing_deg",
-         "largest_condition"}  # fmt: skip
+_FREE = {
+    *("name", "title", "bodies", "friction", "measured", "sensors", "sources", "strut_swing_deg"),
+    *("platform_speed", "platform_acceleration", "largest_condition"),
+}
 # Cut-offs that differ by less than this share are the same.
 _SAME = 0.02
 
@@ -68,29 +69,27 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
                 cure="give each recording once",
             )
         paths[file.record.sha256] = file.path
-    first, *others = (file.record.model.sources[0].cutoff_hz for file in files)
-    for file, cutoff in zip(files[1:], others, strict=True):
+    cutoffs = [file.record.model.sources[0].cutoff_hz for file in files]
+    words = ["no cut-off" if value is None else f"{value:.4g} Hz" for value in cutoffs]
+    first = cutoffs[0]
+    for file, cutoff, word in zip(files, cutoffs, words, strict=True):
         if cutoff != first and not (cutoff and first and abs(cutoff / first - 1.0) <= _SAME):
             raise RecordingError(
-                f"was filtered at {_hz(cutoff)}, {files[0].path} at {_hz(first)}",
+                f"was filtered at {word}, {files[0].path} at {words[0]}",
                 where=file.path,
                 cure="gather both with the same --cutoff",
             )
 
 
-def _hz(value: float | None) -> str:
-    return "no cut-off" if value is None else f"{value:.4g} Hz"
-
-
 def _mechanism(robot: RobotDescription) -> dict[str, Any]:
     """What gathered columns depend on: lengths, joints, bodies' names, gravity."""
     data = robot.model_dump(mode="json", exclude=_FREE)
-    data["drive_limits"] = {k: {n: x for n, x in v.items() if n.startswith("speed")}
-                            for k, v in data.pop("drive_limits").items()}  # fmt: skip
-    data |= {"bodies": sorted(robot.bodies), "friction": sorted(robot.friction)}
-    data["rotor_inertia"] = sorted(robot.rotor_inertia)
-    data["springs"] = {k: {n: x for n, x in v.items() if n != "stiffness"}
-                       for k, v in data["springs"].items()}  # fmt: skip
+    for limits in data["drive_limits"].values():
+        for name in [name for name in limits if not name.startswith("speed")]:
+            del limits[name]
+    for spring in data["springs"].values():
+        spring.pop("stiffness", None)
+    data |= {name: sorted(getattr(robot, name)) for name in ("bodies", "friction", "rotor_inertia")}
     return data
 
 

@@ -14,8 +14,8 @@ from deltaid.estimation.additions import Addition
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.span import Span
 from deltaid.factors.columns import GatheredColumns, map_to, plain
-from deltaid.factors.condensed import Group
 from deltaid.factors.file import FactorFile
+from deltaid.factors.record import Group
 from deltaid.identification.balance import balanced
 from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_curves import LawConstants
