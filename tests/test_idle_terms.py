@@ -10,9 +10,9 @@ from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import friction_rows
-from deltaid.identification.idle_terms import idle
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.setup import Setup
+from deltaid.identification.stages import idle
 from deltaid.model.friction_record import FrictionChoice, FrictionTrial
 from deltaid.model.record import Settings
 from deltaid.recording.recording import open_recordings

@@ -19,9 +19,9 @@ from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
+from deltaid.identification.loads import load_change
 from deltaid.identification.rest import longest, unexplained
 from deltaid.identification.study import Study, spoilt
-from deltaid.identification.undeclared_loads import load_change
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording

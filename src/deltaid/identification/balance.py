@@ -43,20 +43,13 @@ def _levels(information: Information, sigma: float) -> Float[np.ndarray, " chann
     largest = information.torque_max[channels]
     levels = largest.copy()
     for _ in range(_ROUNDS if information.channels else 0):
-        residual = _residual(replace(information, levels=levels))[channels]
-        before, levels = levels, np.maximum(residual, NOISE_FLOOR * largest) / sigma
+        now = replace(information, levels=levels)
+        residual = np.linalg.norm(now.factors @ np.append(-now.problem.x, 1.0), axis=1)
+        # Each channel's share of the degrees of freedom that the fit takes is given back.
+        leverage = now.factors[:, :, :-1] @ now.problem.inverse
+        freedom = np.sum(leverage**2, axis=(1, 2)) * now.weights
+        rms = residual / np.sqrt(np.maximum(now.samples - freedom, 1.0))
+        before, levels = levels, np.maximum(rms[channels], NOISE_FLOOR * largest) / sigma
         if np.allclose(levels, before, rtol=_SETTLED, atol=0):
             break
     return levels
-
-
-def _residual(information: Information) -> Float[np.ndarray, " rows"]:
-    """What least squares over all rows leaves of each drive and channel, root mean square.
-
-    Each channel's share of the degrees of freedom that the fit takes is given back.
-    """
-    problem = information.problem
-    residual = np.linalg.norm(information.factors @ np.append(-problem.x, 1.0), axis=1)
-    leverage = information.factors[:, :, :-1] @ problem.inverse
-    freedom = np.sum(leverage**2, axis=(1, 2)) * information.weights
-    return residual / np.sqrt(np.maximum(information.samples - freedom, 1.0))

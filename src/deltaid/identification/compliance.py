@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.effects.compliance import compliances
+from deltaid.effects.lag_columns import TimingColumns
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
-from deltaid.estimation.traces import Trace
-from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
+from deltaid.identification.lag_stage import lags_corrected, traced
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
-from deltaid.recording.recording import Recording
 
 # Windows of a recording at least that are used.
 _WINDOWS = 2
@@ -30,12 +29,16 @@ def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
 
 def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Setup:
     """With stated gears and, if searched, those that are detected."""
-    for recording in setup.recordings:
-        setup = setup.repaired(recording, gears=None)
+    setup = setup.all_repaired(gears=None)
     # Lags are separate columns here.
-    bare = setup.reported((), "compliance").changed(additions=without_lags(setup.additions))
-    pairs = (_traced(bare, recording) for recording in bare.recordings)
-    traces = [pair for pair in pairs if pair is not None]
+    bare = setup.reported((), "compliance").without(TimingColumns)
+    # In the band of the motion and in that of a fit, of all that have a filter.
+    cutoffs = [(r, r.low_pass.cutoff) for r in bare.recordings if r.low_pass is not None]
+    pairs = [
+        [traced(bare, recording, share * cutoff, _WINDOWS) for recording, cutoff in cutoffs]
+        for share in (_BAND, 1.0)
+    ]
+    traces = [(a, b) for a, b in zip(*pairs, strict=True) if a is not None and b is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     searched = (stated == 0) & (search and setup.settings.compliance == "estimate")
     if not traces or not (stated.any() or searched.any()):
@@ -46,12 +49,10 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
     gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated))
     if not gears.values.any():
         return setup
-    for recording in bare.recordings:
-        if recording.low_pass is not None:
-            rate = recording.log.rate
-            motors = motors_of(bare.robot, gears.p, recording.low_pass.cutoff, rate)
-            motors = replace(motors, compliance=tuple(gears.values.tolist()))
-            bare = bare.repaired(recording, gears=motors)
+    for recording, cutoff in cutoffs:
+        motors = motors_of(bare.robot, gears.p, cutoff, recording.log.rate)
+        motors = replace(motors, compliance=tuple(gears.values.tolist()))
+        bare = bare.repaired(recording, gears=motors)
     bare = bare.studied()
     if searched.any() and not _better_than_loads(setup, bare.studies):
         return _turned_back(setup, progress, search=False)
@@ -60,11 +61,8 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
 
 
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
-    """Whether gears leave less than a load would that seems to come and go, where one does.
-
-    Args:
-        turned: studies of the recordings with their gears turned back.
-    """
+    """Whether gears turned back leave less than a load would that seems to come and go, where one
+    does."""
     for k, after in enumerate(turned):
         before = setup.studies[k] if setup.is_disturbed(k) else None
         if before is None or after is None:
@@ -76,13 +74,3 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         if by_gears > 1.0 - of_loads / total:
             return False
     return True
-
-
-def _traced(setup: Setup, recording: Recording) -> tuple[Trace, Trace] | None:
-    """A recording in memory, in the band of the motion and in that of a fit; None where it has no
-    filter or nothing can be differentiated."""
-    if recording.low_pass is None:
-        return None
-    cutoff = recording.low_pass.cutoff
-    narrow, wide = (traced(setup, recording, share * cutoff, _WINDOWS) for share in (_BAND, 1.0))
-    return None if narrow is None or wide is None else (narrow, wide)

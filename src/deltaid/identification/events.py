@@ -22,8 +22,8 @@ from deltaid.identification.outstanding import (
     Stretch,
     outstanding,
     stands_out,
+    without_recurring,
 )
-from deltaid.identification.recurring import without_recurring
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction

@@ -108,11 +108,14 @@ class _Step:
         return self.judged.surprise > _SEEN and self.judged.is_large
 
     def trial(self, *, useful: bool) -> FrictionTrial:
-        judged, kind = self.judged, self.variant.kind
         return FrictionTrial(
-            joint=self.joint, addition=kind, error=judged.error, gain=judged.gain,
-            significance=judged.times, useful=useful,
-        )  # fmt: skip
+            joint=self.joint,
+            addition=self.variant.kind,
+            error=self.judged.error,
+            gain=self.judged.gain,
+            significance=self.judged.times,
+            useful=useful,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +141,17 @@ class _Search:
 
     def step(self, option: Sequence[Variant]) -> _Step | None:
         """The variant of an addition that explains most; None where none is identifiable."""
-        best: tuple[float, Variant, Columns] | None = None
+        most, best = -1.0, None
         for variant in option:
             A = self.bare[variant]
             U = A @ independent(A)
-            if not U.shape[1] or (variant.positive and A[:, 0] @ self.residual <= 0):
-                continue
             gain = float(np.sum((U.T @ self.residual) ** 2))
-            if best is None or gain > best[0]:
-                best = gain, variant, U
+            is_possible = not variant.positive or A[:, 0] @ self.residual > 0
+            if U.shape[1] and is_possible and gain > most:
+                most, best = gain, (variant, U)
         if best is None:
             return None
-        _, variant, U = best
+        variant, U = best
         return _Step(variant, self.rows.judged(U, self.residual, variant.constants))
 
 

@@ -113,13 +113,6 @@ class Gains(Addition):
         """Drive and parameter of every entry of torques."""
         return extended(self.dynamics, self.others).regressor_pattern
 
-    @property
-    def shows_in_torques(self) -> bool:
-        """Whether torques determine gains and friction: by a load they carry, not by a sensor."""
-        return bool(self.alike) or any(
-            addition.is_absolute and len(addition.pattern[0]) > 0 for addition in self.others
-        )
-
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
         absolute = [other.witness for other in self.others if other.is_absolute]
@@ -188,8 +181,14 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions without gains that only sensors determine: with these, friction has no scale."""
-    return tuple(term for term in additions if not isinstance(term, Gains) or term.shows_in_torques)
+    """Additions without gains that only sensors determine, no load that torques carry: with these,
+    friction has no scale."""
+    by_load = any(addition.is_absolute and len(addition.pattern[0]) for addition in additions)
+    return tuple(
+        addition
+        for addition in additions
+        if not isinstance(addition, Gains) or addition.alike or by_load
+    )
 
 
 def torque_scale(problem: FittedProblem) -> tuple[str, ...]:

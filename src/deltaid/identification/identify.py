@@ -16,13 +16,12 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_curves import freed
-from deltaid.identification.idle_terms import idle
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import without_doubtful_lags
 from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
-from deltaid.identification.stages import prepared
+from deltaid.identification.stages import idle, prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior

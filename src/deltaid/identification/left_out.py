@@ -43,8 +43,7 @@ def left_out(
         times = np.array([(mask.start, mask.end) for mask in masks])
         rows = float(sum(mask.last - mask.first + 1 for mask in masks))
         if not masks:
-            ends = [(span.first, span.last) for span in spans if isinstance(span, LeftSpan)]
-            times = joined_times(np.array(ends))
+            times = joined_times(np.array([(span.first, span.last) for span in spans]))
             rows = float(np.diff(times).sum()) * log.rate
         excluded.append(
             LeftOut(
@@ -58,8 +57,7 @@ def left_out(
         )
     turning = {drives[i]: share for i, share in enumerate(error.turning.tolist()) if share > 0}
     if turning:
-        mean = sum(turning.values()) / len(turning)
-        turned = tuple(turning)
+        mean, turned = sum(turning.values()) / len(turning), tuple(turning)
         excluded.append(LeftOut(reason="reversal", why=_WHY_REVERSAL, drives=turned, share=mean))
     return tuple(excluded)
 

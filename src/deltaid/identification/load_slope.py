@@ -25,16 +25,12 @@ Factor = Float[np.ndarray, "dof samples"]
 
 @dataclass(frozen=True, eq=False)
 class LoadSlope:
-    """The slope of all drives' losses.
+    """The slope of all drives' losses."""
 
-    Attributes:
-        shares: μ₀ of each drive; zero where friction does not depend on load.
-        drives: of each entry of the regressor.
-        carried: which entries are of X: neither friction nor rotor of a drive's own motor.
-    """
-
+    # μ₀ of each drive; zero where friction does not depend on load
     shares: Float[np.ndarray, " dof"]
-    drives: Int[np.ndarray, " entries"]
+    drives: Int[np.ndarray, " entries"]  # of each entry of the regressor
+    # which entries are of X: neither friction nor rotor of a drive's own motor
     carried: Bool[np.ndarray, " entries"]
 
     @classmethod

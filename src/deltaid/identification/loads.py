@@ -1,8 +1,12 @@
-"""Declared loads: estimated roughly before the fit, and reported after it.
+"""Loads: estimated roughly before the fit, and reported after it.
 
 Before the fit, p_L is estimated roughly and its torques are subtracted from the recordings, so that
 other stages work on the robot alone; the columns of the fit (`effects.load_columns`) then have p_L
 less what was subtracted.
+
+Those that come and go and that no mapping declares are identified as if one did. A study says when,
+by the mass that the torques have more of. What the robot is without the load is then known from all
+of the recording; that it was there is a verdict.
 """
 
 from collections.abc import Sequence
@@ -12,18 +16,32 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.all import effect_of
+from deltaid.effects.effect import Cause, causes_of
 from deltaid.effects.load_columns import LoadColumns, Ten
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
+from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.events import with_events, without_events
+from deltaid.identification.gains import gains
 from deltaid.identification.gathering import gather_all
-from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.lag_stage import lags_corrected
+from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.study import LOAD_CHANGE, Study, studied
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load
+from deltaid.recording.masks.masks import LOAD_CHANGES
 from deltaid.recording.recording import Recording
+from deltaid.recording.repairs import LeftSpan
+
+# The longest recording whose rows are searched for a load's times [s]: they are held in memory.
+_LONGEST = 600.0
+# What is known of recordings only without what they carry.
+_ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
 
 # Of each recording its name, for messages, and the loads that it holds.
 Held = Sequence[tuple[str, Sequence[Load]]]
@@ -60,16 +78,15 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
     if not loads:
         return setup
     progress("estimating what the robot carries")
-    others = tuple(a for a in setup.additions if not isinstance(a, LoadColumns))
-    setup = setup.changed(additions=others)
-    spread, none = setup.settings.prior_spread, np.zeros(10)
+    setup = setup.without(LoadColumns)
+    dynamics, spread = setup.dynamics, setup.settings.prior_spread
     columns = [
-        LoadColumns(setup.dynamics, load, spread, none, load.name in setup.detected)
+        LoadColumns(dynamics, load, spread, np.zeros(10), load.name in setup.detected)
         for load in loads
     ]
-    rough = zip(columns, _rough(setup, columns), strict=True)
-    additions = [replace(column, taken=p) for column, p in rough]
-    taken = {column.load.name: column.taken for column in additions}
+    rough = _rough(setup, columns)
+    taken = {load.name: p for load, p in zip(loads, rough, strict=True)}
+    additions = (replace(column, taken=p) for column, p in zip(columns, rough, strict=True))
     recordings = tuple(unloaded(recording, taken) for recording in setup.recordings)
     return setup.changed(recordings=recordings, additions=(*setup.additions, *additions))
 
@@ -77,9 +94,7 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
 def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
     """A recording without the torques of the loads that it holds."""
     taken = tuple(tuple(loads[load.name].tolist()) for load in recording.log.columns.loads)
-    if not taken:
-        return recording
-    return replace(recording, repairs=replace(recording.repairs, loads=taken))
+    return recording.repaired(loads=taken) if taken else recording
 
 
 def found_loads(
@@ -137,13 +152,69 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
         return [column.prior for column in columns]
     additions = (*setup.additions, *columns)
     some = [recording.brief for recording in setup.recordings]
-    prior = prior_parameters(setup.robot)
-    information = gather_all(extended(setup.dynamics, additions), some, prior).information
+    rows, prior = extended(setup.dynamics, additions), prior_parameters(setup.robot)
+    information = gather_all(rows, some, prior).information
     added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(setup.robot, information.columns, added)
     objective = pose(information, reduction, setup.settings)
     _, gradient, hessian = objective.evaluate(reduction.prior)
     x = reduction.prior - np.linalg.solve(hessian, gradient)
     p = reduction.A @ x + reduction.p_0
-    fitted = of_each(columns, p[len(p) - sum(len(column.parameters) for column in columns) :])
-    return [column.prior if column.is_fixed else np.array(values) for column, values in fitted]
+    fitted = dict(of_each(additions, p[len(setup.dynamics.layout.names) :]))
+    return [c.prior if c.is_fixed else np.array(fitted[c]) for c in columns]
+
+
+def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
+    """Loads that the residual of recordings has when gears have been turned back; a stage."""
+    if setup.settings.effects == "none":
+        return setup
+    detected = dict(setup.detected)
+    for k, study in enumerate(setup.studies):
+        recording = setup.recordings[k]
+        found = study and _detected(setup, study, recording)
+        if found:
+            study, load = found
+            # Whether two recordings hold the same is not known.
+            load = load.changed(name=f"undeclared-{recording.log.sha256[:8]}")
+            holding = _holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
+            setup, detected[load.name] = setup.with_recording(k, holding), study
+    if len(detected) == len(setup.detected):
+        return setup
+    setup = declared_loads(setup.changed(detected=detected), progress)
+    setup = without_events(setup, progress).studied()
+    for stage in _ANEW:
+        setup = stage(setup, progress)
+    return setup
+
+
+def _detected(setup: Setup, study: Study, recording: Recording) -> tuple[Study, Load] | None:
+    """What a recording holds and when, and the study of all of it that says so; None where no load
+    is detected, or where the recording is too long."""
+    if recording.log.columns.loads:
+        return None
+    if (bare := with_events(recording)).repairs != recording.repairs:
+        # What is held for a short time looks like contacts.
+        study = studied(setup.dynamics, bare) or study
+    whole, cause = study, load_change(study)
+    if cause is None:
+        return None
+    if effect_of(cause).held(cause, recording) is None:
+        whole = studied(setup.dynamics, replace(bare, excerpt=None), seconds=_LONGEST)
+        cause = whole and load_change(whole)
+    load = cause and effect_of(cause).held(cause, recording)
+    return (whole, load) if whole and load else None
+
+
+def load_change(study: Study) -> Cause | None:
+    """A load that comes and goes, as a study detected it."""
+    causes = causes_of(study.fit, study.account)
+    return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
+
+
+def _holding(recording: Recording, load: Load, about: float) -> Recording:
+    """A recording with a load, without what is closer to its changes than they are known [s]."""
+    columns, kept = recording.log.columns, recording.repairs.left_out
+    log = replace(recording.log, columns=replace(columns, loads=(*columns.loads, load)))
+    changes = [time for span in load.spans or () for time in span]
+    edges = (LeftSpan(time - about, time + about, LOAD_CHANGES) for time in changes)
+    return replace(recording, log=log).repaired(left_out=(*kept, *edges))

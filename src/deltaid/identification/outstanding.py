@@ -4,18 +4,25 @@ The residual's mean over 9 ms is compared with its usual scatter: a stretch begi
 drive's is within 3 standard deviations, and counts if it is beyond 6 somewhere. Both are wider
 where the scatter is no noise but a model that does not fit. Single outliers are spikes, and are
 searched first. Windows overlap, so that their cuts do not show.
+
+Outliers may recur for a reason in a drive (`without_recurring`). Friction that the description has
+no law for causes them where a joint turns round, play where the torque that a gear carries changes
+its sign. There a motor runs ahead through its play, and all drives' torques follow from another
+motion, whether they are outliers or not.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.special import bdtrc
 
 from deltaid.identification.expectation import NOISE, Expectation, deviation
 from deltaid.identification.looked import ROUGH, STRONG, InspectedWindow, glance
+from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.runs import runs_of
-from deltaid.recording.repairs import SPIKE, LeftSpan
+from deltaid.recording.repairs import BACKLASH, SPIKE, LeftSpan
 from deltaid.recording.windows import Window
 
 # Where a stretch begins and ends, in standard deviations.
@@ -29,31 +36,33 @@ _FEW, _NEARLY = 0.5, 0.5
 _TOGETHER = 4.0
 # A step in time so many times the usual one ends a stretch.
 _GAP = 1.5
+# A stretch belongs to a change of sign within so much time [s] and this share of the low-pass's
+# period; so many must for a drive, this share of its stretches, by chance this unlikely.
+_NEAR, _PERIOD, _FEWEST, _OFTEN, _CHANCE = 6e-3, 0.6, 8, 0.5, 1e-6
+# Where one gear has play, fewer are enough for another: so many, by chance this unlikely. All
+# drives share its effect on the motion, up to so many times as far from a change of sign.
+_AS_WELL, _UNLIKELY, _ABOUT = 4, 1e-2, 2.0
+# One that is so many times as large as those of play usually are is more than play; elsewhere one
+# that is larger than this, since torques also come near zero without a change of sign.
+_LARGER, _ELSEWHERE = 4.0, 1.5
 
 OfDrives = Float[np.ndarray, " dof"]
+Times = Float[np.ndarray, " _"]
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Consecutive samples that are outliers.
+    """Consecutive samples that are outliers."""
 
-    Attributes:
-        start, end: when [s].
-        sizes: how far each drive's does at most, in units of the threshold that it had to reach.
-        peak: when that was [s].
-        z: task coordinates there.
-        speed: of the drives there, as shares of their usual ones.
-        left: residual torques there, mean over 9 ms [N m or N].
-        sharp: size of the torques of what the low-pass took off the motion there, as a share.
-    """
-
-    start: float
+    start: float  # when [s]
     end: float
+    # how far each drive's does at most, in units of the threshold that it had to reach
     sizes: OfDrives
-    peak: float
-    z: OfDrives
-    speed: OfDrives
-    left: OfDrives
+    peak: float  # when that was [s]
+    z: OfDrives  # task coordinates there
+    speed: OfDrives  # of the drives there, as shares of their usual ones
+    left: OfDrives  # residual torques there, mean over 9 ms [N m or N]
+    # size of the torques of what the low-pass took off the motion there, as a share
     sharp: float
 
     @property
@@ -61,28 +70,18 @@ class Stretch:
         """The largest of the drives' sizes."""
         return float(self.sizes.max())
 
-    def with_next(self, other: "Stretch") -> "Stretch":
-        """Both as one, with the peak of the larger."""
-        return replace(other if other.size > self.size else self, start=self.start, end=other.end)
-
 
 @dataclass(frozen=True, eq=False)
 class Outstanding:
-    """Outliers of a recording, and when drives might have caused them.
+    """Outliers of a recording, and when drives might have caused them."""
 
-    Attributes:
-        stretches: in the order of time.
-        spikes: single samples of a drive.
-        inspected: duration of the inspected windows [s].
-        turns: when in these the torque that a gear carries changes its sign, drive by drive [s].
-        reversals: when a joint turns round, drives first, then passive joints with friction [s].
-    """
-
-    stretches: tuple[Stretch, ...]
-    spikes: tuple[LeftSpan, ...]
-    inspected: float
-    turns: tuple[Float[np.ndarray, " _"], ...]
-    reversals: tuple[Float[np.ndarray, " _"], ...]
+    stretches: tuple[Stretch, ...]  # in the order of time
+    spikes: tuple[LeftSpan, ...]  # single samples of a drive
+    inspected: float  # duration of the inspected windows [s]
+    # when in these the torque that a gear carries changes its sign, drive by drive [s]
+    turns: tuple[Times, ...]
+    # when a joint turns round, drives first, then passive joints with friction [s]
+    reversals: tuple[Times, ...]
 
     @property
     def is_empty(self) -> bool:
@@ -103,8 +102,9 @@ class Course:
     def join(self, stretches: Iterable[Stretch]) -> None:
         """Add stretches; the first may go on where the last one ended."""
         for stretch in stretches:
-            if self.reaching and stretch.start - self.reaching[-1].end <= self.gap:
-                self.reaching[-1] = self.reaching[-1].with_next(stretch)
+            if self.reaching and stretch.start - (last := self.reaching[-1]).end <= self.gap:
+                larger = stretch if stretch.size > last.size else last
+                self.reaching[-1] = replace(larger, start=last.start, end=stretch.end)
             else:
                 self.end()
                 self.reaching.append(stretch)
@@ -126,7 +126,6 @@ def stands_out(expected: Expectation, window: Window) -> bool:
 
 
 def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outstanding:
-    """Outliers of the inspected windows."""
     step, inspected = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
     narrow, wide = Course(_GAP * step), Course(_GAP * step)
@@ -138,7 +137,11 @@ def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) 
         cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             run = part.part(slice(first, last))
-            spikes += _spikes(run, step)
+            spikes += [
+                LeftSpan(float(run.time[a]) - step, float(run.time[b]) + step, SPIKE, (drive,))
+                for drive, flags in enumerate(run.spikes)
+                for a, b in runs_of(flags)
+            ]
             narrow.join(_stretches(run, local))
             if not expected.fits:
                 wide.join(_stretches(run, local * wider))
@@ -155,8 +158,7 @@ def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) 
 
 def _together(windows: Iterable[InspectedWindow]) -> Iterator[InspectedWindow]:
     """Windows in groups of some seconds; a short rest belongs to the last."""
-    ready: list[InspectedWindow] = []
-    waiting: list[InspectedWindow] = []
+    ready, waiting = list[InspectedWindow](), list[InspectedWindow]()
     for window in windows:
         waiting.append(window)
         if window.time[-1] - waiting[0].time[0] >= _TOGETHER:
@@ -167,21 +169,12 @@ def _together(windows: Iterable[InspectedWindow]) -> Iterator[InspectedWindow]:
         yield InspectedWindow.joined([*ready, *waiting])
 
 
-def _spikes(w: InspectedWindow, step: float) -> list[LeftSpan]:
-    """Runs of spikes of each drive, with the time between two samples about them."""
-    return [
-        LeftSpan(float(w.time[first]) - step, float(w.time[last]) + step, SPIKE, (drive,))
-        for drive, flags in enumerate(w.spikes)
-        for first, last in runs_of(flags)
-    ]
-
-
 def _stretches(w: InspectedWindow, limits: OfDrives) -> list[Stretch]:
     """Runs of samples without a gap in which any drive is beyond the weak threshold."""
     lasting = np.nan_to_num(np.abs(w.size)) / (STRONG * limits[:, None])
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
     taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
-    stretches: list[Stretch] = []
+    stretches = list[Stretch]()
     for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
@@ -195,3 +188,61 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[Stretch]:
         sharp = float(np.linalg.norm(taken[:, inside])) / total
         stretches.append(Stretch(start, end, sizes, peak, z, speed, residual, sharp))
     return stretches
+
+
+def without_recurring(
+    outliers: Outstanding, stretches: Sequence[Stretch], low_pass: LowPass | None, margin: float
+) -> tuple[list[Stretch], list[LeftSpan]]:
+    """Those of some stretches that have no reason in a drive, and all that play spoils.
+
+    Args:
+        outliers: what the stretches are of.
+        margin: time about a change of sign, and about outliers there [s].
+    """
+    near, turns = _NEAR + (_PERIOD / low_pass.motion_cutoff if low_pass else 0.0), outliers.turns
+    peaks = np.array([stretch.peak for stretch in stretches])
+    first = np.array([np.argmax(stretch.sizes) for stretch in stretches], dtype=int)
+    size = np.array([stretch.size for stretch in stretches])
+    friction, play = np.zeros((2, len(stretches)), dtype=bool)
+    for j, times in enumerate(outliers.reversals):
+        of_joint = (first == j) | (j >= len(turns))
+        if _recurs(peaks[of_joint], times, near, outliers.inspected)[0]:
+            friction |= of_joint & _beside(peaks, times, near)
+    of_drives = [(first == i) & ~friction for i in range(len(turns))]
+    rules = [
+        _recurs(peaks[of_drive], times, near, outliers.inspected)
+        for of_drive, times in zip(of_drives, turns, strict=True)
+    ]
+    spoilt: list[tuple[float, float, int]] = []
+    if any(rule for rule, _ in rules):
+        loose = [i for i, (_, as_well) in enumerate(rules) if as_well]
+        usual = [of_drives[i] & _beside(peaks, turns[i], near) for i in loose]
+        about = [_beside(peaks, times, _ABOUT * near) for times in turns]
+        most = np.where(np.any(about, axis=0), _LARGER, _ELSEWHERE)
+        play = ~friction & (size <= most * np.median(size[np.any(usual, axis=0)]))
+        spoilt = [(t, t, i) for i in loose for t in turns[i].tolist()]
+        for k in np.flatnonzero(play).tolist():
+            gear = min(loose, key=lambda i: np.min(np.abs(turns[i] - peaks[k])))
+            spoilt.append((stretches[k].start, stretches[k].end, gear))
+    spans = [LeftSpan(a - margin, b + margin, BACKLASH, gear=gear) for a, b, gear in spoilt]
+    rest = ~(friction | play)
+    return [stretch for stretch, kept in zip(stretches, rest, strict=True) if kept], spans
+
+
+def _beside(peaks: Times, times: Times, near: float) -> Bool[np.ndarray, " _"]:
+    """Which peaks are near one of some ascending times."""
+    after = np.append(times, np.inf)[np.searchsorted(times, peaks)]
+    before = np.append(-np.inf, times)[np.searchsorted(times, peaks)]
+    return np.minimum(after - peaks, peaks - before) <= near
+
+
+def _recurs(peaks: Times, times: Times, near: float, duration: float) -> tuple[bool, bool]:
+    """Whether peaks near some times are the rule; whether they may be, as for another drive."""
+    if not len(peaks) or not len(times):
+        return False, False
+    gaps = np.minimum(np.diff(times), 2 * near)
+    share = min(1.0, (gaps.sum() + 2 * near) / duration)
+    hits = int(_beside(peaks, times, near).sum())
+    chance = float(bdtrc(hits - 1, len(peaks), share))  # of so many or more
+    often = hits >= max(_FEWEST, _OFTEN * len(peaks))
+    return often and chance < _CHANCE, hits >= _AS_WELL and chance < _UNLIKELY

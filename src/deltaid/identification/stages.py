@@ -1,19 +1,37 @@
-"""All steps that correct recordings and description before they are fitted, in their order."""
+"""All steps that correct recordings and description before they are fitted, in their order; and
+what of their corrections the final fit puts at zero.
 
+Laws are chosen by rows in which lags are free, and a fit may hold them: what explained a lag there
+is then at its bound. A law that does without such a term is chosen instead. So is a fit without an
+effect that others have made needless.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.errors import RecordingError
+from deltaid.estimation.additions import Addition, of_each
 from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import without_events
+from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_choice import chosen_friction
+from deltaid.identification.friction_curves import freed
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected
-from deltaid.identification.loads import declared_loads
+from deltaid.identification.loads import declared_loads, undeclared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.undeclared_loads import undeclared_loads
+from deltaid.identification.uncertainty import uncertainty
 from deltaid.identification.velocity_stage import holds_filled, late_rates_left_out
 from deltaid.identification.warmth import changing_friction
+from deltaid.model.friction_record import JointTerm
+
+# Half a 95 % interval in standard deviations: a coefficient within it may be zero.
+_MAY_BE_ZERO = 1.96
 
 
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
@@ -68,11 +86,46 @@ STAGES: tuple[Stage, ...] = (
 
 def prepared(setup: Setup, progress: Progress) -> Setup:
     """A setup after all stages; one without effect is skipped until something has changed."""
-    idle: dict[Stage, Setup] = {}
+    needless: dict[Stage, Setup] = {}
     for stage in STAGES:
-        if stage in idle and setup.poses_as(idle[stage]):
+        if stage in needless and setup.poses_as(needless[stage]):
             continue
         before, setup = setup, stage(setup, progress)
         if setup.poses_as(before):
-            idle[stage] = setup
+            needless[stage] = setup
     return setup
+
+
+class Idle(NamedTuple):
+    """What a fit has no use for."""
+
+    terms: frozenset[JointTerm] = frozenset()
+    effects: frozenset[str] = frozenset()
+
+
+def idle(setup: Setup, problem: FittedProblem) -> Idle:
+    """Chosen terms of one coefficient, and effects along the motion of any number, whose
+    coefficients may all be zero.
+
+    No ripples: each has an order of its own, which was searched because it is beyond chance.
+    """
+    steps = setup.friction_choice.steps if setup.friction_choice else ()
+    chosen = {(step.joint, step.addition) for step in steps if step.useful}
+    places = {
+        (term.joint, term.kind): problem.layout.names.index(term.name)
+        for term in problem.dynamics.robot.friction_terms
+        if (term.joint, term.kind) in chosen
+    }
+    names: dict[Addition, str] = {
+        addition: addition.name
+        for addition in problem.additions
+        if isinstance(addition, AlongMotion) and not isinstance(addition, RippleColumns)
+    }
+    if not (places or names):
+        return Idle()
+    may_be_zero = np.abs(problem.values) < _MAY_BE_ZERO * uncertainty(freed(problem)).std
+    own = of_each(problem.additions, may_be_zero[len(problem.p) :].tolist())
+    return Idle(
+        frozenset(term for term, k in places.items() if may_be_zero[k]),
+        frozenset(names[addition] for addition, zeros in own if addition in names and all(zeros)),
+    )

@@ -68,30 +68,29 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 
     With a filter, its length is lost at either end of the recording.
     """
-    return recording.evaluate(dynamics.kinematics, lambda window: _prediction(dynamics, p, window))
 
+    def predicted(window: Window) -> Prediction:
+        own, wide = window.own, window.wide
+        tau, n = _predicted(dynamics, p, wide), wide.tau.shape[1]
+        drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
+        torques = np.hstack([wide.tau, tau]).T
+        smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
+        counted = window.counted(window.stride).T
+        unweighted = not n or bool(np.all(counted == 1.0))
+        return Prediction(
+            time=own.time,
+            speed=own.qd,
+            measured=own.tau,
+            predicted=window.trimmed(tau),
+            weights=own.weights,
+            carried=own.carried,
+            filtered_measured=smooth[:, :n],
+            filtered_predicted=smooth[:, n:],
+            gain=np.ones_like(counted) if unweighted else window.smoothed(wide.weights.T).T,
+            counted=counted,
+        )
 
-def _prediction(dynamics: Dynamics, p: Parameters, window: Window) -> Prediction:
-    own, wide = window.own, window.wide
-    predicted = _predicted(dynamics, p, wide)
-    n = wide.tau.shape[1]
-    drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
-    torques = np.hstack([wide.tau, predicted]).T
-    smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
-    counted = window.counted(window.stride).T
-    unweighted = not n or bool(np.all(counted == 1.0))
-    return Prediction(
-        time=own.time,
-        speed=own.qd,
-        measured=own.tau,
-        predicted=window.trimmed(predicted),
-        weights=own.weights,
-        carried=own.carried,
-        filtered_measured=smooth[:, :n],
-        filtered_predicted=smooth[:, n:],
-        gain=np.ones_like(counted) if unweighted else window.smoothed(wide.weights.T).T,
-        counted=counted,
-    )
+    return recording.evaluate(dynamics.kinematics, predicted)
 
 
 def _predicted(dynamics: Dynamics, p: Parameters, w: Samples) -> Float[np.ndarray, "samples dof"]:
