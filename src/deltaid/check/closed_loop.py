@@ -14,12 +14,10 @@ from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, Rows
-from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Grade, Verdict
@@ -57,36 +55,28 @@ class Shake:
 def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     """Verdict on encoder noise that a controller feeds back to the drives; none if undetectable."""
     recording, fitted = evidence.surveyed, evidence.fitted
-    if isinstance(recording, RecordingError) or isinstance(
-        fitted, RecordingError | IdentificationError
-    ):
+    if not isinstance(recording, Recording) or not isinstance(fitted, FittedProblem):
         return
     shake = shaken(evidence.rows, recording, fitted)
     if shake is None or not shake.speed.any():
         return
-    drives, worst = evidence.robot.drives, int(np.argmax(shake.reversed))
-    unit = evidence.robot.drive_units[drives[worst]]
-    share = float(shake.reversed[worst])
+    worst = int(np.argmax(shake.reversed))
+    drive, share = evidence.robot.drives[worst], float(shake.reversed[worst])
+    key, unit, number = "closed-loop", evidence.robot.drive_units[drive], 100 * share
     seen = (
         f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
-        f"{shake.speed[worst]:.2g} {unit.speed} of {drives[worst]}; it turns round the joint in "
+        f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
         f"{percent(share)} of the samples"
     )
     if share < _DOUBTFUL:
-        yield Verdict("closed-loop", Grade.GOOD, seen, number=100 * share, unit="%")
+        yield Verdict(key, Grade.GOOD, seen, number=number, unit="%")
         return
-    yield Verdict(
-        "closed-loop",
-        Grade.WRONG if share > _WRONG else Grade.DOUBTFUL,
-        seen,
-        drives[worst],
-        "coarse or noisy positions, differentiated by the controller, shake the drives: "
-        "friction near rest is averaged away, and inertia takes its part",
-        "lower the controller's gains or the cut-off of its speed for this recording, or use "
-        "the motor's encoder; intervals do not hold this",
-        number=100 * share,
-        unit="%",
-    )
+    grade = Grade.WRONG if share > _WRONG else Grade.DOUBTFUL
+    cause = "coarse or noisy positions, differentiated by the controller, shake the drives: "
+    cause += "friction near rest is averaged away, and inertia takes its part"
+    cure = "lower the controller's gains or the cut-off of its speed for this recording, or use "
+    cure += "the motor's encoder; intervals do not hold this"
+    yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
 
 
 def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
@@ -101,24 +91,20 @@ def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | N
     band = (frequency > low) & (frequency < _BELOW * rate)
     if not band.any():
         return None
-    count, q, tau = len(q), q[:, :, band], tau[:, :, band]
-    gain = (2 * np.sin(np.pi * frequency[band] / rate))[:, None] ** 4
+    q, tau, omega = q[:, :, band], tau[:, :, band], 2 * np.pi * frequency[band]
+    gain = (2 * np.sin(0.5 * omega / rate)) ** 4
     squares = np.abs(q) ** 2, np.abs(tau) ** 2, np.conj(q) * tau
-    qq, tt, qt = (np.mean(square, axis=0).T / gain for square in squares)
-    omega = 2 * np.pi * frequency[band, None]
+    qq, tt, qt = (np.mean(square, axis=0) / gain for square in squares)
+    home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
+    answer = np.abs(np.linalg.inv(dynamics.mass_matrix(home, fitted.p)[0]))
+    tiny = np.finfo(float).tiny
+    coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
+    weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)[:, None]
+    torque = np.where(weak & (coherence > _CHANCE / len(q)), coherence * tt, 0.0)
+    speed = np.sqrt(frequency[1] * answer**2 @ np.sum(torque / omega**2, axis=1))
     windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
     speeds = np.concatenate([w.qd for w in windows])
     counted = np.concatenate([w.weights for w in windows]) > 0
-    home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
-    M = dynamics.mass_matrix(home, fitted.p)[0]
-    answer = np.abs(cho_solve(cho_factor(M), np.eye(len(M))))
-    tiny = np.finfo(float).tiny
-    coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
-    weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)
-    fed = (coherence > _CHANCE / count) & weak
-    torque = np.where(fed, coherence * tt, 0.0)
-    step = frequency[1] - frequency[0]
-    speed = np.sqrt(step * np.sum(torque / omega**2, axis=0) @ answer.T**2)
     turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
     reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
-    return Shake(speed, np.sqrt(step * torque.sum(axis=0)), reversed_)
+    return Shake(speed, np.sqrt(frequency[1] * torque.sum(axis=1)), reversed_)

@@ -104,7 +104,7 @@ def _judged(
     for record in opened:
         common = unharmed(record, common)
     judged += common
-    if not force:
+    if common and not force:
         _refuse(common, opened[0])
     for record, wiring in zip(opened, on_columns, strict=True):
         first = _first(record, wiring, force)

@@ -46,16 +46,6 @@ _SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
-    """A motion within a robot's limits, with the words of a cure that asks for it."""
-
-    words: str
-    information: Information  # without torques
-    ranges: Float[np.ndarray, " dof"]  # of the drive coordinates [rad or m]
-    largest: Float[np.ndarray, " dof"]  # torques by the prior [N m or N]
-
-
-@dataclass(frozen=True, eq=False)
 class _Certainty:
     """Standard deviations of the base parameters of a generic motion, as shares of the prior's."""
 
@@ -90,9 +80,8 @@ def information_of(evidence: Evidence) -> Information | None:
     """Information of a recording, fitted or not; None if it cannot be used."""
     if isinstance(evidence.surveyed, DeltaidError):
         return None
-    fitted = evidence.fitted
-    if isinstance(fitted, FittedProblem):
-        return fitted.information
+    if isinstance(evidence.fitted, FittedProblem):
+        return evidence.fitted.information
     try:
         return merge(gather_all(evidence.dynamics, [evidence.surveyed]).blocks)
     except IdentificationError:
@@ -108,55 +97,44 @@ def judged_information(
         moved: how far each drive goes in each of them [rad or m].
     """
     try:
-        motions = _motions(dynamics)
+        motions, ranges = _motions(dynamics)
     except KinematicsError as error:
-        cannot = Verdict(
-            "base-parameters",
-            Grade.CANNOT_TELL,
-            f"no motion within the limits was found to compare with: {error.what}",
-            cause="the workspace or the limits of the description leave no room",
-            cure=error.cure,
-        )
-        return (cannot,)
-    certainty = _assess(dynamics, information, motions)
-    rests = (np.max(moved, axis=0) < _RESTING * motions[0].ranges).tolist()
-    still = [drive for drive, is_so in zip(dynamics.robot.drives, rests, strict=True) if is_so]
+        seen = f"no motion within the limits was found to compare with: {error.what}"
+        cause = "the workspace or the limits of the description leave no room"
+        key, grade = "base-parameters", Grade.CANNOT_TELL
+        return (Verdict(key, grade, seen, cause=cause, cure=error.cure),)
+    certainty = _assess(dynamics, information.of_drives, motions)
+    rests = np.max(moved, axis=0) < _RESTING * ranges
+    still = np.array(dynamics.robot.drives)[rests].tolist()
     return _parameters(certainty), _excitation(certainty, still)
 
 
-def _assess(dynamics: Dynamics, information: Information, motions: Sequence[_Motion]) -> _Certainty:
+def _assess(
+    dynamics: Dynamics, recorded: Information, motions: dict[str, Information]
+) -> _Certainty:
     """Certainty of the base parameters after a recording and after other motions, torques alone."""
-    information, usual_motion = information.of_drives, motions[0]
-    base = base_parameters(merge([motion.information for motion in motions]), dynamics.layout)
-    representatives = [group.representative for group in base.groups]
+    usual = next(iter(motions.values()))
+    base = base_parameters(merge(motions.values()), dynamics.layout)
     prior = np.array([parameter.std for parameter in base.layout.parameters])
     scale = np.linalg.norm(base.combination() * prior, axis=1)
-    weights = _weights(information, usual_motion.largest)
-    samples = np.where(information.samples > 0, information.samples, information.mean_samples)
+    # What no parameters explain of each drive's torque; a usual share of it for one that rests.
+    noise = _USUAL_NOISE * np.maximum(usual.torque_max, np.finfo(float).tiny)
+    for i, (samples, largest) in enumerate(zip(recorded.samples, recorded.torque_max, strict=True)):
+        if samples and largest:
+            rms = np.linalg.norm(recorded.problem_of(i).residual) / np.sqrt(samples)
+            noise[i] = max(float(rms), NOISE_FLOOR * largest)
+    samples = np.where(recorded.samples > 0, recorded.samples, recorded.mean_samples)
 
     def factor(gathered: Information) -> Float[np.ndarray, "rows base"]:
         share = samples / np.where(gathered.samples > 0, gathered.samples, samples)
-        columns = np.searchsorted(gathered.columns, representatives)
-        return gathered.weighted(weights * share)[:, columns] * scale
+        columns = np.searchsorted(gathered.columns, base.representatives)
+        return gathered.weighted(share / noise**2)[:, columns] * scale
 
-    own, others = factor(information), [factor(motion.information) for motion in motions]
+    own, others = factor(recorded), [factor(motion) for motion in motions.values()]
     best = np.argmin([_stds(np.vstack([own, added])) for added in others], axis=0)
-    names = tuple(base.layout.names[k] for k in representatives)
-    return _Certainty(names, _stds(own), _stds(others[0]), tuple(motions[k].words for k in best))
-
-
-def _weights(
-    information: Information, usual_torques: Float[np.ndarray, " dof"]
-) -> Float[np.ndarray, " dof"]:
-    """1/σ_i² by what no parameters explain of each drive's torque, a usual share of its usual
-    torque for one that rests."""
-    noise = _USUAL_NOISE * np.maximum(usual_torques, np.finfo(float).tiny)
-    drives = zip(information.samples, information.torque_max, strict=True)
-    for i, (samples, largest) in enumerate(drives):
-        if samples and largest:
-            rms = np.linalg.norm(information.problem_of(i).residual) / np.sqrt(samples)
-            noise[i] = max(float(rms), NOISE_FLOOR * largest)
-    return noise**-2.0
+    names = tuple(base.layout.names[k] for k in base.representatives)
+    words = list(motions)
+    return _Certainty(names, _stds(own), _stds(others[0]), tuple(words[k] for k in best))
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
@@ -168,8 +146,8 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
 def _parameters(certainty: _Certainty) -> Verdict:
     """Base parameters that the recording determines, and the motion for the others."""
     share, key, unit = certainty.recorded, "base-parameters", "base parameters"
-    weak, hidden = (share > _WELL) & (share <= _NOT), share > _NOT
-    well = int(np.sum(~weak & ~hidden))
+    hidden, weak = share > _NOT, (share > _WELL) & (share <= _NOT)
+    well = int(np.sum(share <= _WELL))
     seen = f"{well} of {len(share)} are identifiable"
     for grade, members in (("weak", weak), ("not identifiable", hidden)):
         if members.any():
@@ -180,54 +158,41 @@ def _parameters(certainty: _Certainty) -> Verdict:
         if not missed.any() and len(share) > well:
             seen += "; no motion within the limits shows them much better"
         return Verdict(key, Grade.GOOD, seen, number=float(well), unit=unit)
-    return Verdict(
-        key,
-        Grade.DOUBTFUL,
-        seen,
-        certainty.names[lost[0]],
-        "the recorded motion does not move what they act on, or not fast enough",
-        certainty.cure(lost),
-        number=float(well),
-        unit=unit,
-    )
+    subject, cure = certainty.names[lost[0]], certainty.cure(lost)
+    cause = "the recorded motion does not move what they act on, or not fast enough"
+    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=float(well), unit=unit)
 
 
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
-    """Whether the motion is as informative as the robot's limits allow."""
+    """Whether the motion is as informative as the robot's limits allow.
+
+    Args:
+        still: drives that rest.
+    """
     ratio, key, unit = certainty.recorded / certainty.usual, "excitation", "times less certain"
-    poor = float(np.quantile(ratio, 0.75, method="higher"))
     if still:
-        return Verdict(
-            key,
-            Grade.DOUBTFUL,
-            f"{listed(still)} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded",
-            listed(still),
-            "a motion of single drives, or none",
-            "record a motion of all drives, such as `deltaid excite` plans",
-            number=float(len(still)),
-            unit="drives",
-        )
-    if poor <= _POOR:
-        typical = float(np.median(ratio))
-        seen = f"standard deviations are {typical:.2g} times those of a usual motion within limits"
-        return Verdict(key, Grade.GOOD, seen, number=poor, unit=unit)
-    weak = np.flatnonzero(ratio >= poor)
-    return Verdict(
-        key,
-        Grade.DOUBTFUL,
-        f"a quarter of the base parameters are at least {poor:.2g} times less certain than after a "
-        "motion of the same length that uses the limits",
-        certainty.named(weak),
-        "the motion is slow, or uses little of the workspace",
-        certainty.cure(weak),
-        number=poor,
-        unit=unit,
-    )
+        subject, number, unit = listed(still), float(len(still)), "drives"
+        seen = f"{subject} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded"
+        cause = "a motion of single drives, or none"
+        cure = "record a motion of all drives, such as `deltaid excite` plans"
+    else:
+        number = float(np.quantile(ratio, 0.75, method="higher"))
+        if number <= _POOR:
+            seen = f"standard deviations are {np.median(ratio):.2g} times those of a usual motion "
+            seen += "within limits"
+            return Verdict(key, Grade.GOOD, seen, number=number, unit=unit)
+        weak = np.flatnonzero(ratio >= number)
+        subject, cure = certainty.named(weak), certainty.cure(weak)
+        seen = f"a quarter of the base parameters are at least {number:.2g} times less certain "
+        seen += "than after a motion of the same length that uses the limits"
+        cause = "the motion is slow, or uses little of the workspace"
+    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=number, unit=unit)
 
 
 @lru_cache(maxsize=8)
-def _motions(dynamics: Dynamics) -> tuple[_Motion, ...]:
-    """The usual motion of all coordinates, as fast as limits allow; then special ones.
+def _motions(dynamics: Dynamics) -> tuple[dict[str, Information], Float[np.ndarray, " dof"]]:
+    """The usual motion of all coordinates, as fast as limits allow; then special ones; by the words
+    of a cure that asks for them. And how far the usual one moves each drive [rad or m].
 
     Raises:
         KinematicsError: the description's limits leave no room for a motion.
@@ -237,23 +202,21 @@ def _motions(dynamics: Dynamics) -> tuple[_Motion, ...]:
     runs = [random_motion(kinematics, rng, period=_PERIOD) for _ in range(_USUAL)]
     states = [run.evaluate(time) for run in runs]
     z, zd, zdd = (np.concatenate(parts) for parts in zip(*states, strict=True))
-
-    def only(words: str, chosen: Sequence[int], pace: float = 1.0) -> _Motion:
-        """Some of the coordinates move, the others rest in the middle."""
-        moving = np.isin(every, chosen)
-        place = np.where(moving, z, kinematics.home)
-        q, qd, qdd = kinematics.drive_motion(place, zd * moving * pace, zdd * moving * pace**2)
-        tau = dynamics.torque(place, qd, qdd, prior_parameters(dynamics.robot))
-        information = gather_samples(dynamics, place, qd, qdd, tau)
-        return _Motion(words, information, np.ptp(q, axis=0), np.abs(tau).max(axis=0))
-
-    motions = [
-        only("motions of all drives as fast as the limits allow", every),
-        only("a slow motion through poses all over the workspace", every, 1 / _SLOWER),
-    ]
+    # Which coordinates move, and how fast; the others rest in the middle.
+    moving: dict[str, tuple[Sequence[int], float]] = {
+        "motions of all drives as fast as the limits allow": (every, 1.0),
+        "a slow motion through poses all over the workspace": (every, 1 / _SLOWER),
+    }
     if len(task.axes) > 1:
         names = "fast strokes along x", "fast strokes along y", "fast strokes up and down"
-        motions += [only(names[axis], [k]) for k, axis in enumerate(task.axes)]
+        moving |= {names[axis]: ([k], 1.0) for k, axis in enumerate(task.axes)}
     if task.turn is not None and task.axes:
-        motions.append(only("fast turns of the tool while the platform rests", [task.turn]))
-    return tuple(motions)
+        moving["fast turns of the tool while the platform rests"] = [task.turn], 1.0
+    motions = dict[str, Information]()
+    for words, (chosen, pace) in moving.items():
+        moves = np.isin(every, chosen)
+        place = np.where(moves, z, kinematics.home)
+        _, qd, qdd = kinematics.drive_motion(place, zd * moves * pace, zdd * moves * pace**2)
+        tau = dynamics.torque(place, qd, qdd, prior_parameters(dynamics.robot))
+        motions[words] = gather_samples(dynamics, place, qd, qdd, tau)
+    return motions, np.ptp(kinematics.inverse(z), axis=0)

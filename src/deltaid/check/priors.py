@@ -2,7 +2,6 @@
 another magnitude than the prior, such as of a scale that shows grams."""
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -33,124 +32,99 @@ _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each body whose prior cannot be, or one that all can."""
-    verdicts = tuple(verdict for name in robot.body_names for verdict in _body(robot, name))
-    if verdicts:
-        return verdicts
+    verdicts = list[Verdict | None]()
+    for name in robot.body_names:
+        prior = robot.bodies[name].prior
+        if isinstance(prior, ExplicitInertia):
+            verdicts.append(_explicit(robot, name, prior))
+        else:
+            paths = (f"bodies.{name}.prior[{k}]" for k in range(len(prior)))
+            verdicts += [_shape(robot, name, *each) for each in zip(paths, prior, strict=True)]
+    wrong = tuple(verdict for verdict in verdicts if verdict is not None)
+    if wrong:
+        return wrong
     mass = sum(float(body.prior_parameters()[0]) for body in robot.bodies.values())
     seen = f"{len(robot.bodies)} bodies, together {mass:.3g} kg, go with the lengths"
     return (Verdict("prior-scale", Grade.GOOD, seen, number=mass, unit="kg"),)
 
 
-def _body(robot: RobotDescription, name: str) -> Iterator[Verdict]:
-    """The first thing out of scale of each shape, or of numbers: the rest would repeat it."""
-    prior, size = robot.bodies[name].prior, _size_of(robot)
-    if isinstance(prior, ExplicitInertia):
-        yield from _explicit(robot, name, prior, size)
-        return
-    for k, shape in enumerate(prior):
-        path, mass = f"bodies.{name}.prior[{k}]", float(shape.parameters()[0])
-        density = np.nan
-        if isinstance(shape, HollowCylinder):
-            section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
-            density = mass / (section * shape.length)
-        if density > _DENSEST:
-            yield _heavy(path, name, shape, density)
-        elif density < _LIGHTEST:
-            yield _light(path, name, shape, density)
-        elif mass > _HEAVY * size**3:
-            yield _massive(f"{path}.mass", name, mass, size, alone=shape.mass is not None)
+def _shape(
+    robot: RobotDescription, name: str, path: str, shape: HollowCylinder | PointMass
+) -> Verdict | None:
+    """The first thing out of scale of a shape: the rest would repeat it."""
+    mass, by_density, density = float(shape.parameters()[0]), shape.mass is None, np.nan
+    if isinstance(shape, HollowCylinder):
+        section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
+        density = mass / (section * shape.length)
+    seen, proposals = f"{path} has a density of {density:.3g} kg/m³; ", ()
+    if density > _DENSEST:
+        grade, cause, cure = Grade.WRONG, "a mass in grams", "give kilograms and metres"
+        seen += f"no material has more than {_DENSEST:.3g}"
+        proposed = f"{path}.mass", mass / 1000
+        if by_density:
+            cause, proposed = "a density in g/m³", (f"{path}.density", density / 1000)
+        if density / 1000 > _LIGHTEST:
+            cure, proposals = f"{cure}; the same number in grams would fit", _proposed(proposed)
+    elif density < _LIGHTEST:
+        grade, cause = Grade.DOUBTFUL, "a mass in tonnes, or radii that are too large"
+        seen, cure = f"{seen}even foam has more", "check mass and radii; they are in kg and m"
+        if by_density and density < _IN_GRAMS:
+            cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
+            proposals = _proposed((f"{path}.density", density * 1000))
+    else:
+        return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
+    return Verdict("prior-scale", grade, seen, name, cause, cure, proposals, density, "kg/m³")
 
 
-def _explicit(
-    robot: RobotDescription, name: str, prior: ExplicitInertia, size: float
-) -> Iterator[Verdict]:
-    p, limb = prior.parameters(), _limb_length(robot, name)
-    extent = limb or size
-    com = float(np.linalg.norm(p[1:4]) / p[0])
-    gyration = float(np.sqrt(np.trace(pseudo_inertia(p)[:3, :3]) / p[0]))
-    small = limb is not None and gyration < _INSIDE * extent
-    if p[0] > _HEAVY * size**3:
-        yield _massive(f"bodies.{name}.prior.mass", name, float(p[0]), size, alone=small)
-        return
+def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Verdict | None:
+    """The first thing out of scale of a body's numbers."""
+    p, size = prior.parameters(), _size_of(robot)
+    lengths = dict[str, float]()  # of arms and struts; a carriage may have its mass at its frame
+    for i, limb in enumerate(robot.limb_geometry):
+        driven, strut = robot.limb_bodies(i)
+        lengths = {driven: limb.upper_arm, strut: limb.strut} | lengths
+    reach, mass = lengths.get(name) or size, float(p[0])
+    com = float(np.linalg.norm(p[1:4]) / mass)
+    gyration = float(np.sqrt(np.trace(pseudo_inertia(p)[:3, :3]) / mass))
+    small = bool(lengths.get(name)) and gyration < _INSIDE * reach
+    if massive := _massive(f"bodies.{name}.prior.mass", name, mass, size, alone=small):
+        return massive
     length, seen = gyration, f"the radius of gyration √(tr Σ/m) is {gyration:.3g} m"
-    if com > _OUTSIDE * extent:
+    if com > _OUTSIDE * reach:
         length, seen = com, f"the centre of mass lies {com:.3g} m from the link frame's origin"
         cause = "a first moment in kg mm, or a mass in tonnes"
-    elif gyration > _OUTSIDE * extent:
+    elif gyration > _OUTSIDE * reach:
         cause = "moments of inertia in kg mm² or kg cm², or a mass in tonnes"
     elif small:
         cause = "a mass in grams, or moments of inertia that are not in kg m²"
     else:
-        return
-    yield Verdict(
-        "prior-scale",
-        Grade.WRONG,
-        f"{seen}, {length / extent:.2g} times the body's reach of {extent:.3g} m",
-        name,
-        cause,
-        "give mass in kg, first moments in kg m, moments of inertia in kg m² about the link "
-        "frame's origin",
-        number=length,
-        unit="m",
-    )
+        return None
+    seen += f", {length / reach:.2g} times the body's reach of {reach:.3g} m"
+    cure = "give mass in kg, first moments in kg m, moments of inertia in kg m² about the link "
+    cure += "frame's origin"
+    key, unit = "prior-scale", "m"
+    return Verdict(key, Grade.WRONG, seen, name, cause, cure, number=length, unit=unit)
 
 
-def _heavy(path: str, name: str, shape: HollowCylinder | PointMass, density: float) -> Verdict:
-    key, value, cause = "density", density, "a density in g/m³"
-    if shape.mass is not None:
-        key, value, cause = "mass", shape.mass, "a mass in grams"
-    fits = density / 1000 > _LIGHTEST
-    return Verdict(
-        "prior-scale",
-        Grade.WRONG,
-        f"{path} has a density of {density:.3g} kg/m³; no material has more than {_DENSEST:.3g}",
-        name,
-        cause,
-        "give kilograms and metres" + "; the same number in grams would fit" * fits,
-        _proposed(f"{path}.{key}", value / 1000) if fits else (),
-        number=density,
-        unit="kg/m³",
-    )
+def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict | None:
+    """A body that is too heavy for limbs of a size [m].
 
-
-def _light(path: str, name: str, shape: HollowCylinder | PointMass, density: float) -> Verdict:
-    cause, proposals = "a mass in tonnes, or radii that are too large", ()
-    cure = "check mass and radii; they are in kg and m"
-    if shape.mass is None and density < _IN_GRAMS:
-        cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
-        proposals = _proposed(f"{path}.density", density * 1000)
-    seen = f"{path} has a density of {density:.3g} kg/m³; even foam has more"
-    key, grade, unit = "prior-scale", Grade.DOUBTFUL, "kg/m³"
-    return Verdict(key, grade, seen, name, cause, cure, proposals, density, unit)
-
-
-def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict:
-    """`alone`: whether the mass may be wrong and the moments right."""
+    Args:
+        alone: whether the mass may be wrong and the moments right.
+    """
     largest = _HEAVY * size**3
-    return Verdict(
-        "prior-scale",
-        Grade.WRONG if mass > _FAR * largest else Grade.DOUBTFUL,
-        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
-        name,
-        "a mass in grams",
-        "give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
-        _proposed(path, mass / 1000) if alone and mass / 1000 < largest else (),
-        number=mass,
-        unit="kg",
-    )
+    if mass <= largest:
+        return None
+    grade = Grade.WRONG if mass > _FAR * largest else Grade.DOUBTFUL
+    seen = f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg"
+    cure = "give kilograms" if alone else "give kilograms, and moments in kg m and kg m²"
+    proposals = _proposed((path, mass / 1000)) if alone and mass / 1000 < largest else ()
+    key, cause = "prior-scale", "a mass in grams"
+    return Verdict(key, grade, seen, name, cause, cure, proposals, mass, "kg")
 
 
-def _proposed(path: str, value: float) -> tuple[Proposal, ...]:
-    return (Proposal("robot", ((path, float(f"{value:.12g}")),)),)
-
-
-def _limb_length(robot: RobotDescription, name: str) -> float | None:
-    """Of a body that is an arm or a strut [m]; a carriage may have its mass where its frame is."""
-    for i, limb in enumerate(robot.limb_geometry):
-        lengths = dict(zip(robot.limb_bodies(i), (limb.upper_arm, limb.strut), strict=True))
-        if lengths.get(name):
-            return lengths[name]
-    return None
+def _proposed(*changes: tuple[str, float]) -> tuple[Proposal, ...]:
+    return (Proposal("robot", tuple((path, float(f"{value:.12g}")) for path, value in changes)),)
 
 
 def _size_of(robot: RobotDescription) -> float:
@@ -161,54 +135,48 @@ def _size_of(robot: RobotDescription) -> float:
 
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each measured value that cannot be, or one that all go with the prior."""
-    rows = weighings(robot)
-    verdicts = tuple(_measured(robot, rows))
+    rows, stated = weighings(robot), stated_spreads(robot)
+    parameters, size = parameter_layout(robot).parameters, _size_of(robot)
+    prior = np.array([entry.prior for entry in parameters])
+    std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
+    verdicts = list[Verdict]()
+    for row in rows:
+        expected = float(row.coefficients @ prior)
+        error, ratio = abs(row.value - expected), row.value / expected if expected else np.inf
+        unlikely = error > _SPREADS * float(np.linalg.norm(row.coefficients * std))
+        if row.unit == "kg m":
+            bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
+            lever = error / float(prior[10 * bodies].sum())
+            if lever > _FARTHEST * size:
+                verdicts.append(_far(row, lever))
+        elif ratio < 1 / _FACTOR or (ratio > _FACTOR and unlikely):
+            verdicts.append(_scaled(row, expected, ratio))
     if verdicts or not rows:
-        return verdicts
+        return tuple(verdicts)
     first, *_ = rows
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first.name}, {go} with the description"
     return (Verdict("measured-scale", Grade.GOOD, seen),)
 
 
-def _measured(robot: RobotDescription, rows: tuple[Weighing, ...]) -> Iterator[Verdict]:
-    parameters, stated = parameter_layout(robot).parameters, stated_spreads(robot)
-    prior = np.array([entry.prior for entry in parameters])
-    std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
-    for row in rows:
-        expected = float(row.coefficients @ prior)
-        error, ratio = abs(row.value - expected), row.value / expected if expected else np.inf
-        if row.unit == "kg m":
-            bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
-            lever = error / float(prior[10 * bodies].sum())
-            if lever > _FARTHEST * _size_of(robot):
-                yield Verdict(
-                    "measured-scale",
-                    Grade.WRONG,
-                    f"{row.name} would lie {lever:.3g} m from where the prior has it",
-                    row.where,
-                    "a centre of mass in mm, or a first moment in kg mm or g mm",
-                    "give centres in m and first moments in kg m, in the body's link frame",
-                    number=lever,
-                    unit="m",
-                )
-        elif ratio < 1 / _FACTOR or (
-            ratio > _FACTOR and error > _SPREADS * float(np.linalg.norm(row.coefficients * std))
-        ):
-            yield _scaled(row, expected, ratio)
+def _far(row: Weighing, lever: float) -> Verdict:
+    """A centre of mass or a first moment by how far off the prior's it lies [m]."""
+    seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
+    cause = "a centre of mass in mm, or a first moment in kg mm or g mm"
+    cure = "give centres in m and first moments in kg m, in the body's link frame"
+    key, grade = "measured-scale", Grade.WRONG
+    return Verdict(key, grade, seen, row.where, cause, cure, number=lever, unit="m")
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
     """A mass or a moment of inertia of another magnitude."""
-    key, unit, number = "measured-scale", row.unit, ratio
+    unit, cure, proposals = row.unit, f"give it in {row.unit}", ()
     seen = f"{row.name} is {row.value:.3g} {unit}, where the prior has {expected:.3g} {unit}"
-    if ratio < 1:
-        cause, cure = "a value in another unit, or a prior", f"give it in {unit}"
-        return Verdict(key, Grade.DOUBTFUL, seen, row.where, cause, cure, number=number)
-    cause, cure, proposals = f"a value in {_UNITS[unit]}", f"give it in {unit}", ()
-    if unit == "kg":  # the same in kilograms
+    grade, cause = Grade.DOUBTFUL, "a value in another unit, or a prior"
+    if ratio > 1:
+        grade, cause = Grade.WRONG, f"a value in {_UNITS[unit]}"
+    if ratio > 1 and unit == "kg":  # the same in kilograms
         path = re.sub(r"\[(\d+)\]", lambda match: f"[{int(match[1]) - 1}]", row.where)
-        values = {"mass": row.value / 1000, "std": row.std / 1000}
-        changes = ((f"{path}.{key}", float(f"{value:.12g}")) for key, value in values.items())
-        cure, proposals = f"{cure}, and its std as well", (Proposal("robot", tuple(changes)),)
-    return Verdict(key, Grade.WRONG, seen, row.where, cause, cure, proposals, number=number)
+        changes = (f"{path}.mass", row.value / 1000), (f"{path}.std", row.std / 1000)
+        cure, proposals = f"{cure}, and its std as well", _proposed(*changes)
+    return Verdict("measured-scale", grade, seen, row.where, cause, cure, proposals, number=ratio)

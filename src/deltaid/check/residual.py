@@ -2,7 +2,7 @@
 
 The torques of a recording are compared with what any parameters could make of its motion, without
 prior and consistency. A residual beyond chance is assigned to the cause whose columns explain it
-best; the next cause gets the remainder.
+best; the next cause gets the remainder. Nothing is concluded about the cause of what is left then.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,14 +13,13 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.unexplained import checked_rest
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
-from deltaid.identification.rest import longest, unexplained
+from deltaid.identification.rest import longest, rests, unexplained
 from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
@@ -49,6 +48,9 @@ _LARGE, _HARMS = 2e-4, 0.003
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 # Lags of drives differ by more than this at least [ms].
 _APART = 0.3
+# A residual comes in bursts when a tenth of the time has this share of it.
+_BURSTS = 0.7
+_LOOK = "look at the residual over time in the report"
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -62,13 +64,11 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     yield _lag(study, unknown=unknown)
     ringing = _resonance(study)
     yield ringing
-    causes = causes_of(study.fit, study.account)
-    for cause in causes:
+    for cause in causes_of(study.fit, study.account):
         effect = effect_of(cause)
         if isinstance(effect, DescribedEffect):
             yield _verdict(effect, cause, recording)
-    known = ringing.grade is not Grade.GOOD
-    yield checked_rest(study, rings=known)
+    yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
 
 def detected_load(study: Study) -> Verdict:
@@ -77,11 +77,11 @@ def detected_load(study: Study) -> Verdict:
     Args:
         study: of the recording before.
     """
-    cause, recording = load_change(study), study.fit.trace.recording
+    cause = load_change(study)
     assert cause is not None
     effect = effect_of(cause)
     assert isinstance(effect, DescribedEffect)
-    verdict = _verdict(effect, cause, recording)
+    verdict = _verdict(effect, cause, study.fit.trace.recording)
     seen = f"{verdict.seen}, and it is identified with the robot"
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
 
@@ -91,127 +91,75 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Ver
     subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
     number, unit, seen = effect.seen(cause, subject, share[worst])
-    return Verdict(
-        effect.key,
-        Grade.WRONG if share[worst] > _MUCH else Grade.DOUBTFUL,
-        seen,
-        subject=subject,
-        cause=effect.why(cause),
-        cure=effect.fix,
-        number=number,
-        unit=unit,
-        proposals=effect.proposals(cause, recording),
-    )
+    grade = Grade.WRONG if share[worst] > _MUCH else Grade.DOUBTFUL
+    why, proposals = effect.why(cause), effect.proposals(cause, recording)
+    return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
 
 
-def _largest_torques(study: Study) -> Float[np.ndarray, " dof"]:
-    """Of the model, each drive's."""
-    return np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
-
-
-def _resonance(study: Study) -> Verdict:
-    """The highest line of all drives; drives that show it are named."""
-    trace, drives, residual = study.fit.trace, study.fit.drives, unexplained(study)
-    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
-    length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
-    frequency, power = density(residual, rate, max(length, 16))
-    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
-    lines = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T])
-    shares = np.sqrt(lines[:, 1]) / _largest_torques(study)
-    k = int(np.argmax(shares))
-    if shares[k] < _LEAST:
-        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
-    peak = float(lines[k, 0])
-    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
-    return Verdict(
-        "resonance",
-        Grade.DOUBTFUL,
-        f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque",
-        "" if same.all() else listed([drives[i] for i in np.flatnonzero(same)]),
-        "struts, gears or frame ring there, or the drive's control loop does",
-        "excite less near it and take a --cutoff below it; look for play and loose screws, or "
-        "lower the gain of the control loop",
-        number=peak,
-        unit="Hz",
-    )
-
-
-def _line(
-    frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
-) -> tuple[float, float]:
-    """Frequency and power of the most prominent line; zeros if there is none."""
-    inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
-    peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
-    for i in peaks[np.argsort(-power[peaks])]:
-        near = np.abs(frequency / frequency[i] - 1) < _NEAR
-        level_of = power[near]
-        middle = [(len(level_of) - 1) // 2, len(level_of) // 2]  # np.median's checks take longer
-        level = float(np.partition(level_of, middle)[middle].mean())
-        if power[i] < max(_STANDS * level, 1e-300):
-            continue
-        high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
-        if frequency[high[-1]] - frequency[high[0]] > wide + 2 * frequency[1]:
-            continue
-        band = np.abs(frequency - frequency[i]) <= 0.5 * wide + 2 * frequency[1]
-        total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
-        return float(frequency[i]), total
-    return 0.0, 0.0
-
-
-def _lag(study: Study, *, unknown: bool = False) -> Verdict:
+def _lag(study: Study, *, unknown: bool) -> Verdict:
     """Whether torques and positions are simultaneous, as far as this is determined.
 
     Args:
         unknown: whether the fit had to leave a lag open.
     """
-    key, unit, drives = "torque-lag", "ms", study.fit.drives
-    lag, half = (float(1e3 * x[0]) for x in (study.common.values, study.common.interval))
+    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
+    harm, shown = spoilt(study), study.common if study.alike else study.each
+    sizes, halves = np.abs(shown.values), shown.interval
+    clear = sizes > halves * np.where(halves > _WIDE, _CLEAR, 1.0)
+    largest = np.max(sizes, where=clear, initial=0.0)
+    matters = largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS)
+    number = half
     if study.hidden:
-        seen = f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but another cause "
-        seen += "explains more of what that leaves"
+        number, seen = lag, f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but "
+        seen += "another cause explains more of what that leaves"
         cause = "a lag beside the causes below, or these alone, which imitate one"
         cure = "mend the causes below first, and check again"
-        return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=lag, unit=unit)
-    harm = spoilt(study)
-    if not study.late or not _matters(study, harm):
-        if unknown:
-            seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
-            seen += "; none has been put right, and intervals allow for it"
-            cause = "noise that a controller feeds back, or gears that wind up, hide the steps of "
-            cause += "friction that tell a lag best"
-            cure = "give the lag if it is known (--lag), or record with lower gains"
-        elif half > 1e3 * (_WIDE if study.late else _UNKNOWN):
-            seen = f"the lag of torques behind positions is known to ±{half:.2g} ms only"
-            cause = "the motion is too slow, or the torque too noisy, to see it"
-            cure = "record a faster motion with more reversals"
-        else:
-            return Verdict(key, Grade.GOOD, _agreement(study), number=lag, unit=unit)
-        return Verdict(key, Grade.CANNOT_TELL, seen, "", cause, cure, number=half, unit=unit)
-    worst = int(np.argmax(np.abs(harm)))
-    grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
+    elif study.late and matters:
+        return _significant_lag(study, harm)
+    elif unknown:
+        seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
+        seen += "; none has been put right, and intervals allow for it"
+        cause = "noise that a controller feeds back, or gears that wind up, hide the steps of "
+        cause += "friction that tell a lag best"
+        cure = "give the lag if it is known (--lag), or record with lower gains"
+    elif half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+        seen = f"the lag of torques behind positions is known to ±{half:.2g} ms only"
+        cause = "the motion is too slow, or the torque too noisy, to see it"
+        cure = "record a faster motion with more reversals"
+    else:
+        return Verdict("torque-lag", Grade.GOOD, _agreement(study), number=lag, unit="ms")
+    key, grade = "torque-lag", Grade.CANNOT_TELL
+    return Verdict(key, grade, seen, "", cause, cure, number=number, unit="ms")
+
+
+def _significant_lag(study: Study, harm: Float[np.ndarray, " dof"]) -> Verdict:
+    """The verdict on a lag, by the share by which it spoils each drive's inertia."""
+    drives, worst = study.fit.drives, int(np.argmax(np.abs(harm)))
     harms = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
     harms += "too large" if harm[worst] > 0 else "too small"
+    number, odd = 1e3 * float(study.common.values[0]), ""
     if study.alike:
-        rows = 1e-3 * lag * study.fit.trace.low_pass.rate
-        seen = f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions{harms}"
+        rows, half = 1e-3 * number * study.fit.trace.low_pass.rate, 1e3 * study.common.interval[0]
+        seen = f"torques come {abs(number):.3g} ± {half:.1g} ms {_late(number)} against positions"
         cause = "torque and position are not of the same instant: a filter in the torque's way, a "
         cause += "bus cycle, or two clocks"
         cure = "record both in the same cycle of the controller and without filter, or shift the "
-        cure += f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)"
-        return Verdict(key, grade, seen, "", cause, cure, number=lag, unit=unit)
-    values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
-    lags = [f"{abs(x):.2g} ± {by:.1g} ms {_late(x)}" for x, by in zip(values, halves, strict=True)]
-    seen = (
-        f"torques and positions do not agree in time, and drives differ: {_by_drive(drives, lags)}"
-    )
-    differing = np.abs(values - lag) > np.maximum(halves, _APART)
-    odd = "" if differing.all() else listed([drives[i] for i in np.flatnonzero(differing)])
-    cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong friction "
-    cause += "law or torque constant, which a lag imitates"
-    cure = "set the torque filters of all drives alike and record in one cycle; check the friction "
-    cure += "law and torque constant of those that differ"
-    number = float(values[int(np.argmax(np.abs(values)))])
-    return Verdict(key, grade, seen + harms, odd, cause, cure, number=number, unit=unit)
+        cure += f"torque columns by {-rows:+.2g} rows ({-number:+.3g} ms)"
+    else:
+        values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
+        pairs = zip(values, halves, strict=True)
+        lags = [f"{abs(x):.2g} ± {half:.1g} ms {_late(x)}" for x, half in pairs]
+        seen = "torques and positions do not agree in time, and drives differ: "
+        seen += _by_drive(drives, lags)
+        differing = np.abs(values - number) > np.maximum(halves, _APART)
+        odd = "" if differing.all() else listed(np.array(drives)[differing].tolist())
+        cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong "
+        cause += "friction law or torque constant, which a lag imitates"
+        cure = "set the torque filters of all drives alike and record in one cycle; check the "
+        cure += "friction law and torque constant of those that differ"
+        number = float(values[np.argmax(np.abs(values))])
+    grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
+    return Verdict("torque-lag", grade, seen + harms, odd, cause, cure, number=number, unit="ms")
 
 
 def _agreement(study: Study) -> str:
@@ -230,14 +178,77 @@ def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
     return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
 
 
-def _matters(study: Study, harm: Float[np.ndarray, " dof"]) -> bool:
-    """Whether a lag is clear of its interval, and large or harmful."""
-    lag = study.common if study.alike else study.each
-    size = np.abs(lag.values)
-    clear = size > lag.interval * np.where(lag.interval > _WIDE, _CLEAR, 1.0)
-    largest = np.max(size, where=clear, initial=0.0)
-    return bool(largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS))
-
-
 def _late(value: float) -> str:
     return "late" if value > 0 else "early"
+
+
+def _resonance(study: Study) -> Verdict:
+    """The highest line of all drives; drives that show it are named."""
+    trace, drives, residual = study.fit.trace, study.fit.drives, unexplained(study)
+    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
+    length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
+    frequency, power = density(residual, rate, max(length, 16))
+    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
+    lines = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T])
+    shares = np.sqrt(lines[:, 1]) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+    k = int(np.argmax(shares))
+    if shares[k] < _LEAST:
+        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
+    peak = float(lines[k, 0])
+    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
+    seen = f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
+    subject = "" if same.all() else listed(np.array(drives)[same].tolist())
+    cause = "struts, gears or frame ring there, or the drive's control loop does"
+    cure = "excite less near it and take a --cutoff below it; look for play and loose screws, or "
+    cure += "lower the gain of the control loop"
+    key, grade = "resonance", Grade.DOUBTFUL
+    return Verdict(key, grade, seen, subject, cause, cure, number=peak, unit="Hz")
+
+
+def _line(
+    frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
+) -> tuple[float, float]:
+    """Frequency and power of the most prominent line; zeros if there is none."""
+    inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
+    peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
+    for i in peaks[np.argsort(-power[peaks])]:
+        near = np.abs(frequency / frequency[i] - 1) < _NEAR
+        around = np.sort(power[near])  # np.median's checks take longer
+        level = 0.5 * float(around[(len(around) - 1) // 2] + around[len(around) // 2])
+        if power[i] < max(_STANDS * level, 1e-300):
+            continue
+        high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
+        if frequency[high[-1]] - frequency[high[0]] > wide + 2 * frequency[1]:
+            continue
+        band = np.abs(frequency - frequency[i]) <= 0.5 * wide + 2 * frequency[1]
+        total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
+        return float(frequency[i]), total
+    return 0.0, 0.0
+
+
+def _rest(study: Study, *, rings: bool) -> Verdict:
+    """Verdict on what neither parameters nor effects explain, by the drive that has most of it.
+
+    Args:
+        rings: whether a resonance explains it.
+    """
+    every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
+    rest = next((rest for rest in every if rest.is_unexplained), None)
+    if rings or rest is None:
+        seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
+        return Verdict("residual", Grade.GOOD, seen, number=every[0].times, unit="times the noise")
+    drive = study.fit.drives[rest.drive]
+    seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, "
+    cause, cure = "no known effect, and what is corrected may stand for a part of it", _LOOK
+    squares = np.sort(study.fit.rows.of_drives(study.account.left)[rest.drive] ** 2)
+    if rest.follows:
+        seen += f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)"
+    elif squares[-max(len(squares) // 10, 1) :].sum() > _BURSTS * squares.sum():
+        seen += "in short bursts"
+        cause = "knocks: contact with something, backlash that closes, or stops"
+        cure = f"{_LOOK}, and exclude what was no free motion"
+    else:
+        seen += "it varies with neither speed, place, time nor load"
+        cure = f"{_LOOK}; check play and stiffness of the gears"
+    key, number = "residual", 100 * rest.part
+    return Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")

@@ -49,30 +49,29 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     if isinstance(recording, Recording):
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
-        yield _standing(evidence, recording.log)
+        yield _standing(recording.log)
     if evidence.rows.tau.shape[1]:
         yield from _torque(evidence)
 
 
 def _rate(evidence: Evidence) -> Verdict:
     """Samples per period of the motion's bandwidth."""
-    rows, columns = evidence.rows, evidence.columns
-    rate, fastest = 1.0 / rows.step, bandwidth(rows.q, 1.0 / rows.step)
+    columns, rate = evidence.columns, 1.0 / evidence.rows.step
+    fastest = bandwidth(evidence.rows.q, rate)
     if fastest == 0:
         seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
         return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
-    samples, differentiated = rate / fastest, not (columns.velocity and columns.acceleration)
-    doubtful, wrong = _DIFFERENTIATED if differentiated else _TAKEN
-    seen = (
-        f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
-        f"{fastest:.3g} Hz"
-    )
+    samples, cause = rate / fastest, "the recording is too slow "
+    if columns.velocity and columns.acceleration:
+        (doubtful, wrong), cause = _TAKEN, f"{cause}for this motion"
+    else:
+        doubtful, wrong = _DIFFERENTIATED
+        cause += "to be differentiated: what is faster than a sixteenth of the rate is bent or cut "
+        cause += "away"
+    seen = f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
+    seen += f"{fastest:.3g} Hz"
     if samples >= doubtful:
         return Verdict("rate", Grade.GOOD, seen, number=samples, unit="samples")
-    cause = "the recording is too slow for this motion"
-    if differentiated:
-        cause = "the recording is too slow to be differentiated: what is faster than a sixteenth "
-        cause += "of the rate is bent or cut away"
     scale = 10.0 ** np.floor(np.log10(20 * fastest))
     enough = float(np.ceil(20 * fastest / scale) * scale)  # to one significant digit
     cure = f"record at {enough:g} Hz or more, or move more slowly"
@@ -82,38 +81,34 @@ def _rate(evidence: Evidence) -> Verdict:
 
 def _encoder(evidence: Evidence) -> Iterator[Verdict]:
     """Quantization noise of positions in the accelerations."""
-    q, robot, low_pass = evidence.rows.q, evidence.robot, _low_pass(evidence)
+    q, drives, low_pass = evidence.rows.q, np.array(evidence.robot.drives), _low_pass(evidence)
     if low_pass is None:
         return
-    taps = np.convolve(low_pass.second, low_pass.smooth)
-    spread = np.zeros((len(taps) - 1) * low_pass.stride + 1)
-    spread[:: low_pass.stride] = taps
-    response = np.convolve(spread, low_pass.lead)
+    second = np.zeros((len(low_pass.second) - 1) * low_pass.stride + 1)
+    second[:: low_pass.stride] = low_pass.second
+    response = np.convolve(second, low_pass.response)
     if len(q) < 2 * len(response):
         return
-    steps, shares = np.array([step_of(x) for x in q.T]), np.zeros(q.shape[1])
-    for i, (x, step) in enumerate(zip(q.T, steps, strict=True)):
-        rough = step / np.sqrt(12) * np.linalg.norm(response)
-        windows = np.lib.stride_tricks.sliding_window_view(x - x.mean(), len(response))
+    steps, moves = np.array([step_of(x) for x in q.T]), _moving(evidence)
+    shares, rough = np.zeros(len(steps)), steps / np.sqrt(12) * np.linalg.norm(response)
+    for i in np.flatnonzero(moves):
+        windows = np.lib.stride_tricks.sliding_window_view(q[:, i] - q[:, i].mean(), len(response))
         size = np.std(windows[:: low_pass.thinned] @ response[::-1])
-        shares[i] = rough / np.sqrt(max(size**2 - rough**2, (0.1 * size) ** 2, 1e-300))
-    moves = _moving(evidence)
-    shares[~moves] = 0.0
+        shares[i] = rough[i] / np.sqrt(max(size**2 - rough[i] ** 2, (0.1 * size) ** 2, 1e-300))
     counts = np.ptp(q, axis=0) / np.maximum(steps, 1e-300)
-    bad = np.flatnonzero(moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0))))
+    bad = moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
     worst = int(np.argmax(shares))
-    drive, number = robot.drives[worst], 100 * float(shares[worst])
-    seen = "positions show no steps"
+    drive, number, seen = drives[worst], 100 * float(shares[worst]), "positions show no steps"
     if steps[worst] > 0:
         seen = (
-            f"steps of {steps[worst]:.2g} {robot.units(drive).coordinate} make "
+            f"steps of {steps[worst]:.2g} {evidence.robot.units(drive).coordinate} make "
             f"{percent(shares[worst])} of {drive}'s acceleration below {low_pass.cutoff:.3g} Hz"
         )
-    if not bad.size:
+    if not bad.any():
         yield Verdict("encoder-step", Grade.GOOD, seen, number=number, unit="%")
         return
     grade = Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL
-    subject = listed([robot.drives[i] for i in bad])
+    subject = listed(drives[bad].tolist())
     cause = "the encoder, or the number format of the log, resolves too little for this motion"
     cure = "record the motor's encoder with all its digits, move faster, or take a lower --cutoff"
     yield Verdict("encoder-step", grade, seen, subject, cause, cure, number=number, unit="%")
@@ -132,7 +127,7 @@ def _low_pass(evidence: Evidence) -> LowPass | None:
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
     """Drives that do not rest while others of their kind move."""
-    robot, span = evidence.robot, np.ptp(evidence.rows.q, axis=0)
+    robot, span = evidence.robot, evidence.moved
     slides = np.array([robot.is_linear(drive) for drive in robot.drives])
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
     return span > _AT_LEAST * largest
@@ -156,10 +151,8 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:
             scatter = uneven
-            seen = (
-                f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
-                f"{period} from where their even stamps say"
-            )
+            seen = f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
+            seen += f"{period} from where their even stamps say"
     if not seen:
         seen = f"{clock.rows} rows, one every {period}"
         return Verdict("clock", Grade.GOOD, seen, number=100 * scatter, unit="%")
@@ -168,36 +161,34 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
-    cure = (
-        "log with the controller's own cycle and its counter as time; meanwhile holes are cut out "
-        "or bridged, and rows put on an even grid"
-    )
+    cure = "log with the controller's own cycle and its counter as time; meanwhile holes are cut "
+    cure += "out or bridged, and rows put on an even grid"
     number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
     return Verdict("clock", Grade.DOUBTFUL, seen, "", cause, cure, number=number, unit="%")
 
 
-def _share_of(evidence: Evidence, log: Log, reasons: tuple[Reason, ...]) -> np.ndarray:
-    """Share of each drive's rows that are excluded for some reasons."""
+def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
+    """Share of each drive's rows that is excluded for some reasons."""
     masks = [mask for mask in log.masks if mask.reason in reasons]
-    return 1.0 - kept(masks, evidence.dynamics.dof, log.samples)
+    return (1.0 - kept(masks, len(log.columns.position), log.samples)).tolist()
 
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
-    shares, key, unit = _share_of(evidence, log, ("saturated torque",)), "saturation", "%"
-    if shares.max() <= _CLIPPED:
+    shares, key = _excluded(log, ("saturated torque",)), "saturation"
+    if max(shares) <= _CLIPPED:
         seen = "no torque stays on its largest or smallest number"
-        yield Verdict(key, Grade.GOOD, seen, number=100 * float(shares.max()), unit=unit)
+        yield Verdict(key, Grade.GOOD, seen, number=100 * max(shares), unit="%")
     cause = "the drive is at its limit of current, or the channel's range ends there"
     cure = "raise the channel's range, or move more gently or with less load"
-    for drive, share in zip(evidence.robot.drives, shares.tolist(), strict=True):
+    for drive, share in zip(evidence.robot.drives, shares, strict=True):
         if share > _CLIPPED:
             seen = f"{percent(share)} of {drive}'s rows are on the largest or smallest number of "
             seen, number = f"{seen}the torque; these are left out", 100 * share
-            yield Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit=unit)
+            yield Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")
 
 
-def _standing(evidence: Evidence, log: Log) -> Verdict:
-    share = float(_share_of(evidence, log, _AT_REST).min())
+def _standing(log: Log) -> Verdict:
+    share = min(_excluded(log, _AT_REST))
     seen = f"the robot rests for {percent(share)} of the time"
     if share <= _RESTING:
         return Verdict("standing", Grade.GOOD, seen, number=100 * share, unit="%")
@@ -210,19 +201,18 @@ def _standing(evidence: Evidence, log: Log) -> Verdict:
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
     """Noise and steps of the torque channels."""
     tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
-    largest = np.maximum(np.abs(tau).max(axis=0), 1e-300)
-    spread = np.maximum(tau.std(axis=0), 1e-300)
+    largest, spread = np.maximum([np.abs(tau).max(axis=0), tau.std(axis=0)], 1e-300)
     steps = np.array([step_of(x) for x in tau.T])
-    noise = white_noise(tau, 1.0 / evidence.rows.step)
-    noise = np.sqrt(np.maximum(noise**2 - steps**2 / 12, 0.0))
-    shares, coarse = noise / largest, moves & (steps > _COARSE * spread)
-    noisy = np.flatnonzero(moves & (shares > _NOISY) & ~coarse).tolist()
-    if not noisy:
-        share = float(shares[np.argmax(np.where(moves, shares, 0.0))])
+    variance = white_noise(tau, 1.0 / evidence.rows.step) ** 2 - steps**2 / 12
+    noise, coarse = np.sqrt(np.maximum(variance, 0.0)), moves & (steps > _COARSE * spread)
+    shares = (noise / largest).tolist()
+    noisy = np.flatnonzero(moves & (noise / largest > _NOISY) & ~coarse)
+    if not noisy.size:
+        share = shares[int(np.argmax(np.where(moves, shares, 0.0)))]
         seen = f"at most {percent(share)} of the largest torque"
         yield Verdict("torque-noise", Grade.GOOD, seen, number=100 * share, unit="%")
     for i in noisy:
-        drive, number, key = drives[i], 100 * float(shares[i]), "torque-noise"
+        key, drive, number = "torque-noise", drives[i], 100 * shares[i]
         grade, seen = Grade.WRONG, f"{drive}'s torque is noise only"
         cause = "the channel is not connected, or another signal"
         cure = "check which signal the column holds"
@@ -232,21 +222,16 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
             cause = "current ripple or an unshielded sensor, or a motion with little torque"
             cure = "record the controller's filtered torque and its lag, longer, or a faster motion"
         yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
-    shares = steps / spread
+    shares = (steps / spread).tolist()
     if not coarse.any():
-        share = float(shares.max())
+        share = max(shares)
         seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
         yield Verdict("torque-step", Grade.GOOD, seen, number=100 * share, unit="%")
-    for i in np.flatnonzero(coarse).tolist():
-        drive, unit = drives[i], evidence.robot.units(drives[i]).force
-        yield Verdict(
-            "torque-step",
-            Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL,
-            f"{drive}'s torque comes in steps of {steps[i]:.3g} {unit}, {percent(shares[i])} of "
-            "its usual size",
-            drive,
-            "the channel has too few digits, such as whole per cent of a rated torque",
-            "record it with more digits (per mille, or the current in mA)",
-            number=100 * float(shares[i]),
-            unit="%",
-        )
+    cause = "the channel has too few digits, such as whole per cent of a rated torque"
+    cure = "record it with more digits (per mille, or the current in mA)"
+    for i in np.flatnonzero(coarse):
+        key, drive, number = "torque-step", drives[i], 100 * shares[i]
+        grade = Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL
+        seen = f"{drive}'s torque comes in steps of {steps[i]:.3g} "
+        seen += f"{evidence.robot.units(drive).force}, {percent(shares[i])} of its usual size"
+        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
