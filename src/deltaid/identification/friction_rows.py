@@ -15,9 +15,10 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
+from deltaid.effects.joint import Joint, Shape
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
+from deltaid.effects.point import Point, points_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns
@@ -53,7 +54,7 @@ class FrictionRows:
     """Rows of some recordings, one drive under the other, in units of each drive's noise."""
 
     dynamics: Dynamics
-    traces: tuple[Trace, ...]
+    points: tuple[Point, ...]  # the recordings at parameters of least squares
     largest: Float[np.ndarray, " dof"]  # torque of each drive
     # active columns of the regressor, all recordings after each other
     Y: Float[np.ndarray, "dof samples columns"]
@@ -117,22 +118,14 @@ class FrictionRows:
     @cached_property
     def joints(self) -> dict[str, Joint]:
         """Joints whose friction may have further terms."""
-        motions = [trace.entries(trace.motion()) for trace in self.traces]
-        joints = dict[str, Joint]()
-        for joint in joints_of(self.dynamics):
-            fastest = max(float(joint.speed(entries).max()) for entries in motions)
-            if fastest > 0:
-                moved = 0.0 if joint.drive is None else float(self.moved[joint.drive])
-                joints[joint.name] = replace(joint, fastest=fastest, moved=moved)
-        return joints
+        moved = dict(zip(self.dynamics.robot.drives, self.moved.tolist(), strict=True))
+        joints = self.points[0].joints
+        return {j.name: replace(j, moved=moved.get(j.name, 0.0)) for j in joints}
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def columns(self, shapes: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint."""
-        if not shapes:
-            return np.zeros((len(self.tau), 0))
-        traces = [replace(trace, load=self.p) for trace in self.traces]
-        parts = [joint_columns(trace, self.p, shapes) for trace in traces]
+        parts = [point.of_joints(shapes) for point in self.points]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
 
 
@@ -163,7 +156,8 @@ def friction_rows(
     parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
     extra = rows.stack(np.concatenate(parts, axis=1))
     span, still = span.with_columns(extra), np.zeros(dynamics.dof)
-    return FrictionRows(dynamics, tuple(traces), largest, Y, extra, rows, span, tau, p, still)
+    points = tuple(points_of([replace(record, load=p) for record in traces], p))
+    return FrictionRows(dynamics, points, largest, Y, extra, rows, span, tau, p, still)
 
 
 def cutoff_of(recording: Recording) -> float | None:

@@ -152,7 +152,10 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _changes(rows: FrictionRows) -> list[Warmth]:
     """What rows show beyond chance, by temperature first."""
-    changes, motions = list[Warmth](), {trace.recording: trace.motion() for trace in rows.traces}
+    changes, motions = (
+        list[Warmth](),
+        {point.trace.recording: point.motion for point in rows.points},
+    )
     known = {
         recording: temperature(recording, w) for recording, w in motions.items()
         if recording.log.columns.temperature is not None
