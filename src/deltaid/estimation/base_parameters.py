@@ -56,18 +56,12 @@ class BaseGroup:
 
 @dataclass(frozen=True, repr=False)
 class BaseParameters(Shown):
-    """The identifiable combinations of a robot's parameters.
-
-    Attributes:
-        groups: one for each base parameter.
-        invisible: parameters that no torque shows.
-        condition: condition number of the base regressor, columns scaled to unit length.
-    """
+    """The identifiable combinations of a robot's parameters."""
 
     layout: ParameterLayout
-    groups: tuple[BaseGroup, ...]
-    invisible: tuple[int, ...]
-    condition: float
+    groups: tuple[BaseGroup, ...]  # one for each base parameter
+    invisible: tuple[int, ...]  # parameters that no torque shows
+    condition: float  # of the base regressor, columns scaled to unit length
 
     @property
     def rank(self) -> int:

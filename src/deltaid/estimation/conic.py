@@ -31,15 +31,10 @@ from deltaid.estimation.regularizer import LOG_DET, Quadratic, Vector
 
 @dataclass(frozen=True)
 class Conic:
-    """The global optimum of (15) for a regulariser that is convex, with its certificate.
+    """The global optimum of (15) for a regulariser that is convex, with its certificate."""
 
-    Attributes:
-        tolerance: of the interior-point method, in gap and feasibility.
-        largest_gap: a result with a larger gap, as a share of J plus the regulariser's unit γ, is
-            refused.
-    """
-
-    tolerance: float = 1e-9
+    tolerance: float = 1e-9  # of the interior-point method, in gap and feasibility
+    # a result with a larger gap, as a share of J plus the regulariser's unit γ, is refused
     largest_gap: float = 1e-5
     certifies: ClassVar[bool] = True
 

@@ -44,13 +44,12 @@ class DriveRows:
     def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over the RMS residual of each drive's b by the columns of all drives together."""
         residual = self.of_drives(Span.of(self.stack(A)).without(self.stack(b)))
-        floor = _MISFIT_FLOOR * self.scale
-        return DriveRows(np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor), self.samples)
+        scale = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), _MISFIT_FLOOR * self.scale)
+        return DriveRows(scale, self.samples)
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
         """Something of every drive as rows."""
-        scaled = x / self.scale.reshape(-1, *[1] * (x.ndim - 1))
-        return scaled.reshape(-1, *x.shape[2:])
+        return (x.T / self.scale).T.reshape(-1, *x.shape[2:])
 
     def own(self, x: OfDrives) -> Columns:
         """Something of every drive, one column a drive that is zero for all others."""

@@ -48,32 +48,27 @@ class Known(Protocol):
 
 # Columns of [Y, τ] and their samples in rows.
 Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
+PerRow = Float[np.ndarray, " rows"]
+Rows = Float[np.ndarray, "dof samples"]
+Motion = Float[np.ndarray, "samples dof"]
 
 
 @dataclass(frozen=True)
 class Information:
-    """Information on the parameters in a recording.
+    """Information on the parameters in a recording."""
 
-    Attributes:
-        columns: the parameters (positions in p) that the factors' columns stand for; all others
-            have no effect on what is measured.
-        factors: for each drive, then for each channel of sensors, a matrix F with
-            Fᵀ F = [Y_i, τ_i]ᵀ [Y_i, τ_i]; τ is the last column.
-        samples: number of samples behind each factor; one whose noise the weights of a
-            recording leave in part counts as that part.
-        torque_max: largest |τ| of each.
-        channels: how many of the factors, the last ones, are of sensors.
-        levels: what each channel counts as 1 of, so that its noise is σ̂ like that of torques over
-            their largest (`balance`); none before that is known.
-        facts: rows [c, v] of what is known without any sample, cᵀp = v, in the same measure.
-    """
-
+    # positions in p of what the factors' columns stand for; all others have no effect
     columns: Int[np.ndarray, " columns"]
+    # for each drive, then for each channel of sensors, F with FᵀF = [Y_i, τ_i]ᵀ[Y_i, τ_i]
     factors: Float[np.ndarray, "rows augmented augmented"]
-    samples: Float[np.ndarray, " rows"]
-    torque_max: Float[np.ndarray, " rows"]
-    channels: int = 0
+    # of each; one whose noise the weights of a recording leave in part counts as that part
+    samples: PerRow
+    torque_max: PerRow  # largest |τ| of each
+    channels: int = 0  # how many of the factors, the last ones, are of sensors
+    # what each channel counts as 1 of, so that its noise is σ̂ like that of torques over their
+    # largest (`balance`); none before that is known
     levels: Float[np.ndarray, " channels"] | None = None
+    # rows [c, v] of what is known without any sample, cᵀp = v, in the same measure
     facts: Float[np.ndarray, "facts augmented"] | None = None
 
     @property
@@ -101,20 +96,16 @@ class Information:
         return self.weights[self.drives]
 
     @property
-    def weights(self) -> Float[np.ndarray, " rows"]:
+    def weights(self) -> PerRow:
         """The same, and behind it those of the channels of sensors by their noise."""
         sizes, used = self.torque_max.copy(), self.torque_max > 0
         if self.levels is not None:
             sizes[self.drives.stop :] = self.levels
         return np.where(used, np.where(used, sizes, 1.0) ** -2.0, 0.0)
 
-    def weighted(
-        self, weights: Float[np.ndarray, " rows"] | None = None
-    ) -> Float[np.ndarray, "augmented augmented"]:
-        """Factor of W^½ [Ȳ, τ̄] with one weight a drive or channel: rows i times √weights_i.
-
-        With the weights of the fit, which are the default, facts are among the rows.
-        """
+    def weighted(self, weights: PerRow | None = None) -> Float[np.ndarray, "augmented augmented"]:
+        """Factor of W^½ [Ȳ, τ̄] with one weight a drive or channel: rows i times √weights_i. With
+        the weights of the fit, which are the default, facts are among the rows."""
         facts = self.facts if weights is None else None
         scaled = self.factors * np.sqrt(self.weights if weights is None else weights)[:, None, None]
         rows = scaled.reshape(-1, scaled.shape[2])
@@ -129,7 +120,7 @@ class Information:
         """That of one drive or channel alone, in its own unit."""
         return LinearProblem.of_triangle(self.factors[i], float(self.samples[i]))
 
-    def rms(self, p: Parameters) -> Float[np.ndarray, " rows"]:
+    def rms(self, p: Parameters) -> PerRow:
         """Root mean square of τ_i − Y_i p for each drive and channel; 0 without samples."""
         residual = self.factors @ np.append(-p[self.columns], 1.0)
         return np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(self.samples, 1.0))
@@ -148,11 +139,7 @@ class Condensed:
     torque_max: Float[np.ndarray, " dof"]
 
 
-def condense(
-    chunks: Iterable[Chunk],
-    tau: Float[np.ndarray, "dof samples"],
-    counted: Float[np.ndarray, "dof samples"],
-) -> Condensed:
+def condense(chunks: Iterable[Chunk], tau: Rows, counted: Rows) -> Condensed:
     """Triangles of some samples' chunks, each put together piece by piece; `counted` is what each
     sample is worth, as `samples` says."""
     triangles = []
@@ -170,8 +157,8 @@ def collect(
 ) -> Information:
     """The information of condensed samples, taken in one after the other; `channels` as there. An
     IdentificationError says in what the regressor is not finite somewhere, by `where`."""
-    columns = active_columns(regressor)
-    n, dof = len(columns) + 1, regressor.dof
+    columns, dof = active_columns(regressor), regressor.dof
+    n = len(columns) + 1
     factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
     for part in parts:
         for i, (places, R) in enumerate(part.triangles):
@@ -191,11 +178,7 @@ def collect(
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def gather_samples(
-    regressor: Regressor,
-    z: Float[np.ndarray, "samples dof"],
-    qd: Float[np.ndarray, "samples dof"],
-    qdd: Float[np.ndarray, "samples dof"],
-    tau: Float[np.ndarray, "samples dof"],
+    regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, tau: Motion
 ) -> Information:
     """The information of samples in memory."""
     parts = []
@@ -225,7 +208,7 @@ def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
 def chunks_of_drives(
     regressor: Columns,
     values: Float[np.ndarray, "entries samples"],
-    tau: Float[np.ndarray, "dof samples"],
+    tau: Rows,
     active: Int[np.ndarray, " columns"] | None = None,
 ) -> list[Chunk]:
     """Each drive's rows of [Y, τ], without the columns that are zero for it by structure; gathered
@@ -247,11 +230,7 @@ def triangle(A: Float[np.ndarray, "*many rows n"]) -> Float[np.ndarray, "*many r
 
 
 def entries_at(
-    regressor: Regressor,
-    z: Float[np.ndarray, "samples dof"],
-    qd: Float[np.ndarray, "samples dof"],
-    qdd: Float[np.ndarray, "samples dof"],
-    load: Float[np.ndarray, "samples dof"] | None = None,
+    regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, load: Motion | None = None
 ) -> Float[np.ndarray, "entries samples"]:
     """Entries of Y of a robot alone, in the order of its pattern; no other file evaluates them."""
     return regressor.sparse_regressor(z, qd, qdd, load).values

@@ -148,11 +148,11 @@ class LogCholeskyMap:
         (a ≤ b) in this order."""
         completed = self.reduction.completed[body]
         order = [*(i for i in range(4) if i not in completed), *completed]
-        free = {
-            (min(a, b), max(a, b)): k
-            for (i, j), k in self.reduction.entries(body).items()
-            for a, b in [(order.index(i), order.index(j))]
-        }
+        free = dict[tuple[int, int], int]()
+        for k, variable in enumerate(self.reduction.variables):
+            if variable.kind == "inertia" and variable.owner == body:
+                a, b = sorted(map(order.index, PSEUDO_INERTIA_ENTRIES[variable.symbol]))
+                free[a, b] = k
         return order, free
 
     def _body_entries(self, body: str, pi: ca.SX) -> dict[int, ca.SX]:
@@ -186,10 +186,8 @@ class LogCholeskyMap:
         return {k: M[a, b] for (a, b), k in free.items()}
 
     def _body_coordinates(self, body: str, p: Vector) -> dict[int, float]:
-        """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row.
-
-        Completed rows take no part in the factorisation; only their coupling is read.
-        """
+        """α, d, s, t of one body from its parameters: the Cholesky factor of M̄, row by row; of
+        completed rows only the coupling is read."""
         order, free = self._places(body)
         if not free:
             return {}

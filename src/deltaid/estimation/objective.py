@@ -14,18 +14,12 @@ from deltaid.estimation.regularizer import Matrix, Quadratic, Regularizer, Vecto
 
 @dataclass(frozen=True)
 class Objective:
-    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit.
+    """J(x) = data term + γ_p · regulariser, eq. (15) with γ_τ = 1. Without unit."""
 
-    Attributes:
-        reduction: what x means, and where it is consistent.
-        data: γ_τ/s ‖τ̄ − Ȳ p‖²_W.
-        gamma: γ_p.
-    """
-
-    reduction: Reduction
-    data: Quadratic
+    reduction: Reduction  # what x means, and where it is consistent
+    data: Quadratic  # γ_τ/s ‖τ̄ − Ȳ p‖²_W
     regularizer: Regularizer
-    gamma: float
+    gamma: float  # γ_p
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian with respect to x."""
@@ -39,18 +33,12 @@ class Objective:
 
 @dataclass(frozen=True)
 class Solution:
-    """A minimiser x of the objective and how good it is.
-
-    Attributes:
-        objective: J(x).
-        bound: no consistent x has a smaller J; −∞ where nothing is known.
-        iterations, status: of the solver.
-    """
+    """A minimiser x of the objective and how good it is."""
 
     x: Vector
-    objective: float
-    bound: float
-    iterations: int
+    objective: float  # J(x)
+    bound: float  # no consistent x has a smaller J; −∞ where nothing is known
+    iterations: int  # of the solver, as its status
     status: str
 
     @property
@@ -83,19 +71,14 @@ def data_term(information: Information, reduction: Reduction) -> Quadratic:
 
 
 def noise_level(information: Information) -> float:
-    """σ̂ of the weighted torques, as a share of τ_max, whatever the parameters.
-
-    The residual of the unconstrained least squares over all columns, with its degrees of freedom.
-    """
+    """σ̂ of the weighted torques, as a share of τ_max, whatever the parameters: the residual of the
+    unconstrained least squares over all columns, with its degrees of freedom."""
     return information.of_drives.problem.noise
 
 
 def default_gamma(information: Information, prior_spread: float) -> float:
-    """γ_p by maximum a posteriori: γ_p/γ_τ = σ̂² / (s · spread²).
-
-    Minimising (15) with it is maximising the posterior probability for torque noise of standard
-    deviation σ̂ τ_max, estimated from the data, and a prior whose relative standard deviation is
-    `prior_spread`.
-    """
+    """γ_p by maximum a posteriori, γ_p/γ_τ = σ̂² / (s · spread²): minimising (15) with it maximises
+    the posterior probability for torque noise of standard deviation σ̂ τ_max, estimated from the
+    data, and a prior whose relative standard deviation is `prior_spread`."""
     sigma = max(noise_level(information), NOISE_FLOOR)
     return sigma**2 / (information.mean_samples * prior_spread**2)

@@ -25,12 +25,7 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.free_body import Block, Free, free_body, free_coefficients
 from deltaid.robot.body import Entry, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import (
-    PSEUDO_INERTIA_ENTRIES,
-    consistency,
-    inertia_parameters,
-    pseudo_inertia,
-)
+from deltaid.robot.inertia import consistency, inertia_parameters, pseudo_inertia
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 
 # ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
@@ -42,28 +37,19 @@ _COMPLETION_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class Reduction:
-    """The free variables of a robot.
-
-    Attributes:
-        variables: entries of a body's M̄, whose scale is √(M̄_ii M̄_jj), or coefficients of a joint.
-        A, p_0: p = A x + p_0.
-        blocks: what must be positive definite.
-        p_reg: p at the prior, reduced.
-        completed: for each body, the rows of M̄ (0–3) whose diagonal entry is completed.
-        stated: spread of the prior over that of the fit, for entries of p that have one of their
-            own.
-        widened: how many times wider than stated the prior is, for entries of p whose prior the
-            recording contradicts (`widening`).
-    """
+    """The free variables of a robot."""
 
     layout: ParameterLayout
+    # entries of a body's M̄, whose scale is √(M̄_ii M̄_jj), or coefficients of a joint
     variables: tuple[Parameter, ...]
-    A: Float[np.ndarray, "parameters n"]
+    A: Float[np.ndarray, "parameters n"]  # p = A x + p_0
     p_0: Float[np.ndarray, " parameters"]
-    blocks: tuple[Block, ...]
-    p_reg: Float[np.ndarray, " parameters"]
-    completed: dict[str, tuple[int, ...]]
+    blocks: tuple[Block, ...]  # what must be positive definite
+    p_reg: Float[np.ndarray, " parameters"]  # p at the prior, reduced
+    completed: dict[str, tuple[int, ...]]  # rows of each body's M̄ whose diagonal is completed
+    # spread of the prior over that of the fit, for entries of p that have one of their own
     stated: Mapping[str, float] = field(default_factory=dict[str, float])
+    # how many times wider than stated it is, for those that the recording contradicts (`widening`)
     widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -98,14 +84,6 @@ class Reduction:
     def scale(self) -> Float[np.ndarray, " n"]:
         """A typical size of each variable."""
         return np.array([variable.scale for variable in self.variables])
-
-    def entries(self, body: str) -> dict[tuple[int, int], int]:
-        """Position in x of each free entry of a body's M̄, by its place (i ≤ j)."""
-        return {
-            PSEUDO_INERTIA_ENTRIES[variable.symbol]: k
-            for k, variable in enumerate(self.variables)
-            if variable.kind == "inertia" and variable.owner == body
-        }
 
     def parameters(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " parameters"]:
         """p for free variables x, with the completed entries of every body made consistent; an
@@ -162,7 +140,7 @@ def build_reduction(
         ),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
-        stated={name: stated / spread for name, stated in stated_spreads(robot).items()},
+        stated={name: own / spread for name, own in stated_spreads(robot).items()},
     )
 
 

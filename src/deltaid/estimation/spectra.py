@@ -45,13 +45,9 @@ def bandwidth(q: Signals, rate: float) -> float:
 def segments(
     x: Signals, rate: float, length: int, apart: int, *, level: bool = False
 ) -> tuple[Float[np.ndarray, " bins"], Complex[np.ndarray, "segments channels bins"]]:
-    """Frequencies [Hz] and spectra of segments by Hann's window, scaled so that the mean of their
-    squares is a one-sided power density [1/Hz] (Welch).
-
-    Args:
-        apart: samples from the beginning of one to that of the next.
-        level: whether the mean of each is taken out.
-    """
+    """Frequencies [Hz] and spectra of segments by Hann's window, their beginnings so many samples
+    `apart`, without their means if they are to be `level`; scaled so that the mean of their squares
+    is a one-sided power density [1/Hz] (Welch)."""
     parts = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::apart]
     if level:
         parts = parts - parts.mean(axis=2, keepdims=True)

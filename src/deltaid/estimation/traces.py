@@ -154,15 +154,11 @@ def trace(
     cutoff: float | None,
     windows: int | None = None,
 ) -> Trace:
-    """A recording in memory; of a long one its excerpt.
+    """A recording in memory; of a long one at most so many windows (`WINDOW` rows each) from all of
+    its time; filtered by a cut-off [Hz], None for the log's own.
 
     Speeds and accelerations come from the positions, even where recorded, so that their errors have
     no influence. Reversals do not count: steps of friction are known to half a sample only.
-
-    Args:
-        load: as of `Trace`.
-        cutoff: of the filter [Hz]; None for the log's own.
-        windows: at most so many of these (`WINDOW` rows each), spread over the whole time.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.

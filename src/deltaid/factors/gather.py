@@ -16,7 +16,7 @@ from deltaid.effects.lag_groups import alone
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
-from deltaid.estimation.places import Places
+from deltaid.estimation.scatter import Places
 from deltaid.factors.columns import GatheredColumns, map_to, plain
 from deltaid.factors.file import ENDING, FactorFile, read_key, write
 from deltaid.factors.keys import digest, safe, ways

@@ -23,8 +23,7 @@ from deltaid.estimation.information import (
     condense,
     merge,
 )
-from deltaid.estimation.places import Places, Visits
-from deltaid.estimation.scatter import Groups
+from deltaid.estimation.scatter import Groups, Places, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window

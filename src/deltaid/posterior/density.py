@@ -14,23 +14,94 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import DescriptionError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.posing import METRICS
-from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Regularizer, SpectralTerm, prior_root
+from deltaid.estimation.reduction import INTERIOR, Reduction, build_reduction
+from deltaid.estimation.regularizer import Matrix, Regularizer, SpectralTerm, Vector, prior_root
 from deltaid.estimation.scatter import inverse
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
-from deltaid.posterior.cones import Cones
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 
 _OF_ROWS = ("Sxx", "Syy", "Szz", "m")
 
 Points = Float[np.ndarray, "points n"]
+OfPoints = Float[np.ndarray, " points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """Blocks C_b + Σ y_k S_bk ≻ 0, each written as the entries of its lower triangle.
+
+    Entries of all blocks are numbers in one array, a row an entry and a column a point; elimination
+    runs over blocks of one size and all points together, with no loop but over rows and columns of
+    a block.
+    """
+
+    constant: Float[np.ndarray, " entries"]  # entries at y = 0
+    slopes: Float[np.ndarray, "entries n"]  # by how much each changes with y
+    # for each size of blocks, the place of every entry (row, column, block)
+    groups: tuple[Int[np.ndarray, "_ _ _"], ...]
+
+    @classmethod
+    def of(cls, reduction: Reduction, mean: Vector, root: Matrix) -> "Cones":
+        """Those of x = mean + root·y, as the fit has them, each seen from its prior; coefficients
+        have blocks for their upper bounds too."""
+        blocks = [
+            (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
+            for variables, fixed, per_variable in (b.normalised for b in reduction.blocks)
+        ]
+        for k, variable in enumerate(reduction.variables):
+            if np.isfinite(variable.high):
+                bound, slope = np.array([[variable.high]]), np.array([[[-1.0]]])
+                blocks.append((np.array([k]), bound / variable.scale, slope / variable.scale))
+        entries, places, count = list[np.ndarray](), dict[int, list[np.ndarray]](), 0
+        for variables, fixed, per_variable in blocks:
+            k = len(fixed)
+            i, j = np.tril_indices(k)
+            place = np.zeros((k, k), dtype=int)
+            place[i, j] = place[j, i] = count + np.arange(len(i))
+            count += len(i)
+            own = per_variable[:, i, j].T @ np.column_stack([mean, root])[variables]
+            own[:, 0] += fixed[i, j]
+            entries.append(own)
+            places.setdefault(k, []).append(place)
+        groups = tuple(np.moveaxis(np.array(group), 0, 2) for _, group in sorted(places.items()))
+        every = np.concatenate([np.zeros((0, 1 + len(mean))), *entries])
+        return cls(every[:, 0], every[:, 1:], groups)
+
+    def turned(self, Q: Matrix) -> "Cones":
+        """The same for y = Q·y'."""
+        return replace(self, slopes=self.slopes @ Q)
+
+    def hold(self, entries: Float[np.ndarray, "entries points"]) -> Bool[np.ndarray, " points"]:
+        """Which points lie inside, by the entries of their blocks (Gauss, pivots positive)."""
+        inside = np.ones(entries.shape[1], dtype=bool)
+        with np.errstate(all="ignore"):  # what follows a pivot of zero does not matter
+            for places in self.groups:
+                A = entries[places]
+                for j in range(len(A)):
+                    pivot = A[j, j]
+                    inside &= np.all(pivot > 0, axis=0)
+                    for i in range(j + 1, len(A)):
+                        A[i, j + 1 : i + 1] -= A[i, j] / pivot * A[j + 1 : i + 1, j]
+        return inside
+
+    def curvature(self, y: Vector) -> Matrix:
+        """Second derivative of −Σ log det M_b at a point inside, from where a direction of
+        curvature h meets an edge after some 1/√h."""
+        entries = self.constant + self.slopes @ y
+        H = np.zeros((len(y), len(y)))
+        for places in self.groups:
+            for block in np.moveaxis(places, 2, 0):
+                W = inverse(np.linalg.cholesky(entries[block]).T).T
+                flat = np.einsum("ij,jkn,lk->nil", W, self.slopes[block], W).reshape(len(y), -1)
+                H += flat @ flat.T
+        return H
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,19 +109,19 @@ class Density:
     """A normal distribution on cones, perhaps with a factor: x = mean + root·y, y ~ N(0, 1)."""
 
     reduction: Reduction  # what x means
-    mean: Float[np.ndarray, " n"]  # mean, root: of the normal distribution
-    root: Float[np.ndarray, "n n"]
+    mean: Vector  # mean, root: of the normal distribution
+    root: Matrix
     cones: Cones  # what y must hold
-    fitted: Float[np.ndarray, " n"]  # fitted, prior: y of the model and of its prior
-    prior: Float[np.ndarray, " n"]
+    fitted: Vector  # fitted, prior: y of the model and of its prior
+    prior: Vector
     # logarithm of the factor at some x inside; None if the regulariser is quadratic
-    rest: Callable[[Points], Float[np.ndarray, " points"]] | None = None
+    rest: Callable[[Points], OfPoints] | None = None
 
     def parameters(self, y: Points) -> Float[np.ndarray, "points parameters"]:
         x = self.mean + y @ self.root.T
         return x @ self.reduction.A.T + self.reduction.p_0
 
-    def log_factor(self, y: Points) -> Float[np.ndarray, " points"]:
+    def log_factor(self, y: Points) -> OfPoints:
         """Logarithm of the factor of the normal distribution, inside the cones."""
         return np.zeros(len(y)) if self.rest is None else self.rest(self.mean + y @ self.root.T)
 
@@ -72,9 +143,9 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
     reduction = _reduction(model, record)
     regularizer = METRICS[model.settings.regularizer].regularizer(reduction)
     mean, root = _normal(record, reduction, regularizer)
-    rest = None
-    if regularizer.spectral is not None:
-        rest = _spectral_rest(regularizer.spectral, reduction.prior, record.spread)
+    term, rest = regularizer.spectral, None
+    if term is not None:
+        rest = _spectral_rest(term, reduction.prior, record.spread)
     M = {body: pseudo_inertia(model.p[model.layout.body(body)]) for body in model.layout.bodies}
     x = [
         M[variable.owner][PSEUDO_INERTIA_ENTRIES[variable.symbol]]
@@ -88,8 +159,7 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
 
 def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
     """That of the fit, with moments free that no torque shows."""
-    names = model.layout.names
-    visible = np.flatnonzero(~np.isin(names, record.unseen))
+    visible = np.flatnonzero(~np.isin(model.layout.names, record.unseen))
     completed = build_reduction(model.robot, visible).completed
     bodies = {
         name: body.changed(free=(*body.free, *(_OF_ROWS[i] for i in completed[name])))
@@ -103,26 +173,26 @@ def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
 
 def _normal(
     record: PosteriorRecord, reduction: Reduction, regularizer: Regularizer
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+) -> tuple[Vector, Matrix]:
     """Mean and root of data and curvature of the prior together."""
-    K, scale = record.combination(reduction.layout.names), reduction.scale
+    K, scale, n = record.combination(reduction.layout.names), reduction.scale, reduction.size
     _, _, curvature = regularizer.evaluate(reduction.prior)
     prior = prior_root(0.5 * curvature * np.outer(scale, scale)) / record.spread
     off = np.array(record.values) - K @ reduction.p_reg
     data = np.column_stack([K @ (reduction.A * scale), off])
-    data, n = solve_triangular(record.root, data, lower=True), reduction.size
+    data = solve_triangular(record.root, data, lower=True)
     R = triangle(np.vstack([data, np.column_stack([prior, np.zeros(n)])]))
     root = scale[:, None] * inverse(R[:n, :n])
     return reduction.prior + root @ R[:n, n], root
 
 
 def _spectral_rest(
-    term: SpectralTerm, prior: Float[np.ndarray, " n"], spread: float
-) -> Callable[[Points], Float[np.ndarray, " points"]]:
+    term: SpectralTerm, prior: Vector, spread: float
+) -> Callable[[Points], OfPoints]:
     """−(ρ − its curvature at the prior) / (2 spread²) of a spectral regulariser."""
     _, _, hessian = term.evaluate(prior)
 
-    def rest(points: Points) -> Float[np.ndarray, " points"]:
+    def rest(points: Points) -> OfPoints:
         off = points - prior
         curved = 0.5 * np.einsum("ci,ij,cj->c", off, hessian, off)
         return (curved - term.values(points)) / (2 * spread**2)

@@ -50,10 +50,8 @@ def scattered(
     rng: np.random.Generator,
 ) -> tuple[Vectors, list[int]]:
     """Parameters of a robot with own limbs, from p of one with limbs that are the same, and which
-    of the shared ones each comes from.
-
-    The tolerance is the relative standard deviation of a mass or second moment from limb to limb.
-    """
+    of the shared ones each comes from; the tolerance is the relative standard deviation of a mass
+    or second moment from limb to limb."""
     before, after = parameter_layout(robot), parameter_layout(separate)
     assert robot.limbs is not None
     count, place = robot.limbs.count, {name: i for i, name in enumerate(before.names)}
