@@ -20,7 +20,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.windings import Windings, free_friction, friction_causes, late, motors_of
+from deltaid.effects.lag_columns import late
+from deltaid.effects.windings import Windings, free_friction, friction_causes, motors_of
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import (
     STRETCHES,

@@ -7,10 +7,10 @@ from jaxtyping import Float
 from numpy.polynomial import Legendre
 
 from deltaid.effects.joint import SHAPES, Joint, of_load, one_way, one_way_speed, over_speed
-from deltaid.effects.lag_columns import slope, slopes
+from deltaid.effects.lag_columns import late, slope
 from deltaid.effects.point import Point
 from deltaid.effects.unknown import Deviations, Unknown
-from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.recording.windows import Samples
 
@@ -91,7 +91,7 @@ class Lag(Unknown):
     deviation = 3e-4
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        return of_own_drives(slopes(point.trace, point.p)[:, :, None])
+        return late(point.trace, point.p)
 
 
 class WindUp(Unknown):

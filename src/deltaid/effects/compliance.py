@@ -23,13 +23,13 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.windings import (
     Compliance,
     Groups,
     Windings,
     fitted,
-    late,
     motors_of,
     parameters,
     rows_of,

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import Candidate, Point, RigidFit
-from deltaid.effects.unknown import Deviations, Unknown, of_each
+from deltaid.effects.unknown import Deviations, Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
 from deltaid.model.corrections import Correction
@@ -24,10 +24,15 @@ class Saturation(Unknown):
     name = "torque-constant"
     corrects = "readings"
     deviation = 0.05
+    kind, unit = "torque-constant", "%"
+    text = "its torque constant falls with current: the joint lacks this at its largest torque"
 
     def columns(self, point: Point) -> ColumnsOfDrives:
-        torque = point.recorded
-        squared = (torque / point.torque_max[:, None]) ** 2
+        recording, torque = point.trace.recording, point.model
+        if (readings := recording.repairs.readings) is not None:  # as amplifiers say it
+            torque = readings.recorded(torque.T).T
+        highest = np.maximum(point.highest or recording.log.torque_max, np.finfo(float).tiny)
+        squared = (torque / highest[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
 
     def possible(self, values: Deviations) -> Deviations:
@@ -42,9 +47,7 @@ class Saturation(Unknown):
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
         lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
-        text = "its torque constant falls with current: the joint lacks this at its largest torque"
-        units = ["%"] * len(lacking)
-        return of_each("torque-constant", robot.drives, 100 * lacking, 100 * wide, units, text)
+        return super().corrections(robot, lacking, wide)
 
 
 class FallingGain(DescribedEffect):

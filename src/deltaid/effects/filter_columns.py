@@ -6,19 +6,18 @@ Where a torque is late by L and its filter has the time constant T, the recordin
 what remains of it has the column −(t − t_0) τ̇.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.effects.lag_columns import NORMAL, TimingColumns, ends_of
+from deltaid.effects.lag_columns import NORMAL, Column, TimingColumns
 from deltaid.effects.lag_groups import common_lag
 from deltaid.effects.sampling import Timing
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
 
 _FILTER = (
     "torques passed a first-order filter of this time constant, which is inverted: steps of "
@@ -28,74 +27,90 @@ _PURE = "; it is all that makes them late"
 _PPM = 1e6
 
 
+@dataclass(frozen=True, eq=False)
+class UnknownFilter(TimingColumns):
+    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+
+    @property
+    def is_held(self) -> bool:
+        return True
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        """By how much a response is wider than that of a delay, T², one a group."""
+
+        def wider(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+            return -0.5 * rise(late)
+
+        names = [f"filter.{'+'.join(group.subjects(self.dynamics))}" for group in self.groups]
+        return [
+            Column(group.drives, name, "s²", wider, 0.5 * group.delay**2)
+            for name, group in zip(names, self.groups, strict=True)
+        ]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FilterColumns(TimingColumns):
-    """Time constants of one recording's filters, one a drive, beside what has been corrected."""
+class RestOfTiming(TimingColumns):
+    """What remains of time constants that are estimated beside lags, and of a clock's rate.
+
+    Attributes:
+        timing: what has been corrected.
+    """
 
     timing: Timing
 
     @property
-    def drives(self) -> Sequence[Sequence[int]]:
-        """Of filters that are estimated beside lags."""
-        filters = np.flatnonzero(self.timing.constants).tolist()
-        return [] if self.timing.pure else [(i,) for i in filters]
+    def columns(self) -> Sequence[Column]:
+        timing, names = self.timing, self.dynamics.robot.drives
+
+        def longer(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+            return -timing.constants[:, None] * rise(late)
+
+        def growing(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+            return (w.time - timing.about) * late
+
+        columns = [
+            Column((i,), f"filter.{names[i]}", "s", longer, float(timing.deviation[i]))
+            for i in self._filters
+        ]
+        if timing.rate:
+            deviation = float(timing.covariance[-1, -1]) ** 0.5
+            columns.append(Column(range(len(names)), "clock", "1", growing, deviation))
+        return columns
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        names, deviations = self.dynamics.robot.drives, self.timing.deviation
-        return tuple(
-            self.parameter(f"filter.{names[i]}", "s", 0.0, float(deviations[i]))
-            for (i,) in self.drives
-        )
-
-    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
-        """T τ̈."""
-        return -self.timing.constants[:, None] * rise(late)
+    def _filters(self) -> list[int]:
+        """Drives whose time constants are not their lags."""
+        return [] if self.timing.pure else np.flatnonzero(self.timing.constants).tolist()
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        corrections, names = list[Correction](), self.dynamics.robot.drives
-        lags, constants = self.timing.lags, self.timing.constants
+        corrections, names = list(self._pure_filters()), self.dynamics.robot.drives
+        for i, rest in zip(self._filters, judged, strict=False):
+            T = rest.moved(float(self.timing.constants[i]))
+            ends = T.low, T.high
+            corrections.append(self.correction("filter", T.value, ends, "s", _FILTER, names[i]))
+        if rate := self.timing.rate:
+            clock = judged[-1].moved(rate)
+            low, high = (None if end is None else _PPM * end for end in (clock.low, clock.high))
+            text = (
+                f"the clock of torques runs {'slow' if rate > 0 else 'fast'} against that of "
+                "positions, so their lag grows: torques are read so much later or earlier as time "
+                "goes on"
+            )
+            corrections.append(
+                self.correction("clock", _PPM * clock.value, (low, high), "ppm", text)
+            )
+        return tuple(corrections)
+
+    def _pure_filters(self) -> Iterator[Correction]:
+        """Of groups whose lag is the time constant of their filters."""
+        lags, names = self.timing.lags, self.dynamics.robot.drives
         for group in self.groups if self.timing.pure else ():
-            drives = [i for i in group.drives if constants[i] > 0]
+            drives = [i for i in group.drives if self.timing.constants[i] > 0]
             if not drives:
                 continue
             value, deviation = common_lag(lags[drives], self.timing.of_lags[np.ix_(drives, drives)])
             ends = value - NORMAL * deviation, value + NORMAL * deviation
-            subjects = group.subjects(self.dynamics)
-            subjects = subjects if len(drives) == len(group.drives) else [names[i] for i in drives]
-            text = _FILTER + _PURE
-            corrections += (self.correction("filter", value, ends, "s", text, s) for s in subjects)
-        for (i,), rest in zip(self.drives, judged, strict=True):
-            value, ends = float(constants[i]) + rest.value, ends_of(float(constants[i]), rest)
-            corrections.append(self.correction("filter", value, ends, "s", _FILTER, names[i]))
-        return tuple(corrections)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ClockColumn(TimingColumns):
-    """The rate by which all lags of one recording grow, beside what has been corrected."""
-
-    timing: Timing
-
-    @property
-    def drives(self) -> Sequence[Sequence[int]]:
-        return [range(self.dynamics.dof)]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        deviation = float(self.timing.covariance[-1, -1]) ** 0.5
-        return (self.parameter("clock", "1", 0.0, deviation),)
-
-    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
-        """−(t − t_0) τ̇."""
-        return (w.time - self.timing.about) * late
-
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
-        (rest,), rate = judged, self.timing.rate
-        low, high = (None if end is None else _PPM * end for end in ends_of(rate, rest))
-        text = (
-            f"the clock of torques runs {'slow' if rate > 0 else 'fast'} against that of "
-            "positions, so their lag grows: torques are read so much later or earlier as time "
-            "goes on"
-        )
-        return (self.correction("clock", _PPM * (rate + rest.value), (low, high), "ppm", text),)
+            every = len(drives) == len(group.drives)
+            for name in group.subjects(self.dynamics) if every else [names[i] for i in drives]:
+                yield self.correction("filter", value, ends, "s", _FILTER + _PURE, name)

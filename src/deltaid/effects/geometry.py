@@ -8,7 +8,7 @@ from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
 from deltaid.effects.point import Point
-from deltaid.effects.unknown import SIZE, Deviations, Unknown, of_each
+from deltaid.effects.unknown import SIZE, Deviations, Unknown
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.reduction import Reduction, build_reduction
@@ -23,7 +23,8 @@ _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 class Zeros(Unknown):
     """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
 
-    name = "zero"
+    name = kind = "zero"
+    text = "its zero is off: positions are this much more than recorded"
     is_geometry = True
     corrects = "readings"
     deviation = 4e-3
@@ -31,18 +32,12 @@ class Zeros(Unknown):
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
 
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        text = "its zero is off: positions are this much more than recorded"
-        units = [robot.units(drive).coordinate for drive in robot.drives]
-        return of_each("zero", robot.drives, values, half, units, text)
-
 
 class Ratios(Unknown):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
 
-    name = "gear-ratio"
+    name = kind = "gear-ratio"
+    unit, text = "%", "its gear ratio is off: it moves this share more than recorded"
     is_geometry = True
     corrects = "readings"
     deviation = 4e-3
@@ -53,14 +48,6 @@ class Ratios(Unknown):
         return point.weighted([
             slopes.of_motion(point.q * own, w.qd * own, w.qdd * own) for own in each
         ])  # fmt: skip
-
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        text = "its gear ratio is off: it moves this share more than recorded"
-        return of_each(
-            "gear-ratio", robot.drives, 100 * values, 100 * half, ["%"] * len(half), text
-        )
 
 
 class Tilt(Unknown):
@@ -101,7 +88,8 @@ class Tilt(Unknown):
 class Lengths(Unknown):
     """What lengths of limbs are more than described [m]."""
 
-    name = "length"
+    name = kind = "length"
+    unit, text = "m", "it is this much longer than described"
     is_geometry = True
     corrects = "robot"
     deviation = 5e-4
@@ -110,12 +98,8 @@ class Lengths(Unknown):
         lengths = lengths_of(point.dynamics.robot)
         return point.weighted([point.slopes.of_length(number) for _, _, number in lengths])
 
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        subjects = [f"{name} of limb {i + 1}" for name, i, _ in lengths_of(robot)]
-        text = "it is this much longer than described"
-        return of_each("length", subjects, values, half, ["m"] * len(half), text)
+    def subjects(self, robot: RobotDescription) -> Sequence[str]:
+        return [f"{name} of limb {i + 1}" for name, i, _ in lengths_of(robot)]
 
 
 def lengths_of(robot: RobotDescription) -> tuple[tuple[str, int, int], ...]:

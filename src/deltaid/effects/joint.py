@@ -58,8 +58,9 @@ class Joint:
     moved: float = 0.0
 
     def speed(self, entries: np.ndarray) -> np.ndarray:
-        """|v| from entries of the regressor."""
-        return entry_speeds(entries[self.viscous], entries[self.coulomb])
+        """|v| by entries of the regressor, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
+        viscous, coulomb = np.abs(entries[self.viscous]), np.abs(entries[self.coulomb])
+        return viscous.max(axis=0) / np.maximum(coulomb.max(axis=0), 1e-300)
 
     def load(self, carried: np.ndarray, w: Samples) -> np.ndarray:
         """What its gear carries; zero for a passive joint."""
@@ -84,36 +85,22 @@ def joints_of(dynamics: Dynamics) -> tuple[Joint, ...]:
 def joint_columns(
     trace: Trace, p: Parameters, shapes: Sequence[tuple[Joint, Shape]]
 ) -> ColumnsOfDrives:
-    """One filtered column for each shape of a joint.
-
-    Args:
-        p: by which it is known what gears carry.
-    """
-    drives = np.concatenate([joint.drives for joint, _ in shapes])
+    """One filtered column for each shape of a joint, where gears carry what p says."""
+    drives = [joint.drives for joint, _ in shapes]
+    columns = [np.full(len(own), k) for k, own in enumerate(drives)]
+    none = np.zeros(0, dtype=int)
 
     def values(w: Samples) -> np.ndarray:
-        carried = trace.dynamics.carried(w.z, w.qd, w.qdd, p)
-        entries = trace.entries(w)
+        carried, entries = trace.dynamics.carried(w.z, w.qd, w.qdd, p), trace.entries(w)
         speeds = {joint.name: joint.speed(entries) for joint, _ in shapes}
-        return np.concatenate(
-            [
-                make(speeds[joint.name], entries[joint.coulomb], joint.load(carried, w))
-                for joint, make in shapes
-            ]
-        )
+        parts = [
+            make(speeds[joint.name], entries[joint.coulomb], joint.load(carried, w))
+            for joint, make in shapes
+        ]
+        return np.concatenate([entries[:0], *parts])
 
-    filtered = trace.filtered(values, drives)
-    columns = np.zeros((trace.dynamics.dof, filtered.shape[1], len(shapes)))
-    of_column = np.repeat(np.arange(len(shapes)), [len(joint.drives) for joint, _ in shapes])
-    columns[drives, :, of_column] = filtered
-    return columns
-
-
-def entry_speeds(
-    viscous: Float[np.ndarray, "entries samples"], coulomb: Float[np.ndarray, "entries samples"]
-) -> Float[np.ndarray, " samples"]:
-    """|v| of a joint by its viscous and Coulomb entries, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
-    return np.abs(viscous).max(axis=0) / np.maximum(np.abs(coulomb).max(axis=0), 1e-300)
+    pattern = np.concatenate([none, *drives]), np.concatenate([none, *columns])
+    return trace.columns(values, pattern, len(shapes))
 
 
 def one_way(_v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
@@ -21,7 +22,7 @@ from jaxtyping import Bool
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
-from deltaid.estimation.drive_rows import OfDrives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.parameter_record import Parameter as Judged
@@ -38,6 +39,19 @@ _APART = 3e-4
 NORMAL = 1.96
 
 Ends = tuple[float | None, float | None]
+# From samples, −τ̇ of every drive, and what gives any x its rate ẋ: what a coefficient of 1 changes.
+Change = Callable[[Samples, Values, Callable[[Values], Values]], Values]
+
+
+class Column(NamedTuple):
+    """A coefficient of the torques of some drives: its owner, unit, standard deviation and mean."""
+
+    drives: Sequence[int]
+    owner: str
+    unit: str
+    change: Change
+    deviation: float
+    mean: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,29 +75,36 @@ class TimingColumns(Addition):
 
     @property
     @abstractmethod
-    def drives(self) -> Sequence[Sequence[int]]:
-        """The drives of each column."""
+    def columns(self) -> Sequence[Column]:
+        """What is unknown of the sampling."""
 
-    @abstractmethod
-    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
-        """Of every drive's torque, for a coefficient of 1, by −τ̇ and what gives x its rate ẋ."""
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of each column, with the recording in its name where there are several."""
+        of_recording = f"@{self.recording.path}" if self.several else ""
+        return tuple(
+            Parameter("lag", column.owner + of_recording, "lag", column.unit, -np.inf, np.inf,
+                      column.mean, column.deviation / PRIOR_SPREAD)
+            for column in self.columns
+        )  # fmt: skip
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        entries = [(drive, k) for k, drives in enumerate(self.drives) for drive in drives]
+        entries = [(i, k) for k, column in enumerate(self.columns) for i in column.drives]
         drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
         return drives, columns
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        drives, _ = self.pattern
         if not self.is_of(recording):
-            return np.zeros((len(drives), own.shape[1]))
+            return np.zeros((len(self.pattern[0]), own.shape[1]))
         turned = self.reversals(own)
 
         def rise(x: Values) -> Values:
             return recording.log.rate * slope(x, turned)
 
-        return self.changes(w, -rise(self.torques(w, own, recording)), rise)[drives]
+        late = -rise(self.torques(w, own, recording))
+        parts = [column.change(w, late, rise)[list(column.drives)] for column in self.columns]
+        return np.concatenate(parts or [late[:0]])
 
     def is_of(self, recording: Recording) -> bool:
         return recording.log.sha256 == self.recording.log.sha256
@@ -106,12 +127,6 @@ class TimingColumns(Addition):
         np.logical_or.at(turned, rows[viscous], own[viscous, :-1] * own[viscous, 1:] < 0)
         return turned
 
-    def parameter(self, owner: str, unit: str, mean: float, deviation: float) -> Parameter:
-        """A coefficient, named with the recording where there are several."""
-        name = owner + (f"@{self.recording.path}" if self.several else "")
-        scale = deviation / PRIOR_SPREAD
-        return Parameter("lag", name, "lag", unit, -np.inf, np.inf, mean, scale)
-
     def correction(
         self, kind: Kind, value: float, ends: Ends, unit: str, text: str, subject: str = ""
     ) -> Correction:
@@ -131,38 +146,29 @@ class LagColumns(TimingColumns):
     unsure: tuple[int, ...] = ()
 
     @property
-    def drives(self) -> Sequence[Sequence[int]]:
-        return [group.drives for group in self.groups if group.free]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def columns(self) -> Sequence[Column]:
         """One lag a group that is free."""
-        names = ("+".join(group.subjects(self.dynamics)) for group in self.groups)
-        return tuple(
-            self.parameter(
-                name or "torques", "s", group.beside, min(group.deviation, PRIOR_SPREAD * _SIZE)
-            )
-            for name, group in zip(names, self.groups, strict=True)
-            if group.free
-        )
-
-    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
-        return late
+        columns = list[Column]()
+        for group in (group for group in self.groups if group.free):
+            name = "+".join(group.subjects(self.dynamics)) or "torques"
+            deviation = min(group.deviation, PRIOR_SPREAD * _SIZE)
+            columns.append(Column(group.drives, name, "s", _late, deviation, group.beside))
+        return columns
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
         corrections, spread = list[Correction](), max(delays) - min(delays)
         for group in self.groups:
-            half, remaining = NORMAL * group.deviation, group.beside
-            ends: Ends = (group.delay + remaining - half, group.delay + remaining + half)
+            value, half = group.delay + group.beside, NORMAL * group.deviation
+            ends: Ends = (value - half, value + half)
             if group.free:
-                fitted = next(values)
-                remaining, ends = fitted.value, ends_of(group.delay, fitted)
-            text = _sentence(group.delay + remaining, spread, held=not group.free)
+                fitted = next(values).moved(group.delay)
+                value, ends = fitted.value, (fitted.low, fitted.high)
+            text = _sentence(value, spread, held=not group.free)
             text += _UNSURE * bool(set(group.drives) & set(self.unsure))
             corrections += (
-                self.correction("lag", group.delay + remaining, ends, "s", text, subject)
+                self.correction("lag", value, ends, "s", text, subject)
                 for subject in group.subjects(self.dynamics)
             )
         return tuple(corrections)
@@ -181,36 +187,15 @@ class UnknownLag(LagColumns):
         return ()
 
 
-@dataclass(frozen=True, eq=False)
-class UnknownFilter(TimingColumns):
-    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
-
-    @property
-    def is_held(self) -> bool:
-        return True
-
-    @property
-    def drives(self) -> Sequence[Sequence[int]]:
-        return [group.drives for group in self.groups]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """By how much a response is wider than that of a delay, T², one a group."""
-        names = ("+".join(group.subjects(self.dynamics)) for group in self.groups)
-        return tuple(
-            self.parameter(f"filter.{name}", "s²", 0.0, 0.5 * group.delay**2)
-            for name, group in zip(names, self.groups, strict=True)
-        )
-
-    def changes(self, w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
-        """½ τ̈."""
-        return -0.5 * rise(late)
-
-
 def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> OfDrives:
     """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that it
     comes late; p of the robot, then of additions."""
     return timing_slopes(trace, p, additions, 0.0)[0]
+
+
+def late(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> ColumnsOfDrives:
+    """The same of each drive, in a column of its own."""
+    return of_own_drives(slopes(trace, p, additions)[:, :, None])
 
 
 def timing_slopes(
@@ -241,6 +226,10 @@ def timing_slopes(
     return late, longer, growing
 
 
+def _late(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+    return late
+
+
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
     """The rise of torques from sample to sample, without the steps of friction.
 
@@ -256,12 +245,6 @@ def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -
         for values in (np.where(turned, 0.0, steps), np.where(turned, 0.0, np.ones_like(steps)))
     )
     return total / np.maximum(number, 1.0)
-
-
-def ends_of(applied: float, rest: Judged) -> Ends:
-    """The interval of what has been applied and what a fit adds to it."""
-    low, high = (None if end is None else applied + end for end in (rest.low, rest.high))
-    return low, high
 
 
 def _sentence(value: float, spread: float, *, held: bool) -> str:

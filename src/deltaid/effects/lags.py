@@ -17,11 +17,11 @@ from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.lag_columns import slopes
+from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import LagGroup, chosen_groups, common_lag
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import STRETCHES, of_own_drives
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.scatter import quantile
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Delay, Trace
@@ -177,7 +177,7 @@ def _swept(
             parts = [rows.of_trace(trace) for trace in shifted]
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
             lags = np.zeros((*part.tau.shape, delays.size))
-            lags[:, :, every[k]] = of_own_drives(slopes(trace, p, rows.additions)[:, :, None])
+            lags[:, :, every[k]] = late(trace, p, rows.additions)
             parts[k] = replace(part, A=np.concatenate([part.A, lags], axis=2))
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)

@@ -41,6 +41,8 @@ _ENTRIES = {
     "centre": ("mcx", "mcy", "mcz"),
     "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
 }
+# Parameters that cannot be negative.
+_POSITIVE = ("m", "Ixx", "Iyy", "Izz")
 # A mass that is known no better than this determines torques worse than torque constants do.
 _SURE = 0.02
 # A mass whose interval is wider than so many times itself is hardly known.
@@ -91,18 +93,16 @@ class LoadColumns(Addition):
         if self.is_fixed:
             return ()
         mass, tolerance = float(self.prior[0]), self.load.mass_tolerance
-        radius = _radius(mass)
+        radius, names = _radius(mass), zip(INERTIA_NAMES, INERTIA_UNITS, strict=True)
         sizes = _WIDE * mass * np.array([1.0, *[radius] * 3, *[radius**2] * 6])
         if tolerance is not None:
             sizes[0] = tolerance / self.prior_spread
-        low = [-self.taken[0], *[-np.inf] * 3, *(-self.taken[4:7]), *[-np.inf] * 3]
+        low = np.where(np.isin(INERTIA_NAMES, _POSITIVE), -self.taken, -np.inf)
+        known = np.stack([low, np.full(10, np.inf), self.prior - self.taken, sizes], axis=1)
         return tuple(
-            Parameter("load", self.load.name, symbol, unit, float(least), np.inf, float(p), size)
-            for symbol, unit, least, p, size in zip(
-                INERTIA_NAMES, INERTIA_UNITS, low, self.prior - self.taken, sizes.tolist(),
-                strict=True,
-            )
-        )  # fmt: skip
+            Parameter("load", self.load.name, symbol, unit, *numbers)
+            for (symbol, unit), numbers in zip(names, known.tolist(), strict=True)
+        )
 
     def carried(self, columns: Int[np.ndarray, " entries"]) -> Int[np.ndarray, " _"]:
         """Which of the entries in some of the robot's columns are the carrier's."""
@@ -122,8 +122,7 @@ class LoadColumns(Addition):
 
     @cached_property
     def _own(self) -> Int[np.ndarray, " entries"]:
-        none = np.zeros(0, dtype=int)
-        return none if self.is_fixed else self.carried(self.dynamics.regressor_pattern[1])
+        return self.carried(self.dynamics.regressor_pattern[1])[: 0 if self.is_fixed else None]
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -183,14 +182,12 @@ class LoadColumns(Addition):
         mass, body = self.whole(judged)[0], self.body
         known = self.load.mass is not None and not self.load.mass_tolerance
         low, high = (None, None) if known else (mass.low, mass.high)
-        when = "in spans that were detected and no mapping declares" if self.is_detected else (
-            "where that is declared"
-        )  # fmt: skip
-        text = (
-            f"{body} holds it {when}, and its mass "
-            f"{'is known' if known else 'was identified with the robot'}; the model is of the "
-            "robot without it"
-        )
+        when = "where that is declared"
+        if self.is_detected:
+            when = "in spans that were detected and no mapping declares"
+        origin = "is known" if known else "was identified with the robot"
+        without = "the model is of the robot without it"
+        text = f"{body} holds it {when}, and its mass {origin}; {without}"
         if low is not None and high is not None and high - low > _VAGUE * mass.value:
             text += (
                 f"; torques hardly tell it from {body} itself: record a part without it, or give "
@@ -211,12 +208,7 @@ class LoadColumns(Addition):
                 for symbol, unit, value in pairs
             )  # fmt: skip
         return tuple(
-            parameter.changed(
-                value=parameter.value + taken,
-                low=None if parameter.low is None else parameter.low + taken,
-                high=None if parameter.high is None else parameter.high + taken,
-                prior=parameter.prior + taken,
-            )
+            parameter.moved(taken)
             for parameter, taken in zip(judged, self.taken.tolist(), strict=True)
         )
 

@@ -98,18 +98,6 @@ class Point:
         return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
 
     @cached_property
-    def recorded(self) -> OfDrives:
-        """What amplifiers say of the model's torques, by the readings that are known so far."""
-        readings = self.trace.recording.repairs.readings
-        return self.model if readings is None else readings.recorded(self.model.T).T
-
-    @cached_property
-    def torque_max(self) -> Float[np.ndarray, " dof"]:
-        """Largest recorded torque of each drive."""
-        highest = self.highest or self.trace.recording.log.torque_max
-        return np.maximum(np.array(highest), np.finfo(float).tiny)
-
-    @cached_property
     def speeds(self) -> dict[str, float]:
         """Largest speed of each joint with friction."""
         entries = self.trace.entries(self.motion)
@@ -148,21 +136,15 @@ class Point:
 
     def of_joints(self, shapes: Sequence[tuple[Joint, Shape]]) -> ColumnsOfDrives:
         """A column for each shape of a joint."""
-        if not shapes:
-            return np.zeros((*self.model.shape, 0))
         return joint_columns(self.trace, self.p, shapes)
 
     def added(self, addition: Addition) -> ColumnsOfDrives:
         """Columns of an addition that does not need the robot's."""
-        (rows, columns), recording = addition.pattern, self.trace.recording
 
         def entries(w: Samples) -> Float[np.ndarray, "entries samples"]:
-            return addition.entries(w, np.zeros((0, len(w.time))), recording)
+            return addition.entries(w, np.zeros((0, len(w.time))), self.trace.recording)
 
-        filtered = self.trace.filtered(entries, rows)
-        out = np.zeros((self.dof, filtered.shape[1], len(addition.parameters)))
-        out[rows, :, columns] = filtered
-        return out
+        return self.trace.columns(entries, addition.pattern, len(addition.parameters))
 
 
 @dataclass(frozen=True, eq=False)

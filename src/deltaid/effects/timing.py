@@ -155,17 +155,14 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Linear
 
 def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     """(t − t_0) times each friction column of joints."""
-    dynamics, (drives, columns) = rows.dynamics, trace.pattern(rows.additions)
-    friction = [k for k, term in enumerate(dynamics.layout.parameters) if term.kind == "friction"]
+    parameters, (drives, columns) = trace.dynamics.layout.parameters, trace.pattern(rows.additions)
+    friction = [k for k, term in enumerate(parameters) if term.kind == "friction"]
     which = np.flatnonzero(np.isin(columns, friction))
 
     def growing(w: Samples) -> OfDrives:
         return (w.time - timing.about) * trace.entries(w, rows.additions)[which]
 
-    values = trace.filtered(growing, drives[which], 1)
-    out = np.zeros((dynamics.dof, values.shape[1], len(which)))
-    out[drives[which], :, np.arange(len(which))] = values
-    return out
+    return trace.columns(growing, (drives[which], np.arange(len(which))), len(which), 1)
 
 
 def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Drives:
@@ -177,8 +174,10 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Driv
     kept &= _seen(timing, kept)
     if not kept.any():
         return kept
-    away = _away_from_reversals(trace, int(np.ceil(_TAIL * timing.constants.max() / row)))
-    step, errors = free.steps(_linear(rows, timing.beside(away), timing, free), rows.size)
+    reach = int(np.ceil(_TAIL * timing.constants.max() / row))
+    away = [replace(run, weights=least_about(run.weights, reach)) for run in trace.stretches]
+    trace = timing.beside(replace(trace, stretches=tuple(away)))
+    step, errors = free.steps(_linear(rows, trace, timing, free), rows.size)
     lags, constants = np.flatnonzero(kept), dof + np.flatnonzero(kept)
     of_constants, more = errors[np.ix_(constants, constants)], step[constants]
     T = timing.constants[kept]
@@ -209,14 +208,6 @@ def _seen(timing: Timing, some: Drives) -> Drives:
         alone = exceeded(T[[k]], own, 10**-SEEN)
         seen[drive] = alone or not exceeded(T[[k]] - common, own, _SELDOM)
     return seen
-
-
-def _away_from_reversals(trace: Trace, reach: int) -> Trace:
-    """A trace without rows that are so near those that do not count."""
-    stretches = tuple(
-        replace(run, weights=least_about(run.weights, reach)) for run in trace.stretches
-    )
-    return replace(trace, stretches=stretches)
 
 
 def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:

@@ -26,6 +26,8 @@ class Unknown(ABC):
         name: of the effect.
         deviation: standard deviation of each coefficient before any recording, where it is the same
             for all; 0 if not.
+        kind, unit, text: of the corrections of each subject, whose unit is that of the drive's
+            coordinate if not given; no text where other stages say what was corrected.
         is_candidate: whether it is named and corrected where rows need it; else it only keeps
             others from explaining what it may be, and stages of their own correct it.
         is_positive: whether its coefficients are at least zero by physics.
@@ -40,6 +42,9 @@ class Unknown(ABC):
 
     name: str
     deviation: ClassVar[float] = 0.0
+    kind: ClassVar[Kind]
+    unit: ClassVar[str] = ""
+    text: ClassVar[str] = ""
     is_candidate: ClassVar[bool] = True
     is_positive: ClassVar[bool] = False
     is_own: ClassVar[bool] = False
@@ -67,9 +72,21 @@ class Unknown(ABC):
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
-        """What was corrected, for coefficients and half widths of their 95 % intervals; none where
-        other stages say it."""
-        return ()
+        """What was corrected, for coefficients and half widths of their 95 % intervals."""
+        if not self.text:
+            return ()
+        scale = 100.0 if self.unit == "%" else 1.0
+        sizes = (scale * np.stack([values, half], axis=1)).tolist()
+        return tuple(
+            Correction(kind=self.kind, subject=subject, value=value, low=value - wide,
+                       high=value + wide, unit=self.unit or robot.units(subject).coordinate,
+                       text=self.text)
+            for subject, (value, wide) in zip(self.subjects(robot), sizes, strict=True)
+        )  # fmt: skip
+
+    def subjects(self, robot: RobotDescription) -> Sequence[str]:
+        """Whose coefficients these are: the drives', if not said otherwise."""
+        return robot.drives
 
     def doubt(self, values: Deviations) -> str:
         """A sentence on what is beyond the limit: what torques look like, the likeliest cause, and
@@ -85,20 +102,3 @@ class Added(Unknown):
 
     def columns(self, point: Point) -> ColumnsOfDrives:
         return point.added(self.addition)
-
-
-def of_each(
-    kind: Kind,
-    subjects: Sequence[str],
-    values: Deviations,
-    half: Deviations,
-    units: Sequence[str],
-    text: str,
-) -> tuple[Correction, ...]:
-    """A correction for each of some drives or links."""
-    rows = zip(subjects, values.tolist(), half.tolist(), units, strict=True)
-    return tuple(
-        Correction(kind=kind, subject=subject, value=value, low=value - wide, high=value + wide,
-                   unit=unit, text=text)
-        for subject, value, wide, unit in rows
-    )  # fmt: skip

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
-from deltaid.effects.lag_columns import slopes
+from deltaid.effects.lag_columns import late
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.trace_rows import RecordingRows, TraceRows
 from deltaid.estimation.traces import Trace
@@ -128,11 +128,6 @@ class Windings:
         turned = [self.turned(s + step) for step in (0 * s, *steps.T)]
         before, *after = (trace.model(p) - trace.torques() for trace in turned)
         return np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
-
-
-def late(trace: Trace, p: Parameters) -> ColumnsOfDrives:
-    """−τ̇ of each drive, in a column of its own."""
-    return of_own_drives(slopes(trace, p)[:, :, None])
 
 
 def rows_of(

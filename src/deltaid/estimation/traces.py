@@ -71,6 +71,20 @@ class Trace:
                 parts.append(apply(low_pass.smooth, led, low_pass.decimation)[:, :outputs])
         return np.concatenate(parts, axis=1)
 
+    def columns(
+        self,
+        quantity: Callable[[Samples], Values],
+        pattern: tuple[np.ndarray, np.ndarray],
+        count: int,
+        margin: int = 0,
+    ) -> Float[np.ndarray, "dof thinned columns"]:
+        """Entries as of `filtered` in columns of all drives, by the drive and column of each."""
+        rows, columns = pattern
+        entries = self.filtered(quantity, rows, margin)
+        out = np.zeros((self.dynamics.dof, entries.shape[1], count))
+        out[rows, :, columns] = entries
+        return out
+
     def torques(self) -> Values:
         return self.filtered(lambda w: w.tau.T, np.arange(self.dynamics.dof))
 
@@ -81,12 +95,10 @@ class Trace:
         regressor = extended(self.dynamics, additions)
         (rows, columns), active = regressor.regressor_pattern, active_columns(regressor)
         margin = self.settling if self.constants else 1
-        entries = self.filtered(
-            lambda w: self.behind(self.entries(w, additions), rows), rows, margin
+        pattern = rows, np.searchsorted(active, columns)
+        return self.columns(
+            lambda w: self.behind(self.entries(w, additions), rows), pattern, len(active), margin
         )
-        Y = np.zeros((self.dynamics.dof, entries.shape[1], len(active)))
-        Y[rows, :, np.searchsorted(active, columns)] = entries
-        return Y
 
     def pattern(self, additions: Sequence[Addition] = ()) -> tuple[np.ndarray, np.ndarray]:
         return extended(self.dynamics, additions).regressor_pattern

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.filter_columns import ClockColumn, FilterColumns
-from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter, UnknownLag
+from deltaid.effects.filter_columns import RestOfTiming, UnknownFilter
+from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownLag
 from deltaid.effects.lag_groups import LagGroup, alone, chosen_groups
 from deltaid.effects.lags import estimate_lags
 from deltaid.effects.sampling import Timing
@@ -107,10 +107,8 @@ def _timed(
     groups = tuple(LagGroup(members, choice.delay[members[0]]) for members in choice.groups)
     common = (setup.dynamics, beside, timing.p, recording, groups, several)
     columns = list[Addition]([LagColumns(*common)] if groups else [])
-    if filtered:
-        columns.append(FilterColumns(*common, timing=timing))
-    if timing.rate:
-        columns.append(ClockColumn(*common, timing=timing))
+    if filtered or timing.rate:
+        columns.append(RestOfTiming(*common, timing=timing))
     return repairs, columns
 
 

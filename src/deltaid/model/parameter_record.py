@@ -75,6 +75,11 @@ class Parameter(Part):
         description="what an interval by the data comes from; missing in earlier files",
     )
 
+    def moved(self, by: float) -> "Parameter":
+        """Of what has been applied already and the rest that this is of."""
+        low, high = (None if end is None else end + by for end in (self.low, self.high))
+        return self.changed(value=self.value + by, low=low, high=high, prior=self.prior + by)
+
 
 class HeldLoad(Part):
     """A load that recordings held, as it was declared and found.
