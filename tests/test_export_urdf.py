@@ -15,9 +15,9 @@ from composed import Make
 from deltaid.errors import DeltaidError
 from deltaid.export.files import write_export
 from deltaid.export.urdf import urdf
-from deltaid.export.urdf_shapes import roll_pitch_yaw
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
+from deltaid.sensors.weighings import roll_pitch_yaw
 from exports import (
     COMPOSED,
     TOOLS,

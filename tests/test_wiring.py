@@ -7,9 +7,8 @@ import pytest
 
 from deltaid.check.evidence import evidence
 from deltaid.check.wiring.candidate import Candidate
-from deltaid.check.wiring.contest import Patterns
 from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.residual import Map, residual
+from deltaid.check.wiring.residual import Map, Patterns, residual
 from deltaid.check.wiring.search import _likely
 from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.dynamics.dynamics import compiled

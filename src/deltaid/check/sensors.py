@@ -15,7 +15,7 @@ from deltaid.check.sensing.misfit import Lag, MapFit, Misfit, lag_of
 from deltaid.check.sensing.sheet import Sheet, Signal, sheet
 from deltaid.check.sensing.wording import mapped, verdict_of
 from deltaid.errors import RecordingError
-from deltaid.model.verdict import Grade, Proposal, Verdict, worst
+from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.model.words import percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
@@ -61,26 +61,25 @@ def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
         verdicts.append(_late(signal, late, rows.row, as_mapped.Q))
     rms = misfit.left(as_mapped)
     verdicts += _noisy(rows, misfit, rms)
-    if worst(verdicts) is not Grade.GOOD:
+    if verdicts:
         return verdicts
     k = int(np.argmax(rms / misfit.noise))
-    channel = signal.rows.channels[k]
-    seen = f"{signal.name} agrees with the torques: at most {rms[k]:.2g} {channel.unit} is left"
-    seen, number = f"{seen}, of {channel.name}", float(rms[k])
-    key, unit = "sensor-residual", channel.unit
-    return [Verdict(key, Grade.GOOD, seen, signal.name, number=number, unit=unit)]
+    channel, number = signal.rows.channels[k], float(rms[k])
+    seen = f"{signal.name} agrees with the torques: at most {number:.2g} {channel.unit} is left, "
+    seen += f"of {channel.name}"
+    unit = channel.unit
+    return [Verdict("sensor-residual", Grade.GOOD, seen, signal.name, number=number, unit=unit)]
 
 
 def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
     """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
     rows, signal = misfit.sheet, misfit.signal
-    units = [channel.unit for channel in signal.rows.channels]
+    units = [[channel.unit for channel in other.rows.channels] for other in rows.signals]
+    own = units[rows.signals.index(signal)]
     others = tuple(
         other
-        for other in rows.signals
-        if other is not signal
-        and len(units) == 1
-        and [channel.unit for channel in other.rows.channels] == units
+        for other, unit in zip(rows.signals, units, strict=True)
+        if other is not signal and unit == own and len(own) == 1
     )
     guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
     rest = misfit.unexplained(as_mapped)
@@ -129,19 +128,18 @@ def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
 
 
 def _clipped(signal: Signal) -> Iterator[Verdict]:
-    for channel, values in zip(signal.columns.channels, signal.raw, strict=True):
-        values = values[np.isfinite(values)]
-        if not values.size:
-            continue
-        for end, word in ((values.max(), "largest"), (values.min(), "smallest")):
-            at_end = values == end
+    for channel, numbers in zip(signal.columns.channels, signal.raw, strict=True):
+        numbers = numbers[np.isfinite(numbers)]
+        for end, word in ((np.max, "largest"), (np.min, "smallest")) if numbers.size else ():
+            extreme = end(numbers)
+            at_end = numbers == extreme
             repeated = int(np.count_nonzero(at_end[1:] & at_end[:-1]))
-            share = 100 * repeated / values.size
-            if repeated > max(_CLIPPED, _OFTEN * values.size):
+            if repeated > max(_CLIPPED, _OFTEN * numbers.size):
+                share = 100 * repeated / numbers.size
                 yield Verdict(
                     "sensor-clipped",
                     Grade.DOUBTFUL,
-                    f"column {channel.column} stays on its {word} number, {end:.4g}, in "
+                    f"column {channel.column} stays on its {word} number, {extreme:.4g}, in "
                     f"{share:.2g} % of the rows",
                     signal.name,
                     "a range of the sensor or its amplifier that ends there",
@@ -152,12 +150,11 @@ def _clipped(signal: Signal) -> Iterator[Verdict]:
 
 
 def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
-    word = "late" if lag.delay > 0 else "early"
     return Verdict(
         "sensor-lag",
         Grade.WRONG if Q > _CONTRADICTS else Grade.DOUBTFUL,
-        f"{signal.name} is {word} against the motion by {1e3 * abs(lag.delay):.3g} ± "
-        f"{1e3 * lag.std:.2g} ms, {abs(lag.delay) / row:.3g} rows",
+        f"{signal.name} is {'late' if lag.delay > 0 else 'early'} against the motion by "
+        f"{1e3 * abs(lag.delay):.3g} ± {1e3 * lag.std:.2g} ms, {abs(lag.delay) / row:.3g} rows",
         signal.name,
         "a filter in the sensor's amplifier, or another clock",
         "declare how late it is in the mapping",
@@ -169,25 +166,25 @@ def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
 
 def _noisy(rows: Sheet, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
     """Verdicts on noise and residual beyond the stated noise."""
-    name, channels = misfit.signal.name, misfit.signal.rows.channels
-    size = np.maximum(misfit.white, rms)
+    name, size = misfit.signal.name, np.maximum(misfit.white, rms)
     for group in misfit.groups:
         k = max(group, key=lambda i: size[i] / misfit.noise[i])
-        times, channel = float(size[k] / misfit.noise[k]), channels[k]
-        if times > _NOISY:
-            key = "noise"
-            if isinstance(rows.dynamics.robot.sensors[name], BaseWrench):
-                key = "force_noise" if channel.unit == "N" else "moment_noise"
-            value = float(f"{np.sqrt(np.mean(size[group] ** 2)):.2g}")
-            source = "what the model leaves of" if rms[k] > misfit.white[k] else "noise of"
-            yield Verdict(
-                "sensor-noise",
-                Grade.DOUBTFUL,
-                f"{source} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
-                f"{channel.noise:.3g} {channel.unit} stated",
-                name,
-                "noise that is stated too small, a resonance, or what else acts on it",
-                "state the noise that it has, or look for what acts on it",
-                (Proposal("robot", ((f"sensors.{name}.{key}", value),)),),
-                times,
-            )
+        times, channel = float(size[k] / misfit.noise[k]), misfit.signal.rows.channels[k]
+        if times <= _NOISY:
+            continue
+        key = "noise"
+        if isinstance(rows.dynamics.robot.sensors[name], BaseWrench):
+            key = "force_noise" if channel.unit == "N" else "moment_noise"
+        value = float(f"{np.sqrt(np.mean(size[group] ** 2)):.2g}")
+        source = "what the model leaves of" if rms[k] > misfit.white[k] else "noise of"
+        yield Verdict(
+            "sensor-noise",
+            Grade.DOUBTFUL,
+            f"{source} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
+            f"{channel.noise:.3g} {channel.unit} stated",
+            name,
+            "noise that is stated too small, a resonance, or what else acts on it",
+            "state the noise that it has, or look for what acts on it",
+            (Proposal("robot", ((f"sensors.{name}.{key}", value),)),),
+            times,
+        )

@@ -24,10 +24,11 @@ from deltaid.export.spanning_tree import spanning_tree
 from deltaid.export.text import numbers, xml_comment
 from deltaid.export.tree import Strut, Tree, TreeBody, TreeJoint
 from deltaid.export.urdf_control import control
-from deltaid.export.urdf_shapes import colours, roll_pitch_yaw, visual
+from deltaid.export.urdf_shapes import colours, visual
 from deltaid.model.model import Model
 from deltaid.robot.body_inertia import body_inertia
 from deltaid.robot.description import RobotDescription
+from deltaid.sensors.weighings import roll_pitch_yaw
 
 _WORLD, _BASE = "world", "base"
 # Mass [kg] and moments about the centre of mass [kg m²] of links that have none in the model.

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.export.looks import COLOURS, Ball, Rod, Shape
 from deltaid.export.text import numbers
+from deltaid.sensors.weighings import roll_pitch_yaw
 
 
 def colours(root: ET.Element) -> None:
@@ -41,12 +42,3 @@ def visual(link: ET.Element, shape: Shape) -> None:
 
 def _origin(element: ET.Element, at: Float[np.ndarray, " 3"], R: Float[np.ndarray, "3 3"]) -> None:
     ET.SubElement(element, "origin", xyz=numbers(at), rpy=numbers(roll_pitch_yaw(R)))
-
-
-def roll_pitch_yaw(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
-    """Roll, pitch and yaw with R = R_z(yaw) R_y(pitch) R_x(roll); exact at pitch 90° as well."""
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return float(roll), float(pitch), float(yaw)

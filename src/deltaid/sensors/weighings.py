@@ -155,5 +155,14 @@ def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:
     return Rz @ Ry @ Rx
 
 
+def roll_pitch_yaw(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw with R = R_z(yaw) R_y(pitch) R_x(roll); exact at pitch 90° as well."""
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return float(roll), float(pitch), float(yaw)
+
+
 def _direction(axis: Axis | Vector) -> str:
     return axis if isinstance(axis, str) else f"({', '.join(f'{x:g}' for x in axis)})"

@@ -1,7 +1,7 @@
 """Possible errors of a sensor's columns: maps that would correct them, best first."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations, product
 from typing import Literal
 
@@ -48,11 +48,6 @@ class Guess:
         return np.diag(self.T)
 
     @property
-    def order(self) -> list[int]:
-        """Of the columns, so that channel k is column order[k]."""
-        return np.argmax(self.T, axis=1).tolist()
-
-    @property
     def turn(self) -> Float[np.ndarray, "3 3"]:
         """Axes that the sensor has, in those that it is described with."""
         return self.T[_FORCE, _FORCE]
@@ -72,8 +67,8 @@ def best_guess(misfit: Misfit, others: tuple[Signal, ...]) -> Guess:
     if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
         by_place = np.stack([np.cross(misfit.shown.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
         beside = np.concatenate([np.zeros_like(by_place), by_place])
-        shifted = misfit.of(np.eye(6), beside=beside, spread=_FAR)
-        guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.added))
+        shifted = replace(misfit, beside=beside, spread=_FAR).of(np.eye(6))
+        guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.theta[-3:]))
     return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
 
@@ -93,8 +88,8 @@ def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
     for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         R = np.diag(signs) @ np.eye(3)[list(axes)]  # by quarters of a turn
         if np.linalg.det(R) > 0 and not np.allclose(R, np.eye(3)):
-            yield "turned", _both(R)
-    yield "rotated", _both(_rotation(misfit))
+            yield "turned", np.kron(np.eye(2), R)
+    yield "rotated", np.kron(np.eye(2), _rotation(misfit))
 
 
 def _gain(misfit: Misfit, group: list[int]) -> float:
@@ -133,10 +128,5 @@ def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
         )
         U, _, Vt = np.linalg.svd(cross)
         R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-        theta = misfit.of(_both(R)).theta
+        theta = misfit.of(np.kron(np.eye(2), R)).theta
     return R
-
-
-def _both(R: Float[np.ndarray, "3 3"]) -> Map:
-    """The map of forces and moments that turns both."""
-    return np.kron(np.eye(2), R)

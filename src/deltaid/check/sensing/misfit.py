@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from deltaid.check.sensing.sheet import Normal, Sheet, Signal, Values
+from deltaid.check.sensing.sheet import Sheet, Signal, Values
 from deltaid.recording.time.resampling import interpolate
 
 # Samples that count as independent.
@@ -33,12 +33,11 @@ Map = Float[np.ndarray, "channels channels"]
 
 @dataclass(frozen=True, eq=False)
 class MapFit:
-    """Fit of one map: misfit Q, θ, and values of additional columns with standard deviations."""
+    """Fit of one map: misfit Q, θ, and the standard deviation of its last entry."""
 
     Q: float
     theta: Float[np.ndarray, " theta"]
-    added: Float[np.ndarray, " added"]
-    std: Float[np.ndarray, " added"]
+    last_std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +46,24 @@ class Misfit:
 
     Attributes:
         signal: of the columns X; shown: of the data y, the same unless exchanged.
+        beside: additional columns, the last ones of X.
+        spread: standard deviation of their coefficients.
     """
 
     sheet: Sheet
     signal: Signal
     shown: Signal
+    beside: Float[np.ndarray, "channels added samples"] | None = None
+    spread: float = 1.0
 
     @cached_property
     def counts(self) -> float:
         return float(self.shown.counts.sum())
+
+    @cached_property
+    def theta_columns(self) -> Float[np.ndarray, "channels theta samples"]:
+        own = self.signal.X
+        return own if self.beside is None else np.concatenate([own, self.beside], axis=1)
 
     @cached_property
     def moving(self) -> Values:
@@ -67,9 +75,8 @@ class Misfit:
     def white(self) -> Float[np.ndarray, " channels"]:
         """Noise from row to row, as second differences show it [N, N m]."""
         second = np.diff(self.shown.raw, 2, axis=1)
-        counts = np.isfinite(second)
-        power = np.where(counts, second, 0.0) ** 2
-        return np.sqrt(power.sum(axis=1) / np.maximum(counts.sum(axis=1), 1) / 6)
+        counts = np.isfinite(second).sum(axis=1)
+        return np.sqrt(np.nansum(second**2, axis=1) / np.maximum(counts, 1) / 6)
 
     @cached_property
     def noise(self) -> Float[np.ndarray, " channels"]:
@@ -83,38 +90,43 @@ class Misfit:
         return [[k for k, unit in enumerate(units) if unit == kind] for kind in sorted(set(units))]
 
     @cached_property
-    def _known(self) -> Normal:
-        return self.sheet.known(self.signal)
+    def _unknowns(self) -> Float[np.ndarray, "2 unknowns"]:
+        """Prior means and standard deviations of what θ has behind the robot's parameters."""
+        of_sensor = [(entry.prior, entry.std) for entry in self.signal.rows.parameters]
+        added = self.theta_columns.shape[1] - self.signal.X.shape[1]
+        return np.reshape([*of_sensor, *[(0.0, self.spread)] * added], (-1, 2)).T
 
     @cached_property
     def by_torques(self) -> Float[np.ndarray, " theta"]:
-        return np.linalg.solve(*self._known)
+        return np.append(self.sheet.by_torques.x, self._unknowns[0])
 
     @cached_property
-    def _products(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._mean("kin,kjn->kij", self.signal.X, self.signal.X), self._mean(
-            "kin,jn->kij", self.signal.X, self.shown.y
-        )
+    def _precision(self) -> Float[np.ndarray, "theta theta"]:
+        """A of θ by torques and prior."""
+        rows = self.sheet.by_torques.A
+        return block_diag(rows.T @ rows, np.diag(self._unknowns[1] ** -2.0))
 
     @cached_property
-    def _scatter(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second moments of y, and of its motion."""
-        n, y = max(self.counts, 1.0), self.shown.y
-        return y @ y.T / n, self.moving @ self.moving.T / n
+    def _moments(self) -> Float[np.ndarray, "channels augmented augmented"]:
+        """Second moments of [X_k; y] for each channel k."""
+        y = np.broadcast_to(self.shown.y, (len(self.theta_columns), *self.shown.y.shape))
+        rows = np.concatenate([self.theta_columns, y], axis=1)
+        return rows @ rows.swapaxes(1, 2) / max(self.counts, 1.0)
+
+    @cached_property
+    def _motion(self) -> Float[np.ndarray, "channels channels"]:
+        """Second moments of y's motion."""
+        return self.moving @ self.moving.T / max(self.counts, 1.0)
 
     @cached_property
     def _level(self) -> Float[np.ndarray, " channels"]:
         """What it should show in the mean, but for its own offsets."""
-        theta = self.by_torques.copy()
-        theta[len(theta) - len(self.signal.rows.parameters) :] = 0.0
-        return self.expected(theta).sum(axis=1) / max(self.counts, 1.0)
-
-    def _mean(self, indices: str, *operands: np.ndarray) -> np.ndarray:
-        return np.einsum(indices, *operands, optimize=True) / max(self.counts, 1.0)
+        p = self.sheet.by_torques.x
+        return self.theta_columns[:, : len(p)].sum(axis=2) @ p / max(self.counts, 1.0)
 
     def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
         """Admissible residual of each channel."""
-        motion = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", T, self._scatter[1], T), 0.0))
+        motion = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", T, self._motion, T), 0.0))
         group_motion = np.empty_like(motion)
         for group in self.groups:
             group_motion[group] = np.sqrt(np.mean(motion[group] ** 2))
@@ -122,45 +134,22 @@ class Misfit:
         of_model = _OF_CHANNEL * motion, _OF_GROUP * group_motion, _OF_MEAN * self._level
         return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
-    def of(
-        self,
-        T: Map,
-        only: list[int] | None = None,
-        beside: Float[np.ndarray, "channels added samples"] | None = None,
-        spread: float = 1.0,
-    ) -> MapFit:
-        """Judge one map.
-
-        Args:
-            only: channels to judge; default all.
-            beside: additional columns.
-            spread: standard deviation of their coefficients.
-        """
-        (G, g), (XX, Xy), added = self._known, self._products, 0
-        constant = g @ self.by_torques
-        if beside is not None:
-            added = beside.shape[1]
-            G, g = block_diag(G, np.eye(added) / spread**2), np.append(g, np.zeros(added))
-            cross = self._mean("kin,kan->kia", self.signal.X, beside)
-            own = self._mean("kan,kbn->kab", beside, beside)
-            XX = np.block([[XX, cross], [cross.swapaxes(1, 2), own]])
-            Ey = self._mean("kan,jn->kaj", beside, self.shown.y)
-            Xy = np.concatenate([Xy, Ey], axis=1)
+    def of(self, T: Map, only: list[int] | None = None) -> MapFit:
+        """Judge one map, by some channels; default all."""
         kept = list(range(len(T))) if only is None else only
         T, weights = T[kept], _COUNTED / self._sigma(T)[kept] ** 2
-        A = G + np.einsum("k,kij->ij", weights, XX[kept])
-        b = g + weights @ np.einsum("kij,kj->ki", Xy[kept], T)
-        constant += weights @ np.einsum("ki,ij,kj->k", T, self._scatter[0], T)
-        of_added = np.eye(len(b))[:, len(b) - added :]
-        solved = np.linalg.solve(A, np.column_stack([b, of_added]))
-        solution = solved[:, 0]
-        Q = max(float(constant - b @ solution), 0.0) / (_COUNTED * len(kept))
-        size = len(solution) - added
-        variance = np.diag(solved[size:, 1:])
-        return MapFit(Q, solution[:size], solution[size:], np.sqrt(variance * max(Q, 1e-6)))
+        n, moments, known = len(self.by_torques), self._moments[kept], self._precision
+        A = known + np.tensordot(weights, moments[:, :n, :n], 1)
+        b = known @ self.by_torques
+        constant = float(b @ self.by_torques)
+        b += weights @ np.einsum("kij,kj->ki", moments[:, :n, n:], T)
+        constant += float(weights @ np.einsum("ki,kij,kj->k", T, moments[:, n:, n:], T))
+        theta, of_last = np.linalg.solve(A, np.stack([b, np.eye(n)[-1]], axis=1)).T
+        Q = max(constant - float(b @ theta), 0.0) / (_COUNTED * len(kept))
+        return MapFit(Q, theta, float(np.sqrt(of_last[-1] * max(Q, 1e-6))))
 
     def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:
-        return np.einsum("kin,i->kn", self.signal.X, theta)
+        return np.einsum("kin,i->kn", self.theta_columns, theta)
 
     def left(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
         """RMS residual of each unmapped channel, in its own unit."""
@@ -176,10 +165,9 @@ class Misfit:
     @property
     def along(self) -> float:
         """Correlation of the signal with the one expected from torques, without means."""
-        expected, counts = self.expected(self.by_torques), self.shown.counts
-        mean = expected.sum(axis=1) / self.counts
-        expected = (expected - mean[:, None] * counts) / self.noise[:, None]
-        y = self.moving / self.noise[:, None]
+        expected = self.expected(self.by_torques)
+        expected -= expected.sum(axis=1, keepdims=True) / self.counts * self.shown.counts
+        expected, y = expected / self.noise[:, None], self.moving / self.noise[:, None]
         size = np.sqrt(np.sum(expected**2) * np.sum(y**2))
         return float(abs(np.sum(expected * y)) / max(size, 1e-300))
 
@@ -197,7 +185,7 @@ class Misfit:
             values = self.shown.y[:, part].T
             time = np.arange(len(values)) * self.sheet.period
             y[:, part] = interpolate(time, values, np.clip(time + delay, time[0], time[-1])).T
-        return replace(self, shown=replace(self.shown, y=y)) if delay else self
+        return replace(self, shown=replace(self.shown, y=y))
 
 
 @dataclass(frozen=True)
@@ -213,14 +201,14 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> Lag | None:
     """The delay of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ."""
     if np.ptp(misfit.shown.counts) > 1e-6:  # with holes there is no shifting
         return None
-    T, fit, delay, std = np.eye(len(misfit.noise)), unshifted, 0.0, np.inf
+    T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
     for _ in range(_ROUNDS):
-        expected = misfit.expected(fit.theta)
+        expected = misfit.expected(theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
             slope[:, part] = -np.gradient(expected[:, part], misfit.sheet.period, axis=1)
-        fit = misfit.earlier(delay).of(T, beside=slope[:, None, :], spread=_DELAY)
-        step, std = float(fit.added[0]), float(fit.std[0])
+        fit = replace(misfit.earlier(delay), beside=slope[:, None, :], spread=_DELAY).of(T)
+        theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
         delay += step
         if abs(step) < 0.1 * std:
             break

@@ -5,11 +5,11 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import block_diag
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
-from deltaid.estimation.information import entries_at
+from deltaid.estimation.information import Information, entries_at, triangle
+from deltaid.estimation.problem import LinearProblem
 from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
@@ -27,7 +27,6 @@ _KNOWN = 1e-4
 _BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
 
 Values = Float[np.ndarray, "channels samples"]
-Normal = tuple[Float[np.ndarray, "theta theta"], Float[np.ndarray, " theta"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,50 +56,43 @@ class Sheet:
     """The rows of a recording.
 
     Attributes:
-        Y, tau: of the drives' torques.
+        torques: what the drives' torques tell of all the robot's parameters.
         starts: first samples of stretches without a gap.
         period: between two samples [s]; row: between two rows of the log [s].
     """
 
     dynamics: Dynamics
     signals: tuple[Signal, ...]
-    Y: Float[np.ndarray, "drives parameters samples"]
-    tau: Float[np.ndarray, "drives samples"]
+    torques: Information
     starts: Int[np.ndarray, " stretches"]
     period: float
     row: float
 
     @cached_property
-    def _of_torques(self) -> Normal:
-        """A and A p of the robot's parameters p by torques and prior."""
+    def by_torques(self) -> LinearProblem:
+        """Least squares of the robot's parameters by torques and prior."""
         robot, layout = self.dynamics.robot, self.dynamics.layout
         stated = stated_spreads(robot)
-        std = [entry.scale * stated.get(entry.name, PRIOR_SPREAD) for entry in layout.parameters]
+        prior = np.array([entry.prior for entry in layout.parameters])
+        scale = np.array([entry.scale for entry in layout.parameters])
+        std = scale * [stated.get(name, PRIOR_SPREAD) for name in layout.names]
         for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
             free = robot.bodies[entry.owner].free
             if not free:
                 std[k] = _KNOWN * entry.scale
             elif entry.symbol in _BY_SYMMETRY and entry.symbol.replace("I", "S") not in free:
                 std[k] = _STRAIGHT * entry.scale
-        size, count = np.sqrt(np.mean(self.tau**2, axis=1)), self.tau.shape[1]
-        noise, floor = np.maximum(size, 1e-12), _LEFT * size + 1e-12
-        precision = np.power(std, -2.0)
-        G, g = np.diag(precision), precision
-        for _ in range(3):  # the residual sets each drive's weight
-            weights = min(_COUNTED, count) / (count * noise**2)
-            G, g = (np.diag(precision), precision * [entry.prior for entry in layout.parameters])
-            for Y, tau, weight in zip(self.Y, self.tau, weights, strict=True):
-                G, g = G + weight * (Y @ Y.T), g + weight * (Y @ tau)
-            residual = self.tau - np.linalg.solve(G, g) @ self.Y
-            noise = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor)
-        return G, g
+        torques, size, samples = self.torques, self.torques.torque_rms(), self.torques.samples
+        noise, counted = np.maximum(size, 1e-12), np.minimum(_COUNTED / samples, 1.0)
 
-    def known(self, signal: Signal) -> Normal:
-        """A and A θ of a sensor's θ by torques and prior."""
-        (G, g), parameters = self._of_torques, signal.rows.parameters
-        precision = np.array([entry.std**-2.0 for entry in parameters])
-        means = np.array([entry.prior for entry in parameters])
-        return block_diag(G, np.diag(precision)), np.append(g, precision * means)
+        def weighted() -> LinearProblem:
+            rows = torques.weighted(counted / noise**2)
+            problem = LinearProblem.of_triangle(rows, torques.rows)
+            return problem.with_known(np.diag(1 / std), prior / std)
+
+        for _ in range(2):  # the residual sets each drive's weight
+            noise = np.maximum(torques.rms(weighted().x), _LEFT * size + 1e-12)
+        return weighted()
 
 
 def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
@@ -138,8 +130,14 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
         sizes += [len(rows.pattern[0]), len(rows.channels), 1]
     sparse, tau, *data = np.split(np.hstack(parts), np.cumsum(sizes)[:-1])
     parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
-    Y = np.zeros((len(drives), parameters, samples))
-    Y[row_of, entries] = sparse
+    rows_of_drives = np.zeros((len(drives), parameters + 1, samples))
+    rows_of_drives[row_of, entries], rows_of_drives[:, -1] = sparse, tau
+    torques = Information(
+        np.arange(parameters),
+        np.stack([triangle(rows.T) for rows in rows_of_drives]),
+        np.full(len(drives), float(samples)),
+        np.abs(tau).max(axis=1),
+    )
     shown, signals = [columns.shown(window.own.extra) for window in windows], list[Signal]()
     for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
         X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
@@ -148,5 +146,4 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
         signals.append(Signal(rows, sensor_columns[rows.name], X, y, counts, raw))
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])[:-1]
     row = 1 / recording.log.rate
-    period = recording.thinned * every * row
-    return Sheet(dynamics, tuple(signals), Y, tau, starts, period, row)
+    return Sheet(dynamics, tuple(signals), torques, starts, recording.thinned * every * row, row)

@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.check.wiring.contest import Consistent, Patterns, Posed
+from deltaid.check.wiring.consistent import Posed
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.residual import Map, Residual, poses, residual
+from deltaid.check.wiring.residual import Map, Patterns, Residual, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.span import Span
+from deltaid.robot.description import RobotDescription
 
 # A gain so far from the others' is no calibration error; least margin that it needs.
 _GAIN, _SHOWN_FAR = 2.5, 3.0
@@ -67,57 +69,72 @@ class Candidate:
         return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
 
     @cached_property
-    def posed(self) -> Posed:
-        """Its torques, to be fitted."""
-        return self.residual.posed(self.order, self.gains)
+    def columns(self) -> Float[np.ndarray, "rows drives"]:
+        """The torque column of each drive, as weighted rows."""
+        return self.residual.rows.own(self.residual.tau[:, list(self.order)].T)
 
     @property
-    def fit(self) -> Consistent:
-        """Of a robot that may exist."""
-        return self.posed.fit
+    def torques(self) -> Float[np.ndarray, " rows"]:
+        return self.columns @ self.gains
+
+    @cached_property
+    def left_by_any(self) -> Float[np.ndarray, "drives drives"]:
+        """S: the gains u leave uᵀS u of the torques if parameters may be any."""
+        rest = self.residual.span.without(self.columns)
+        return rest.T @ rest
+
+    @cached_property
+    def posed(self) -> Posed:
+        """Its torques, to be fitted by a robot that may exist."""
+        tau = (self.residual.tau[:, list(self.order)] * self.gains).T
+        return Posed.of(self.residual, tau)
 
     @property
     def score(self) -> float:
         """Log likelihood; samples without poses count as not explained."""
-        return self.fit.score
+        return self.posed.fit.score
 
-    @cached_property
+    @property
     def left(self) -> float:
         """Share of the torques that no parameters explain, raised by samples that do not close."""
-        return (1 + 3 * (1 - self.residual.poses.share)) * self.fit.left
+        return (1 + 3 * (1 - self.residual.share)) * self.posed.fit.left
 
     @cached_property
     def loose(self) -> Bool[np.ndarray, " drives"]:
         """Drives with undetermined gain: their residual correlates with no other's. Limbs that
         share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
-        S, _ = self.residual.of(self.order)
+        S = self.left_by_any
         size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
         return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
 
     @property
     def along(self) -> Float[np.ndarray, " drives"]:
         """Correlation of each drive's torque with that of the prior."""
-        return np.sign(self.gains) * _along(self.residual, self.order)
+        return np.sign(self.gains) * self.residual.along[np.arange(len(self.order)), self.order]
 
     @property
     def closes(self) -> bool:
         """Whether the loops close along the recording."""
-        return self.residual.poses.share >= CLOSED
+        return self.residual.share >= CLOSED
 
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        least = np.where(self.loose, _ALONG_LOOSE, _ALONG)
-        along = bool(np.all((self.along > least)[~self.residual.still]))
-        return along and self.closes and self.fit.distance < _NEAR and self.left < LITTLE
+        fit = self.posed.fit
+        near = self._goes_along(_ALONG, _ALONG_LOOSE) and fit.distance < _NEAR
+        return near and self.closes and self.left < LITTLE
 
     @property
     def sensible(self) -> bool:
         """Whether torques correlate with the motion at all; a drive that no other is tied to has
         its sign from the prior."""
         along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
-        least = np.where(self.loose, 0.0, along)
-        return bool(np.all((self.along > least)[~self.residual.still])) and self.left < left
+        return self._goes_along(along, 0.0) and self.left < left
+
+    def _goes_along(self, tied: float, loose: float) -> bool:
+        """Whether each moving drive's torque correlates so much with that of the prior."""
+        along = self.along > np.where(self.loose, loose, tied)
+        return bool(np.all(along[~self.residual.still]))
 
     @property
     def changes(self) -> int:
@@ -149,14 +166,21 @@ def as_good(rows: int) -> float:
     return max(_CERTAIN, rows * float(np.log(_AS_GOOD)))
 
 
-def _along(residual: Residual, order: tuple[int, ...]) -> Float[np.ndarray, " drives"]:
-    return residual.along[np.arange(len(order)), list(order)]
-
-
 def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
     """Drives with a factor, or 1 where all have the same."""
     odd = int(np.sum(factors != 1))
     return 1 if odd == len(factors) and np.ptp(factors) == 0 else odd
+
+
+def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
+    """Units that a drive's positions may be in, by factor."""
+    return SLIDING if robot.is_linear(robot.drives[drive]) else TURNING
+
+
+def closed_share(dynamics: Dynamics, motion: Motion, map: Map) -> float:
+    """Share of samples whose loops close, estimated from a few."""
+    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
 
 
 def residuals(
@@ -170,69 +194,57 @@ def residuals(
                 yield solved
 
 
-def closed_share(dynamics: Dynamics, motion: Motion, map: Map) -> float:
-    """Share of samples whose loops close, estimated from a few."""
-    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
-    return poses(dynamics, map.values(motion.q[chosen])).share
-
-
 def tried(
-    dynamics: Dynamics,
-    motion: Motion,
-    maps: Iterable[Map],
-    least: float = MOSTLY_CLOSED,
-    *,
-    as_is: bool = False,
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], *, as_is: bool = False
 ) -> Iterator[Candidate]:
-    """Candidates of maps whose loops close.
+    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close.
 
     Args:
-        least: share of the samples that must close.
         as_is: whether torque columns keep their order.
     """
-    for solved in residuals(dynamics, motion, maps, least):
-        yield from assigned(solved, as_is=as_is)
-
-
-def assigned(residual: Residual, *, as_is: bool = False) -> Iterator[Candidate]:
-    """The likeliest orders, signs and gains of the torque columns."""
-    patterns, dof = Patterns.all_of(len(residual.still)), len(residual.still)
-    values = residual.evidences.copy()
-    # At rest friction balances any torque: neither sign nor order shows.
-    unmoved = (patterns.orders != np.arange(dof)) | (patterns.signs < 0)
-    values[np.any(unmoved[:, residual.still], axis=1)] = -np.inf
-    if as_is:
-        values[np.any(patterns.orders != np.arange(dof), axis=1)] = -np.inf
-    ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
-    for k in ranked[np.isfinite(values[ranked])]:
-        order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
-        yield Candidate(residual, order, patterns.signs[k], evidence)
-    far = None if as_is else _far_gains(residual)
-    if far is not None:
-        yield far
+    for solved in residuals(dynamics, motion, maps):
+        dof = len(solved.still)
+        patterns, in_order, values = Patterns.all_of(dof), np.arange(dof), solved.evidences.copy()
+        # At rest friction balances any torque: neither sign nor order shows.
+        unmoved = (patterns.orders != in_order) | (patterns.signs < 0)
+        values[np.any(unmoved[:, solved.still], axis=1)] = -np.inf
+        if as_is:
+            values[np.any(patterns.orders != in_order, axis=1)] = -np.inf
+        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
+        for k in ranked[np.isfinite(values[ranked])]:
+            order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
+            yield Candidate(solved, order, patterns.signs[k], evidence)
+        if not as_is and (far := _far_gains(solved)) is not None:
+            yield far
 
 
 def _far_gains(residual: Residual) -> Candidate | None:
     """Torque columns in their order, some of them in another unit than those of the others."""
-    dof = len(residual.still)
-    order = tuple(range(dof))
-    as_is = Candidate(residual, order, np.ones(dof))
-    S, D = residual.of(order)
+    as_is = Candidate(residual, tuple(range(len(residual.still))), np.ones(len(residual.still)))
     tied = np.flatnonzero(~as_is.loose & ~residual.still)
     if len(tied) < 2:
         return None
-    values, vectors = eigh(S[np.ix_(tied, tied)], np.diag(D[tied]))
+    squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
+    values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
     if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
         return None
     u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
-    size = np.abs(u) / np.median(np.abs(u))
-    far = (size > _GAIN) | (size < 1 / _GAIN)
+    u = u / np.median(np.abs(u))
+    far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
     if not np.any(far):
         return None
-    gains = np.ones(dof)
-    gains[tied] = np.where(far, u / np.median(np.abs(u)), np.sign(u))
-    better = residual.share(order, np.sign(gains)) / residual.own_share(order, gains)
-    if better < _SHOWN_FAR:  # else an unexplained drive is only weighted less
+    gains = np.ones(len(residual.still))
+    gains[tied] = np.where(far, u, np.sign(u))
+    # A large gain must add no weight; else an unexplained drive is only weighted less.
+    by = np.repeat(np.abs(gains), residual.rows.samples)
+    better = _share(residual.span, as_is.columns @ np.sign(gains))
+    better /= _share(Span.of(residual.Y / by[:, None]), as_is.columns @ gains / by)
+    if better < _SHOWN_FAR:
         return None
     evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
-    return Candidate(residual, order, gains, evidence)
+    return Candidate(residual, as_is.order, gains, evidence)
+
+
+def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
+    """Residual as a share of the torques' root mean square."""
+    return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))

@@ -11,12 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.wiring.candidate import SLIDING, TURNING, Candidate
+from deltaid.check.wiring.candidate import Candidate, named_units
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.motion import Motion
 from deltaid.check.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.signs import row_at_home
 from deltaid.model.words import listed, percent
 
@@ -115,7 +114,7 @@ class Case:
 
     def named(self, drive: int) -> dict[float, str]:
         """Units that its positions may be in, by factor."""
-        return SLIDING if self.linear(drive) else TURNING
+        return named_units(self.evidence.robot, drive)
 
     def whose(self, drives: list[int]) -> str:
         """A subject: empty for all drives."""
@@ -145,15 +144,14 @@ def _ratios(
     NaN for components that are small.
     """
     residual = best.residual
-    p = residual.span.coefficients(residual.torques(best.order, best.gains))
-    prior = prior_parameters(dynamics.robot)[residual.columns]
+    p = residual.span.coefficients(best.torques)
     sizes = [
         np.sqrt(np.mean(best.map.rates(rate) ** 2, axis=0)) for rate in (motion.qd, motion.qdd)
     ]
     out = np.full((dynamics.dof, 4), np.nan)
     for i, (speed, acceleration) in enumerate(zip(*sizes, strict=True)):
         rows = _components(dynamics, i, residual.columns, speed, acceleration)
-        estimated, expected = rows @ p, rows @ prior
+        estimated, expected = rows @ p, rows @ residual.prior
         share = _SMALLEST if best.loose[i] else _SMALL
         large = _large(expected, share) | (_large(estimated, _SMALL) & _large(expected, _SMALLEST))
         out[i, large] = estimated[large] / expected[large]

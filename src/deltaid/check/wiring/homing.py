@@ -115,13 +115,12 @@ class Shifts:
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     """Errors of zeros and gravity in a recording, for the columns of a candidate."""
     residual, dof = best.residual, dynamics.dof
-    tau = residual.torques(best.order, best.gains)
+    tau = best.torques
     # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
-    scale = np.array([entry.scale for entry in dynamics.layout.parameters])[residual.columns]
-    noise = residual.share(best.order, best.gains) * np.linalg.norm(tau) / np.sqrt(len(tau))
-    A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * scale))])
-    b = np.append((tau - residual.Y @ p[residual.columns]) / noise, np.zeros(len(scale)))
+    noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
+    A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * residual.scale))])
+    b = np.append((tau - residual.Y @ residual.prior) / noise, np.zeros(A.shape[1]))
     p[residual.columns] += Span.of(A).coefficients(b)
     slopes = _slopes(dynamics, motion, best, p)[:, residual.keep]
     numbers = motion.tau[residual.keep].T[list(best.order)]
@@ -154,7 +153,7 @@ def _slopes(
             total += body.count * (m[0] * pose.r_WB + pose.R_WB @ m[1:4])
         return total
 
-    z, g = best.residual.poses.z[places], np.array(dynamics.robot.gravity)
+    z, g = best.residual.z[places], np.array(dynamics.robot.gravity)
     J, along = kinematics.jacobian(z), _differences(moment, z)
     moments = np.linalg.solve(J.swapaxes(1, 2), along.swapaxes(1, 2)).swapaxes(1, 2)
     tilts = [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]

@@ -1,29 +1,39 @@
-"""Least-squares residuals of torques for every order, sign and gain of their columns at once.
+"""Least squares of torques under one map of the positions, and how likely each order and sign of
+the torque columns is.
 
-E_ij is the torque column j in the rows of drive i, and S = Eᵀ(1 − Y Y⁺)E. So the residual of any
-assignment u of torque columns to drives, with signs and gains, is uᵀS u, and its share of the
-torques uᵀS u / uᵀD u with D = diag ‖E_ij‖².
+Torques of a robot near its prior are normal: with p ~ N(p₀, α² S²), offsets o of the drives and
+white noise, E u = Y p + X o + e, so that every assignment u of torque columns to drives has a
+closed evidence. E_ij is the torque column j in the rows of drive i.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import permutations, product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.check.wiring.contest import Patterns, Posed, evidences
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.span import Span
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
 # Weight of a drive at rest, whose torque friction balances as it likes.
-_AT_REST = 1e-3
+AT_REST = 1e-3
 # Least share of the samples that have poses, and number of them.
 _POSED, _FEWEST = 0.2, 30
+# No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
+# about this share of its torques.
+LEAST, OFFSET = 0.003, 0.1
+# Torques are scaled to those of the prior where they are so far from them: in another unit.
+UNIT = 2.5
+# Parameters are off their prior by about so much of themselves, as a median and the spread of its
+# logarithm, bodies by about a factor e; steps of α²/σ² that are tried.
+_SPREAD, _FACTOR, _RATIOS = 0.7, 1.0, np.geomspace(1e-2, 1e8, 41)
 
 
 @dataclass(frozen=True)
@@ -57,136 +67,136 @@ class Map:
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """Poses z of a stretch, `good` where the loops close, regular and on the branch of most."""
+class Patterns:
+    """Orders and signs of torque columns: all there are, in a fixed sequence.
 
+    Attributes:
+        orders, signs: (patterns, drives).
+        weights: (patterns, pairs), of the columns of E by drive and torque column.
+    """
+
+    orders: Int[np.ndarray, "patterns drives"]
+    signs: Float[np.ndarray, "patterns drives"]
+    weights: Float[np.ndarray, "patterns pairs"]
+
+    @classmethod
+    @lru_cache
+    def all_of(cls, dof: int) -> "Patterns":
+        """n! orders with 2ⁿ signs each, the first one as mapped."""
+        pairs = list(product(permutations(range(dof)), product((1.0, -1.0), repeat=dof)))
+        orders, signs = (np.array(values) for values in zip(*pairs, strict=True))
+        weights = np.zeros((len(pairs), dof, dof))
+        np.put_along_axis(weights, orders[:, :, None], signs[:, :, None], axis=2)
+        return cls(orders, signs, weights.reshape(len(pairs), -1))
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Least squares under one map of the positions.
+
+    Attributes:
+        z: poses of all samples, and the share of them where the loops close, regular and on the
+            branch of most.
+        rows: how samples of drives stand under each other in Y.
+        tau: torques as recorded, of the samples used, a column as in the mapping.
+        columns: parameters that columns of Y stand for; prior: of these.
+        still: drives at rest, whose torques are friction's and determine no sign.
+        keep: which of the kept samples are used.
+    """
+
+    dynamics: Dynamics
+    map: Map
     z: Float[np.ndarray, "samples dof"]
-    good: Bool[np.ndarray, " samples"]
+    share: float
+    rows: DriveRows
+    tau: Float[np.ndarray, "used dof"]
+    Y: Float[np.ndarray, "rows columns"]
+    columns: Int[np.ndarray, " columns"]
+    prior: Float[np.ndarray, " columns"]
+    still: Bool[np.ndarray, " dof"]
+    keep: Bool[np.ndarray, " kept"]
+
+    @cached_property
+    def span(self) -> Span:
+        return Span.of(self.Y)
+
+    @cached_property
+    def along(self) -> Float[np.ndarray, "dof dof"]:
+        """Correlation of drive i's torque at the prior with column j."""
+        expected = self.rows.of_drives(self.Y @ self.prior)
+        sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(self.tau, axis=0))
+        return expected @ self.tau / np.maximum(sizes, np.finfo(float).tiny)
 
     @property
-    def share(self) -> float:
-        """Of the samples that are good."""
-        return float(np.mean(self.good))
+    def scale(self) -> Float[np.ndarray, " columns"]:
+        """Sizes of the parameters."""
+        return np.array([self.dynamics.layout.parameters[k].scale for k in self.columns])
+
+    @cached_property
+    def evidences(self) -> Float[np.ndarray, " patterns"]:
+        """Log evidence of each of `Patterns.all_of`."""
+        dof, rows = len(self.still), len(self.Y)
+        E = self.rows.stack(of_own_drives(np.broadcast_to(self.tau, (dof, *self.tau.shape))))
+        offsets = np.diag(np.where(self.still, AT_REST, 1.0)).repeat(self.rows.samples, axis=0)
+        expected, weights = self.Y @ self.prior, Patterns.all_of(dof).weights.T
+        size = np.sqrt(np.sum(weights * (E.T @ E @ weights), axis=0))
+        usual = float(np.linalg.norm(expected))
+        by = np.where(np.abs(np.log(usual / size)) < np.log(UNIT), 1.0, usual / size)
+        columns = np.hstack([self.Y * self.scale, OFFSET * offsets])
+        U, s, _ = np.linalg.svd(columns, full_matrices=False)
+        along = (U.T @ E @ weights) * by - (U.T @ expected)[:, None]
+        total = (size * by) ** 2 - 2 * by * (expected @ E @ weights) + usual**2
+        across = np.maximum(total - np.sum(along**2, axis=0), 0.0)
+        spread = 1 + _RATIOS[:, None] * s**2
+        share = (across + (1 / spread) @ along**2) / (size * by) ** 2 + LEAST**2
+        noise = share * (size * by) ** 2 / rows
+        wide = 0.5 * np.log(_RATIOS[:, None] * noise) - np.log(_SPREAD)
+        level = np.log(share * size**2 / rows)
+        values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
+        values = np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)
+        # Of torques as shares of themselves, whatever the weights of rows under this map.
+        sizes = rms_torques(self.tau.T)
+        return values + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
 
 
-def poses(dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]) -> Poses:
+def rms_torques(tau: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
+    """Root mean squares, none of them zero."""
+    sizes = np.sqrt(np.mean(tau**2, axis=1))
+    return np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))
+
+
+def poses(
+    dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]
+) -> tuple[Float[np.ndarray, "samples dof"], Bool[np.ndarray, " samples"]]:
+    """Poses z, and where the loops close, regular and on the branch of most."""
     z, closed = dynamics.kinematics.forward_unchecked(q)
     z = np.where(closed[:, None], z, dynamics.kinematics.home)
     regular = dynamics.kinematics.regularity(z)
     good = closed & (regular.worst < SINGULAR_CONDITION)
     sign = np.sign(regular.determinant)
-    return Poses(z, good & (sign == (1 if sign[good].sum() >= 0 else -1)))
-
-
-@dataclass(frozen=True, eq=False)
-class Residual:
-    """Least squares of all torque columns under one map of the positions.
-
-    Attributes:
-        rows: how samples of drives stand under each other in Y and E.
-        span: of Y.
-        S: residual of E, by drive i and column j in either direction.
-        D: squares of E's columns, by drive and column.
-        along: correlation of drive i's torque at the prior with column j.
-        tau: torques as recorded, of the samples used, a column as in the mapping.
-        still: drives at rest, whose torques are friction's and determine no sign.
-        keep: which of the kept samples are used.
-        columns: parameters that columns of Y stand for.
-    """
-
-    dynamics: Dynamics
-    map: Map
-    poses: Poses
-    rows: DriveRows
-    tau: Float[np.ndarray, "samples dof"]
-    Y: Float[np.ndarray, "rows columns"]
-    E: Float[np.ndarray, "rows pairs"]
-    span: Span
-    S: Float[np.ndarray, "pairs pairs"]
-    D: Float[np.ndarray, "dof dof"]
-    along: Float[np.ndarray, "dof dof"]
-    still: Bool[np.ndarray, " dof"]
-    keep: Bool[np.ndarray, " kept"]
-    columns: Int[np.ndarray, " columns"]
-
-    def of(self, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """S and D of one order of the torque columns, for their gains."""
-        pairs = _pairs(order)
-        return self.S[np.ix_(pairs, pairs)], self.D.ravel()[pairs]
-
-    def share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
-        """Residual as a share of the torques' root mean square."""
-        S, D = self.of(order)
-        return float(np.sqrt(max(gains @ S @ gains, 0.0) / (gains**2 @ D)))
-
-    def own_share(self, order: tuple[int, ...], gains: np.ndarray) -> float:
-        """The same with each drive's rows divided by its gain: a large gain adds no weight."""
-        by = np.repeat(np.abs(gains), self.rows.samples)
-        tau = self.torques(order, gains) / by
-        residual = Span.of(self.Y / by[:, None]).without(tau)
-        return float(np.linalg.norm(residual) / np.linalg.norm(tau))
-
-    @cached_property
-    def evidences(self) -> Float[np.ndarray, " patterns"]:
-        """Log evidence of each of `Patterns.all_of`."""
-        entries = [self.dynamics.layout.parameters[k] for k in self.columns]
-        p_0, scale = (np.array(x) for x in zip(*((e.prior, e.scale) for e in entries), strict=True))
-        offsets = np.repeat(np.eye(len(self.still)), self.rows.samples, axis=0)
-        offsets /= np.where(self.still, 1 / _AT_REST, 1.0)
-        patterns = Patterns.all_of(len(self.still))
-        of_rows = evidences(self.Y, p_0, scale, offsets, self.E, patterns)
-        # Of torques as shares of themselves, whatever the weights of rows under this map.
-        sizes = np.sqrt(np.mean(self.tau**2, axis=0))
-        sizes = np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))
-        return of_rows + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
-
-    def posed(self, order: tuple[int, ...], gains: np.ndarray) -> Posed:
-        """Torque columns in an order, times gains, to be fitted by a robot that may exist."""
-        Y = self.Y.reshape(len(order), self.rows.samples, -1) * self.rows.scale[:, None, None]
-        weights = np.where(self.still, _AT_REST, 1.0)
-        return Posed.of(
-            self.dynamics, self.columns, Y, (self.tau[:, list(order)] * gains).T, weights
-        )
-
-    def torques(self, order: tuple[int, ...], gains: np.ndarray) -> Float[np.ndarray, " rows"]:
-        """Torque columns in an order, times gains, as weighted rows."""
-        return self.E[:, _pairs(order)] @ gains
-
-
-def _pairs(order: tuple[int, ...]) -> Int[np.ndarray, " dof"]:
-    """Where E has the torque column of each drive."""
-    return np.arange(len(order)) * len(order) + np.array(order)
+    return z, good & (sign == (1 if sign[good].sum() >= 0 else -1))
 
 
 def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     """None where too few samples have poses."""
-    reached = poses(dynamics, map.values(motion.q))
-    if reached.share < _POSED:
+    z, good = poses(dynamics, map.values(motion.q))
+    keep, share = motion.awake, float(good.mean())
+    if share < _POSED:
         return None
-    qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
-    values = np.where(reached.good, entries_at(dynamics, reached.z, qd, qdd, motion.load), 0.0)
-    keep = motion.awake
-    if not reached.good.all():
-        keep = keep & (motion.filtered(reached.good[None].astype(float))[0] > 1 - 1e-6)
+    if not good.all():
+        keep = keep & (motion.filtered(good[None].astype(float))[0] > 1 - 1e-6)
     if keep.sum() < _FEWEST:
         return None
+    qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
+    values = np.where(good, entries_at(dynamics, z, qd, qdd, motion.load), 0.0)
     tau, (drives, entries) = motion.tau[keep], dynamics.regressor_pattern
     columns, place = np.unique(entries, return_inverse=True)
     Y = np.zeros((dynamics.dof, len(tau), len(columns)))
     Y[drives, :, place] = motion.filtered(values)[:, keep]
-    expected = Y @ np.array([dynamics.layout.parameters[k].prior for k in columns])
-    prior = np.sqrt(np.mean(expected**2, axis=1))
+    prior = prior_parameters(dynamics.robot)[columns]
+    expected = np.sqrt(np.mean((Y @ prior) ** 2, axis=1))
     still = ~motion.moves[list(map.order)]
-    scale = np.maximum(prior, 1e-3 * prior.max()) / np.where(still, _AT_REST, 1.0)
+    scale = np.maximum(expected, 1e-3 * expected.max()) / np.where(still, AT_REST, 1.0)
     rows = DriveRows(scale, len(tau))
-    E = rows.stack(of_own_drives(np.broadcast_to(tau, (dynamics.dof, *tau.shape))))
     Y = rows.stack(Y)
-    span = Span.of(Y)
-    rest = span.without(E)
-    D = np.sum(E**2, axis=0).reshape(still.size, -1)
-    sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(tau, axis=0))
-    along = expected @ tau / np.maximum(sizes, np.finfo(float).tiny)
-    S = rest.T @ rest
-    return Residual(
-        dynamics, map, reached, rows, tau, Y, E, span, S, D, along, still, keep, columns
-    )
+    return Residual(dynamics, map, z, share, rows, tau, Y, columns, prior, still, keep)

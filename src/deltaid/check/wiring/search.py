@@ -6,7 +6,7 @@ behind gears that are not declared, by the factor that explains the torques best
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import chain, permutations, product
 
 import numpy as np
 from jaxtyping import Bool
@@ -16,16 +16,16 @@ from deltaid.check.wiring.candidate import (
     LITTLE,
     MOSTLY_CLOSED,
     SLIDING,
-    TURNING,
     Assignment,
     Candidate,
     as_good,
     closed_share,
+    named_units,
     residuals,
     tried,
 )
 from deltaid.check.wiring.motion import Motion
-from deltaid.check.wiring.residual import Map, Residual, residual
+from deltaid.check.wiring.residual import Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.
@@ -50,38 +50,49 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
         fine: to decide.
         coarse: a part of it, to search.
     """
-    identity, coarse = Map.identity(dynamics.dof), coarse.few(_SAMPLES)
-    solved = next(residuals(dynamics, fine, [identity], least=_EVALUATED), None)
-    as_mapped = solved and Candidate(solved, identity.order, np.ones(dynamics.dof))
-    settled = as_mapped is not None and as_mapped.clear
-    maps = _wirings(dynamics) if settled else _maps(dynamics)
-    maps = (map for map in maps if _decidable(map, fine.moves))
+    identity = Map.identity(dynamics.dof)
+    mapped = [
+        Candidate(solved, identity.order, np.ones(dynamics.dof))
+        for solved in residuals(dynamics, fine, [identity], least=_EVALUATED)
+    ]
+    likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
+    if likely is None:
+        return tuple(mapped)
+    examined = [
+        Candidate(solved, trial.order, trial.gains)
+        for map in dict.fromkeys(trial.map for trial in likely)
+        for solved in residuals(dynamics, fine, [map])
+        for trial in likely
+        if trial.map == map
+    ]
+    keys = [own.key for own in mapped]
+    examined = [c for c in examined if c.key not in keys and c.sensible] + mapped
+    best = max(examined, key=lambda trial: trial.score, default=None)
+    good = [trial for trial in examined if best is not None and trial.as_likely_as(best)]
+    for own in mapped:
+        if own.residual.share >= MOSTLY_CLOSED:
+            good = [trial for trial in good if trial.beats(own)] or [own]
+    return tuple(sorted(good, key=_complexity))
+
+
+def _searched(
+    dynamics: Dynamics, fine: Motion, coarse: Motion, *, settled: bool
+) -> list[Candidate] | None:
+    """The likeliest hypotheses by a part of a recording, simplest first; where units need no search
+    (`settled`), None if none is likelier than the mapping itself."""
+    wirings = _wirings(dynamics) if settled else chain(_wirings(dynamics), _in_units(dynamics))
+    maps = (map for map in wirings if _decidable(map, fine.moves))
     trials = _likely(tried(dynamics, coarse, maps))
-    if as_mapped is not None and settled:
+    if settled:
         own = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
         if not trials or trials[0].evidence - own < as_good(len(trials[0].residual.Y)):
-            return (as_mapped,)
+            return None
     trials = _ranked(dynamics, trials)
     if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
         trials = _ranked(dynamics, [*trials, *_of_motors(dynamics, coarse)])
         if trials and trials[0].map.scaled:
             trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
-    examined = list[Candidate]()
-    likely = sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
-    for map in dict.fromkeys(trial.map for trial in likely):
-        for solved in residuals(dynamics, fine, [map]):
-            own = [trial for trial in likely if trial.map == map]
-            examined += [Candidate(solved, trial.order, trial.gains) for trial in own]
-    mapped = [] if as_mapped is None else [as_mapped]
-    others = (trial for trial in examined if all(trial.key != own.key for own in mapped))
-    examined = [*(trial for trial in others if trial.sensible), *mapped]
-    if not examined:
-        return ()
-    best = max(examined, key=lambda trial: trial.score)
-    good = [trial for trial in examined if trial.as_likely_as(best)]
-    if as_mapped is not None and as_mapped.residual.poses.share >= MOSTLY_CLOSED:
-        good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
-    return tuple(sorted(good, key=_complexity))
+    return sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
 
 
 def together(
@@ -95,26 +106,22 @@ def together(
     """
     if all(good[0].changes == 0 for good in each):
         return tuple(each)
+    identity = Map.identity(dynamics.dof)
     keys = dict.fromkeys(candidate.key for good in each for candidate in good)
-    keys[Map.identity(dynamics.dof), tuple(range(dynamics.dof)), (1.0,) * dynamics.dof] = None
-    solved = [
-        {map: residual(dynamics, motion, map) for map in dict.fromkeys(key[0] for key in keys)}
-        for motion in motions
-    ]
-    trials = {key: [_on(of[key[0]], key) for of in solved] for key in keys}
-    scores = {key: sum(c.score for c in own if c is not None) for key, own in trials.items()}
+    keys[identity, identity.order, identity.scale] = None
+    trials: dict[Assignment, list[Candidate | None]] = {key: [] for key in keys}
+    for motion in motions:
+        solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
+        for key, own in trials.items():
+            under, (_, order, gains) = solved[key[0]], key
+            own.append(under and Candidate(under, order, np.array(gains)))
+    posed = {key: [c for c in own if c is not None] for key, own in trials.items()}
+    scores = {key: sum(c.score for c in own) for key, own in posed.items()}
     best = max(scores, key=lambda key: scores[key])
-    margin = as_good(sum(len(c.residual.Y) for c in trials[best] if c is not None))
+    margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
     good = [key for key in keys if scores[best] - scores[key] < margin]
-    simplest = sorted(
-        (trials[key] for key in good), key=lambda own: min(map(_complexity, filter(None, own)))
-    )
-    return tuple(tuple(filter(None, own)) for own in zip(*simplest, strict=True))
-
-
-def _on(residual: Residual | None, key: Assignment) -> Candidate | None:
-    _, order, gains = key
-    return None if residual is None else Candidate(residual, order, np.array(gains))
+    good.sort(key=lambda key: min(map(_complexity, posed[key])))
+    return tuple(tuple(filter(None, own)) for own in zip(*(trials[k] for k in good), strict=True))
 
 
 def _complexity(candidate: Candidate) -> tuple[int, bool, bool]:
@@ -166,11 +173,10 @@ def _wirings(dynamics: Dynamics) -> Iterator[Map]:
             yield replace(identity, order=order)
 
 
-def _maps(dynamics: Dynamics) -> Iterator[Map]:
-    """The same, and as mapped in other units."""
-    yield from _wirings(dynamics)
+def _in_units(dynamics: Dynamics) -> Iterator[Map]:
+    """As mapped in other units."""
     for drives in _groups(dynamics):
-        for factor in _units(dynamics, drives[0]):
+        for factor in named_units(dynamics.robot, drives[0]):
             yield Map.identity(dynamics.dof).times(factor, drives)
 
 
@@ -185,10 +191,6 @@ def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
     yield from ([i] for i in range(dynamics.dof if dynamics.robot.telescope is None else 3))
 
 
-def _units(dynamics: Dynamics, drive: int) -> dict[float, str]:
-    return SLIDING if dynamics.robot.is_linear(dynamics.robot.drives[drive]) else TURNING
-
-
 def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
     """Positions of motors, by the factor that explains the torques best."""
     for drives in _groups(dynamics):
@@ -200,23 +202,21 @@ def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
 
 
 def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
-    identity, linear = Map.identity(dynamics.dof), _units(dynamics, drives[0]) is SLIDING
-
-    def closes(factor: float) -> bool:
-        return closed_share(dynamics, motion, identity.times(factor, drives)) >= CLOSED
-
-    grid = np.geomspace(_SMALLEST, _LONGEST if linear else _LARGEST, _CLOSING)
-    closing = grid[[closes(float(factor)) for factor in grid]]
-    if not closing.size:
+    """The factor of these drives' positions; None where no loops close, or beyond any lead."""
+    identity = Map.identity(dynamics.dof)
+    longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
+    grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING)
+    maps = {float(factor): identity.times(float(factor), drives) for factor in grid}
+    closing = [f for f, map in maps.items() if closed_share(dynamics, motion, map) >= CLOSED]
+    if not closing:
         return None
-    low, high = max(closing[0], closing[-1] / 30), closing[-1]
-    grid = np.geomspace(low, high, _GRID)
-    maps = (identity.times(float(factor), drives) for factor in grid)
-    rough = next(iter(_likely(tried(dynamics, motion, maps, as_is=True))), None)
+    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _GRID)
+    trials = (identity.times(float(factor), drives) for factor in grid)
+    rough = next(iter(_likely(tried(dynamics, motion, trials, as_is=True))), None)
     if rough is None:
         return None
     best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
-    return None if linear and abs(best.map.scale[drives[0]]) > _LONGEST else best
+    return None if abs(best.map.scale[drives[0]]) > longest else best
 
 
 def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:
@@ -226,21 +226,20 @@ def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[C
     yield best
     factor = abs(best.map.scale[drives[0]])
     signs = replace(rough.map, scale=tuple(float(s) for s in np.sign(rough.map.scale)))
-    low, high = _NAMED
-    near = [unit for unit in _units(dynamics, drives[0]) if low < unit / factor < high]
+    units = named_units(dynamics.robot, drives[0])
+    near = [unit for unit in units if _NAMED[0] < unit / factor < _NAMED[1]]
     yield from tried(dynamics, motion, [signs.times(unit, drives) for unit in near])
 
 
-def _narrowed(dynamics: Dynamics, motion: Motion, rough: Candidate, step: float) -> Candidate:
+def _narrowed(dynamics: Dynamics, motion: Motion, best: Candidate, step: float) -> Candidate:
     """The best factor of the scaled positions, from a rough one, by parabolas."""
 
     def times(by: float) -> Candidate | None:
         map = best.map.times(by, best.map.scaled)
         return next(tried(dynamics, motion, [map], as_is=True), None)
 
-    best = rough
     for _ in range(3):
-        trials = [times(by) for by in (1 / step, step)]
+        trials = [times(1 / step), times(step)]
         lower, higher = (np.inf if trial is None else -trial.evidence for trial in trials)
         bend = lower + higher + 2 * best.evidence
         if np.isfinite(bend) and bend > 0:

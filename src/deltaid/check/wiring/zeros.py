@@ -60,7 +60,7 @@ def zero_verdicts(
 ) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     shift = shifts(evidence.dynamics, motion, best)
-    drives, closes = _shown(shift), best.residual.poses.share >= CLOSED
+    drives, closes = _shown(shift), best.residual.share >= CLOSED
     doubted = bool(drives) and _seen(shift)
     if not doubted or _better_explained(shift, np.flatnonzero(best.loose).tolist()):
         if not closes:
@@ -143,7 +143,7 @@ def _zero(
         zeros[drive] += float(np.clip(step, -_LARGEST, _LARGEST))
         trial = replace(map, shift=tuple(zeros))
         moved = residual(evidence.dynamics, motion, trial)
-        if moved is None or moved.poses.share < best.residual.poses.share:
+        if moved is None or moved.share < best.residual.share:
             break
         map = trial
         shift = shifts(evidence.dynamics, motion, replace(best, residual=moved))
@@ -231,7 +231,7 @@ def _good(shift: Shifts) -> Verdict:
 
 
 def _open(best: Candidate) -> Verdict:
-    share = best.residual.poses.share
+    share = best.residual.share
     return Verdict(
         "homing-or-tilt",
         Grade.WRONG,
