@@ -76,13 +76,12 @@ class ConsistentRanges:
         self._scores = self._noise.root @ combination @ self._map[:, :rank]
         self._shifts = self._noise.root @ problem.shifts
         # Rows of the ball, the first for its radius, and of the cones.
-        ball = np.zeros((rank + 1, self._map.shape[1]))
-        ball[1:, :rank] = -np.eye(rank)
-        parts = [(ball, np.zeros(rank + 1), clarabel.SecondOrderConeT(rank + 1))]
+        ball = np.eye(rank + 1, self._map.shape[1], -1)
+        parts = [(-ball, np.zeros(rank + 1), clarabel.SecondOrderConeT(rank + 1))]
         cones = (self._cone(block, size > 0) for block in self._reduction.blocks)
         parts += [cone for cone in cones if cone is not None]
-        self._rows, self._right = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-        self._cones, self._matrix = [cone for _, _, cone in parts], sparse.csc_matrix(self._rows)
+        rows, right, self._cones = zip(*parts, strict=True)
+        self._rows, self._right = np.concatenate(rows), np.concatenate(right)
 
     def of(self, c: Coefficients) -> Range:
         c_x = self._reduction.A.T @ c
@@ -98,15 +97,14 @@ class ConsistentRanges:
         t, by_noise = self._reach(cost)
         width = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
         vanished = float(np.ptp(self._ends(cost, _VANISHED * t)))
-        ratio = float(vanished / width) if width > 0 else 0.0
+        ratio = vanished / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
         noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()
-        geometry = (1 - unseen) * (1 - by_noise)
         return Share(
             noise=noise,
             prior=0.0,
-            geometry=geometry,
+            geometry=(1 - unseen) * (1 - by_noise),
             unseen=unseen,
             sensors=sensors,
             measured=measured,
@@ -114,11 +112,6 @@ class ConsistentRanges:
 
     def _in_scores(self, cost: Vector) -> Float[np.ndarray, "base 1"]:
         return (self._scores @ cost[: self._rank])[:, None]
-
-    def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
-        """Least and largest cost·(v, a)."""
-        radius = float(np.hypot(self._least, t))
-        return self._extreme(cost, radius), -self._extreme(-cost, radius)
 
     def _reach(self, cost: Vector) -> tuple[float, float]:
         """t, in units of white noise: scatter and geometry make a combination more uncertain; and
@@ -132,21 +125,32 @@ class ConsistentRanges:
         t = half_width(std, by_noise, nu)[0] / (self._white * size)
         return float(t), float((by_noise[0] / std[0]) ** 2) if std[0] > 0 else 1.0
 
+    def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
+        """Least and largest cost·(v, a); infinite where there is none."""
+        size, radius = float(np.linalg.norm(cost)), float(np.hypot(self._least, t))
+        if size == 0:
+            return 0.0, 0.0
+        ends = [self._solve(sign * cost / size, self._rows, radius) for sign in (1.0, -1.0)]
+        low, high = (
+            size * float(end.obj_val) if str(end.status) in _SOLVED else -np.inf for end in ends
+        )
+        return low, -high
+
     @cached_property
     def _least(self) -> float:
         """m, the distance of the consistent x from the least-squares values of the recording."""
-        n = self._map.shape[1]
-        wide = np.hstack([self._rows, np.zeros((len(self._rows), 1))])
-        wide[0, n] = -1.0
-        return float(self._solve(np.append(np.zeros(n), 1.0), sparse.csc_matrix(wide), 0.0).obj_val)
+        wide = np.pad(self._rows, ((0, 0), (0, 1)))
+        wide[0, -1] = -1.0
+        return float(self._solve(np.eye(wide.shape[1])[-1], wide, 0.0).obj_val)
 
-    def _extreme(self, cost: Vector, radius: float) -> float:
-        """The least cost·(v, a) with ‖v‖ ≤ radius; −∞ if there is none."""
-        size = float(np.linalg.norm(cost))
-        if size == 0:
-            return 0.0
-        solution = self._solve(cost / size, self._matrix, radius)
-        return size * float(solution.obj_val) if str(solution.status) in _SOLVED else -np.inf
+    def _solve(
+        self, cost: Vector, rows: Float[np.ndarray, "rows n"], radius: float
+    ) -> clarabel.DefaultSolution:
+        right = self._right.copy()
+        right[0] = radius
+        nothing, settings = sparse.csc_matrix((len(cost), len(cost))), quiet_settings(_TOLERANCE)
+        matrix, cones = sparse.csc_matrix(rows), list(self._cones)
+        return clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
 
     def _cone(
         self, block: Block, determined: Bool[np.ndarray, " n"]
@@ -163,16 +167,6 @@ class ConsistentRanges:
         M = block.matrix(self._centre)
         part = replace(block, index=block.index[inner], constant=M[inner], prior=block.prior[inner])
         columns, at_centre, slopes = part.normalised
-        rows = -np.column_stack([svec(slope) for slope in slopes]) @ self._map[columns]
-        right = svec(at_centre)
+        rows, right = -svec(slopes).T @ self._map[columns], svec(at_centre)
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
         return rows / size, right / size, definite(len(at_centre))
-
-    def _solve(
-        self, cost: Vector, matrix: sparse.csc_matrix, radius: float
-    ) -> clarabel.DefaultSolution:
-        right = self._right.copy()
-        right[0] = radius
-        nothing, settings = sparse.csc_matrix((len(cost), len(cost))), quiet_settings(_TOLERANCE)
-        solver = clarabel.DefaultSolver(nothing, cost, matrix, right, self._cones, settings)
-        return solver.solve()

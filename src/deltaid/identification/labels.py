@@ -1,11 +1,10 @@
 """What decided each parameter of a fit: data, measured values, data with others' priors, prior, or
 consistency."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import inverse
@@ -57,13 +56,20 @@ class Labels:
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
             added = self._parameters[i].kind in ADDED
-            return self._by_posterior(i) if added else self._of_free(i)
+            return self._of_added(i) if added else self._of_free(i)
         if value == 0:
             return Label("structure", 0.0, value, value)
         if self._visible[i]:
             return Label("fixed", 0.0, value, value)
         by = "prior" if np.isclose(value, prior, rtol=1e-9) else "consistency"
-        return self._around_prior(i, by, float(self._held_std[i]))
+        return self._around_prior(i, by, self._held_std[i])
+
+    def _of_added(self, i: int) -> Label:
+        known, value = self._known, float(self._p[i])
+        if known.std[i] >= _SHRUNK * known.prior_std[i]:
+            return self._around_prior(i, "prior", known.prior_std[i])
+        low, high = value - float(known.interval[i]), value + float(known.interval[i])
+        return Label("data", float(known.std[i]), low, high, share=Share.of(known.shares[i]))
 
     def _of_free(self, i: int) -> Label:
         """One that the fit may change.
@@ -71,49 +77,37 @@ class Labels:
         Data alone decides where its range without any prior is narrow. Where it is not, but data
         and priors together know the parameter well, torques show only a sum of it and others.
         """
-        std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
-        around = self._around_prior(i, "prior", prior_std)
+        value, std = float(self._p[i]), float(self._known.std[i])
+        prior_std = float(self._known.prior_std[i])
         if not self._visible[i]:
-            return replace(around, by="consistency") if self._raised[i] else around
-        alone = np.eye(len(self._p))[i]
-        low, high = within = self._ranges.of(alone)
-        ended = np.isfinite(low) and np.isfinite(high)
-        if self._at_edge(i) and self._p[i] < _FELL * self._reduction.p_reg[i]:
-            return self._limit(i, self._parameters[i].low, high if ended else around.high)
+            # Whether it grew beyond the free variables to keep its body consistent.
+            alone = self._reduction.A[i] @ self._problem.solution.x + self._reduction.p_0[i]
+            raised = value > alone + _ROUNDING * abs(alone)
+            return self._around_prior(i, "consistency" if raised else "prior", prior_std)
+        unit = np.eye(len(self._p))[i]
+        low, high = within = self._ranges.of(unit)
+        ended, at_edge = np.isfinite(low) and np.isfinite(high), self._at_edge(i)
+        around = self._around_prior(i, "prior", prior_std)
+        if at_edge and value < _FELL * self._reduction.p_reg[i]:
+            low, high = self._parameters[i].low, high if ended else around.high
+            return Label("limit", max(high - value, value - low) / REACH, low, high)
         enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < REACH * enough or (ended and std < enough and not on):
-            share = self._ranges.share(alone, within)
+            share = self._ranges.share(unit, within)
             by = "measured" if share.measured > _MOSTLY else "data"
             return Label(by, min(std, half / REACH), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
-            return Label("sum", std, low, high, names, self._ranges.share(alone, within))
-        return self._limit(i, low, high) if ended and self._at_edge(i) else around
-
-    @cached_property
-    def _raised(self) -> Bool[np.ndarray, " parameters"]:
-        """Which entries grew beyond the free variables to keep their bodies consistent."""
-        alone = self._reduction.A @ self._problem.solution.x + self._reduction.p_0
-        return self._p > alone + _ROUNDING * np.abs(alone)
+            return Label("sum", std, low, high, names, self._ranges.share(unit, within))
+        if ended and at_edge:  # the distance of the far end stands for a standard deviation
+            return Label("limit", max(high - value, value - low) / REACH, low, high)
+        return around
 
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
-        prior = float(self._reduction.p_reg[i])
+        prior, std = float(self._reduction.p_reg[i]), float(std)
         return Label(by, std, prior - REACH * std, prior + REACH * std)
-
-    def _by_posterior(self, i: int) -> Label:
-        reach, value = float(self._known.interval[i]), float(self._p[i])
-        std, prior_std = float(self._known.std[i]), float(self._known.prior_std[i])
-        if std >= _SHRUNK * prior_std:
-            return self._around_prior(i, "prior", prior_std)
-        share = Share.of(self._known.shares[i])
-        return Label("data", std, value - reach, value + reach, share=share)
-
-    def _limit(self, i: int, low: float, high: float) -> Label:
-        """At its bound; the distance of the far end stands for a standard deviation."""
-        value = float(self._p[i])
-        return Label("limit", max(high - value, value - low) / REACH, low, high)
 
     def _at_edge(self, i: int) -> bool:
         """Whether consistency alone keeps a moment or a coefficient from being smaller."""
@@ -124,7 +118,7 @@ class Labels:
         return bool(factors @ room < _FELL * (factors @ self._reduction.prior[parts]))
 
     @cached_property
-    def _room(self) -> Float[np.ndarray, " n"]:
+    def _room(self) -> np.ndarray:
         """How much smaller each variable on the diagonal of a block could be, all else as it is."""
         room = np.full(self._reduction.size, np.nan)
         for block in self._reduction.blocks:

@@ -16,6 +16,7 @@ without the robot then determine, by their correlations, a part of the others' e
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
@@ -24,8 +25,8 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.labels import REACH
 from deltaid.model.posterior_record import PosteriorRecord
 
-# Newton steps at most, and by how much less a step promises at the end.
-_STEPS, _AGREE = 200, 1e-12
+# Steps at most, their largest length, and the gradient at the end.
+_STEPS, _FAR, _AGREE = 200, 1e9, 1e-9
 # κ: by which share of a variance it may be missed for each unit of λ.
 _MISSED = 1e-3
 # Digits of the factor that are kept: the noise itself is known to two.
@@ -85,7 +86,7 @@ def base_covariance(problem: FittedProblem) -> Matrix:
 def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     """The covariance with these variances that is nearest to another one.
 
-    Newton's method on the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i², C the
+    It minimises the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i², C the
     correlations and r what is wanted over what is there, both over their common level. κ > 0 lets
     variances be missed where having them would spoil sums that are known far better.
     """
@@ -93,48 +94,37 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     ratio = variances / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
     w, U = np.linalg.eigh(_correlation(V))
-    L, ratio = U * np.sqrt(np.maximum(w, _ROUNDING)), ratio / level
-    lam = np.zeros(len(V))
-    value = _dual(L, lam, ratio)
-    for _ in range(_STEPS):
-        now = _inverse(L, lam)
-        down = np.diag(now) - ratio - _MISSED * lam
-        step, share = np.linalg.solve(now**2 + _MISSED * np.eye(len(V)), down), 1.0
-        if down @ step < _AGREE:
-            break
-        while (new := _dual(L, lam + share * step, ratio)) > value - 1e-4 * share * (down @ step):
-            share /= 2
-            if share < _AGREE:  # the rest is rounding
-                share, new = 0.0, value
-                break
-        if share == 0:
-            break
-        lam, value = lam + share * step, new
-    return level * _inverse(L, lam) * np.outer(size, size)
+    L, ratio, one = U * np.sqrt(np.maximum(w, _ROUNDING)), ratio / level, np.eye(len(V))
 
+    def covariance(lam: Float[np.ndarray, " n"]) -> Matrix:
+        """(C⁻¹ + diag λ)⁻¹ = L (1 + Lᵀ diag(λ) L)⁻¹ Lᵀ with C = L Lᵀ, maybe nearly singular."""
+        root = solve_triangular(np.linalg.cholesky(one + (L.T * lam) @ L), L.T, lower=True)
+        return root.T @ root
 
-def _inverse(L: Matrix, lam: Float[np.ndarray, " n"]) -> Matrix:
-    """(C⁻¹ + diag λ)⁻¹ = L (1 + Lᵀ diag(λ) L)⁻¹ Lᵀ with C = L Lᵀ, which may be nearly singular."""
-    half = np.linalg.cholesky(np.eye(len(L)) + (L.T * lam) @ L)
-    root = solve_triangular(half, L.T, lower=True)
-    return root.T @ root
+    def value(lam: Float[np.ndarray, " n"]) -> float:
+        """But for log det C; infinite where there is no covariance."""
+        values = np.linalg.eigvalsh(one + (L.T * lam) @ L)
+        if values[0] <= 0:
+            return np.inf
+        return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
-
-def _dual(L: Matrix, lam: Float[np.ndarray, " n"], ratio: Float[np.ndarray, " n"]) -> float:
-    """The function that `with_variances` minimises, but for log det C; infinite where there is no
-    covariance."""
-    values = np.linalg.eigvalsh(np.eye(len(L)) + (L.T * lam) @ L)
-    if values[0] <= 0:
-        return np.inf
-    return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
+    solution = minimize(
+        value,
+        np.zeros(len(V)),
+        method="trust-exact",
+        jac=lambda lam: ratio - np.diag(covariance(lam)) + _MISSED * lam,
+        hess=lambda lam: covariance(lam) ** 2 + _MISSED * one,
+        options={"gtol": _AGREE, "maxiter": _STEPS, "max_trust_radius": _FAR},
+    )
+    return level * covariance(solution.x) * np.outer(size, size)
 
 
 def _given(
     b: Float[np.ndarray, " n"], V: Matrix, robots: np.ndarray
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Rows of the robot, given those that are errors alone."""
-    size = np.sqrt(np.diag(V))
-    C, b, others = _correlation(V), b / size, ~robots
+    size, others = np.sqrt(np.diag(V)), ~robots
+    C, b = _correlation(V), b / size
     if others.any():
         rows = np.column_stack([C[np.ix_(others, robots)], b[others]])
         L = np.linalg.cholesky(C[np.ix_(others, others)])

@@ -108,22 +108,21 @@ def uncertainty(
     combined = A if combinations is None else combinations @ A
     factor = triangle(np.vstack([data, root]))
     H_inverse_A = solve_triangular(factor, solve_triangular(factor, combined.T, trans="T"))
-    by_prior = unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0)
     in_scores = noise.root @ (problem.base.combination() @ (A @ H_inverse_A))
     to_scores = 2.0 / (objective.gamma * samples) * in_scores
     by_noise, freedom = noise.deviations(to_scores)
     follows = noise.root.T @ to_scores
-    by_geometry = np.sum((follows.T @ problem.shifts) ** 2, axis=1)
     sources = Sources(problem.information, problem.base, noise).parts(to_scores)
-    of_noise = [by_noise**2 * part for part in sources]
-    parts = np.stack([*of_noise, by_prior, by_geometry], axis=1)
-    variance = parts.sum(axis=1)
+    parts = [by_noise**2 * part for part in sources]
+    parts.append(unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0))
+    parts.append(np.sum((follows.T @ problem.shifts) ** 2, axis=1))
+    variance = np.sum(parts, axis=0)
     std = np.sqrt(variance)
     return Uncertainty(
         std,
         half_width(std, by_noise, freedom),
         unit * np.linalg.norm(solve_triangular(root, combined.T, trans="T"), axis=0),
-        parts / np.where(variance > 0, variance, 1.0)[:, None],
+        np.stack(parts, axis=1) / np.where(variance > 0, variance, 1.0)[:, None],
         A @ H_inverse_A / prior_scale(reduction)[:, None],
         follows,
     )
