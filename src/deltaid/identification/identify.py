@@ -1,8 +1,7 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +9,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import Fitted, fitted_effects
-from deltaid.estimation.additions import Addition
+from deltaid.effects.along_motion import fitted_effects
+from deltaid.estimation.additions import of_each
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
@@ -26,8 +25,6 @@ from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
 from deltaid.model.above import above
-from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel, Settings, Source
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
@@ -120,18 +117,22 @@ def identify(
     )
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
     setup, problem = _fitted(setup, progress)
-    robot, recordings = setup.robot, setup.recordings
+    robot, recordings, additions = setup.robot, setup.recordings, setup.additions
     if setup.outcome is not None:
         problem = replace(problem, moves=setup.outcome.moves)
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
-    judged, count = judged_parameters(freed(problem)), len(problem.p)
-    loads = found_loads(setup.additions, judged[count:], held(recordings))
+    judged = judged_parameters(freed(problem))
+    added = judged[len(problem.p) :]
+    loads, effects = (
+        found_loads(additions, added, held(recordings)),
+        fitted_effects(additions, added),
+    )
     carried = {load.name: load.p for load in loads}
-    effects = fitted_effects(setup.additions, judged[count:])
-    recordings = tuple(pulled(unloaded(recording, carried), effects) for recording in recordings)
+    recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in recordings)
     progress("comparing torques")
     some = [recording.sparser(_COMPARED) for recording in recordings]
     errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
+    corrections = (c for addition, own in of_each(additions, added) for c in addition.told(own))
     model = assembled(
         problem,
         settings,
@@ -141,10 +142,10 @@ def identify(
         readings=recordings[0].repairs.readings,
         effects=tuple(effect.addition.record(effect.values) for effect in effects),
         outcome=setup.outcome,
-        corrections=(*setup.corrections, *_corrections(setup.additions, judged[count:])),
+        corrections=(*setup.corrections, *corrections),
         sources=tuple(
-            _source(recording, used, error, robot.drives)
-            for recording, used, error in zip(recordings, problem.used, errors, strict=True)
+            _source(*row, robot.drives)
+            for row in zip(recordings, problem.used, errors, strict=True)
         ),
         remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
         choice=setup.friction_choice,
@@ -152,15 +153,20 @@ def identify(
     return Identification(model, problem, recordings, _unchanged(setup), setup.detected)
 
 
-def pulled(recording: Recording, effects: tuple[Fitted, ...]) -> Recording:
-    """A recording without what effects beside the robot take of its torques."""
-    return replace(recording, repairs=replace(recording.repairs, pulls=effects))
-
-
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
-    excerpts missed anything, and without terms of friction and effects that it puts at zero."""
-    setup, problem = _confirmed(watched(prepared(first, progress)), progress)
+    excerpts missed anything, and without corrections that it does not confirm, and terms of
+    friction and effects that it puts at zero."""
+
+    def fitted(setup: Setup) -> FittedProblem:
+        return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
+
+    setup = watched(prepared(first, progress))
+    problem = fitted(setup)
+    if setup.additions:
+        confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))
+        if len(confirmed.additions) != len(setup.additions):
+            setup, problem = confirmed, fitted(confirmed)
     setup, detected = unwatched(setup)
     if detected:
         return _fitted(first.changed(closely=True), progress)
@@ -169,21 +175,6 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     if (barred, effects) != (first.barred, first.barred_effects):
         return _fitted(first.changed(barred=barred, barred_effects=effects), progress)
     return setup, problem
-
-
-def _confirmed(setup: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
-    """The fit of a setup, without corrections that it does not confirm."""
-
-    def fitted(setup: Setup) -> FittedProblem:
-        return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
-
-    problem = fitted(setup)
-    if not setup.additions:
-        return setup, problem
-    confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))
-    if len(confirmed.additions) == len(setup.additions):
-        return setup, problem
-    return confirmed, fitted(confirmed)
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
@@ -199,34 +190,28 @@ def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
     )
 
 
-def _corrections(additions: Sequence[Addition], judged: Sequence[Parameter]) -> list[Correction]:
-    corrections, rest = list[Correction](), iter(judged)
-    for addition in additions:
-        corrections += addition.told(tuple(islice(rest, len(addition.parameters))))
-    return corrections
-
-
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
     """Torque errors over several recordings, weighted by their samples."""
 
-    def mean(quantity: Callable[[TorqueError], np.ndarray]) -> np.ndarray:
-        return np.average([quantity(error) for error in errors], axis=0, weights=weights)
+    def mean(quantities: Iterable[np.ndarray]) -> np.ndarray:
+        return np.average(list(quantities), axis=0, weights=weights)
 
-    rms = np.sqrt(mean(lambda e: e.rms**2))
-    torque = np.sqrt(mean(lambda e: (e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0)) ** 2))
+    rms = np.sqrt(mean(e.rms**2 for e in errors))
+    torques = (e.rms / np.where(e.nrmse > 0, e.nrmse, 1.0) for e in errors)
+    torque = np.sqrt(mean(torque**2 for torque in torques))
     return TorqueError(
         rms=rms,
         nrmse=rms / np.where(torque > 0, torque, 1.0),
-        rms_unfiltered=np.sqrt(mean(lambda e: e.rms_unfiltered**2)),
-        covariance=mean(lambda e: e.covariance),
-        turning=mean(lambda e: e.turning),
+        rms_unfiltered=np.sqrt(mean(e.rms_unfiltered**2 for e in errors)),
+        covariance=mean(e.covariance for e in errors),
+        turning=mean(e.turning for e in errors),
         cutoff=errors[0].cutoff,
-        fastest=np.max([error.fastest for error in errors], axis=0),
+        fastest=np.max([e.fastest for e in errors], axis=0),
     )
 
 
 def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:
-    log = recording.log
+    log, repairs = recording.log, recording.repairs
     return Source(
         log=log.path.name,
         sha256=log.sha256,
@@ -235,9 +220,9 @@ def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[s
         cutoff_hz=recording.cutoff,
         motion_cutoff_hz=recording.motion_cutoff,
         used_samples=used,
-        left_out=left_out(log, drives, error, recording.repairs),
-        events=events(recording.repairs, drives),
-        delay=recording.repairs.lag,
-        filters=recording.repairs.constants,
-        growth=None if (growth := recording.repairs.growth) is None else astuple(growth),
+        left_out=left_out(log, drives, error, repairs),
+        events=events(repairs, drives),
+        delay=repairs.lag,
+        filters=repairs.constants,
+        growth=repairs.growth and astuple(repairs.growth),
     )
