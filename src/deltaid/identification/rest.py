@@ -76,7 +76,8 @@ class Rest(NamedTuple):
 
 def rests(study: Study) -> tuple[Rest, ...]:
     """Of each drive; columns of effects that were detected hold to first order."""
-    noise, causes = _noise(study), causes_of(study.fit, study.account)
+    low_pass, causes = study.fit.trace.low_pass, causes_of(study.fit, study.account)
+    noise = white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
     residual = study.fit.rows.of_drives(study.account.left)
     largest = np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)
@@ -108,45 +109,30 @@ def longest(study: Study) -> Samples:
     return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
 
 
-def _noise(study: Study) -> Float[np.ndarray, " dof"]:
-    """White noise of the torques after the filter."""
-    low_pass = study.fit.trace.low_pass
-    return white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
-
-
 def _trends(study: Study, drive: int) -> Iterator[Trend]:
-    """What smooth functions of each quantity explain of a drive's residual."""
-    fit, left = study.fit, study.account.left
+    """What smooth functions of a drive's own motion and torque, and of time, explain of its
+    residual."""
+    fit, left, span = study.fit, study.account.left, study.account.span
+    quantities = {
+        f"the speed of {fit.drives[drive]}": fit.motion.qd[:, drive],
+        f"the position of {fit.drives[drive]}": fit.q[:, drive],
+        f"the acceleration of {fit.drives[drive]}": fit.motion.qdd[:, drive],
+        f"the torque of {fit.drives[drive]}": fit.model[drive],
+        "time": fit.motion.time,
+    }
     rows = slice(drive * fit.rows.samples, (drive + 1) * fit.rows.samples)
-    total = float(left[rows] @ left[rows])
-    tries = float(np.log10(len(_QUANTITIES)))
-    freedom = len(left) - study.account.span.rank
-    for words, quantity in _QUANTITIES.items():
-        values = quantity(study, drive)
+    total, freedom = float(left[rows] @ left[rows]), len(left) - span.rank
+    for words, values in quantities.items():
+        low, high = values.min(), values.max()
+        between = 2.0 * (values - low) / max(high - low, np.finfo(float).tiny) - 1.0
         A = np.zeros((len(left), _SMOOTH))
-        A[rows] = chebvander(_between(values), _SMOOTH)[:, 1:]
-        A = study.account.span.without(A / lengths(A))
+        A[rows] = chebvander(between, _SMOOTH)[:, 1:]
+        A = span.without(A / lengths(A))
         U = A @ independent(A)
         gain = float(np.sum((U.T @ left) ** 2))
         if not U.shape[1] or not total:
             continue
         after = left - U @ (U.T @ left)
         level = level_along(U, after, fit.rows.groups, max(freedom - U.shape[1], 1))
-        own = surprise(gain / level, U.shape[1]) - tries
-        yield Trend(words.format(drive=fit.drives[drive]), gain / total, own)
-
-
-def _between(values: Values) -> Values:
-    """As numbers from −1 to 1."""
-    low, high = values.min(), values.max()
-    return 2.0 * (values - low) / max(high - low, np.finfo(float).tiny) - 1.0
-
-
-# What a residual may follow: of a drive's own motion and torque, and time.
-_QUANTITIES = {
-    "the speed of {drive}": lambda study, drive: study.fit.motion.qd[:, drive],
-    "the position of {drive}": lambda study, drive: study.fit.q[:, drive],
-    "the acceleration of {drive}": lambda study, drive: study.fit.motion.qdd[:, drive],
-    "the torque of {drive}": lambda study, drive: study.fit.model[drive],
-    "time": lambda study, drive: study.fit.motion.time,
-}
+        own = surprise(gain / level, U.shape[1]) - np.log10(len(quantities))
+        yield Trend(words, gain / total, float(own))

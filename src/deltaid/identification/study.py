@@ -70,12 +70,6 @@ class Study:
         gains = [(part.candidate.kind == LOAD_CHANGE, part.gain) for part in self.account.found]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
-    @property
-    def largest(self) -> Candidate | None:
-        """The cause that explains most; None if there is none."""
-        parts = self.account.found
-        return max(parts, key=lambda part: part.gain).candidate if parts else None
-
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def studied(
@@ -97,30 +91,34 @@ def studied(
     record = studied_trace(dynamics, recording, load, seconds)
     if record is None:
         return None
-    log = recording.log
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
     common, each = lags.common(0), lags.each(0)
     Y, p_robot = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
     explained = np.concatenate([Y, slopes(record, p_robot)[:, :, None]], axis=2)
     tau = record.torques()
-    rows = DriveRows(log.torque_max, tau.shape[1]).by_misfit(explained, tau)
-    fit, account = _accounted(record, Y, rows)
-    late = _surprise_of_lag(common, each)
-    others = [trial.surprise for trial in account.first if trial.candidate.kind != "torque-lag"]
-    first = account.found[0].candidate.kind if account.found else ""
+    rows = DriveRows(recording.log.torque_max, tau.shape[1]).by_misfit(explained, tau)
+    fit, causes = _accounted(record, Y, rows)
     apart = np.abs(each.values - common.values)
-    off = float(np.sum((apart / np.maximum(each.deviation, 1e-12)) ** 2))
     apart_by = float(apart.max()) / _AT_ONCE
-    alike = surprise(off, dynamics.dof) < SEEN or apart_by < _SMALL
-    study = Study(fit, account, common, each, 0.0, alike, _inertia(fit))
+    alike = _surprise(apart, each) < SEEN or apart_by < _SMALL
+    study = Study(fit, causes, common, each, 0.0, alike, _inertia(fit))
+    off = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
+    late = max(surprise(off, 1), _surprise(each.values, each)) - 1.0
     if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
         return study
+    others = [trial.surprise for trial in causes.first if trial.candidate.kind != "torque-lag"]
+    first = causes.found[0].candidate.kind if causes.found else ""
     if first != "torque-lag" and late < max(others, default=0.0):
         return replace(study, hidden=True)
     record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
-    fit, account = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
-    return replace(study, fit=fit, account=account, late=late)
+    fit, causes = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
+    return replace(study, fit=fit, account=causes, late=late)
+
+
+def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
+    """How surprising it is that drives are off by so much, by the deviations of their lags."""
+    return surprise(float(np.sum((values / np.maximum(lag.deviation, 1e-12)) ** 2)), len(values))
 
 
 def studied_trace(
@@ -132,12 +130,12 @@ def studied_trace(
         load: as of `Trace`.
         seconds: how much of it.
     """
-    log = recording.log
+    log, repairs = recording.log, recording.repairs
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, _CUTOFF)
-    if recording.repairs.gears is not None and recording.cutoff is not None:
+    if repairs.gears is not None and recording.cutoff is not None:
         # Links behind gears that wind up are known from torques, whose noise they have, the more
         # of it the faster.
         cutoff = min(cutoff, recording.cutoff)
@@ -151,12 +149,8 @@ def studied_trace(
 def _accounted(
     record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
 ) -> tuple[RigidFit, Account]:
-    """The effects of a recording.
-
-    Args:
-        Y: what parameters and additions explain, columns of additions behind the robot's.
-        lag: whether one has been corrected, which is no effect then.
-    """
+    """The effects of a recording, by what parameters and additions behind them explain; with a lag
+    that has been corrected, that is no effect."""
     Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
     span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
     if Y_extra.size:
@@ -171,14 +165,6 @@ def _accounted(
         return chain.from_iterable(search(residual) for search in searches)
 
     return fit, account(known, searched, rows.groups, span, span.without(tau))
-
-
-def _surprise_of_lag(common: Lag, each: Lag) -> float:
-    """How surprising lags are, by their own standard deviations."""
-    tries = 1.0
-    together = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
-    apart = float(np.sum((each.values / np.maximum(each.deviation, 1e-12)) ** 2))
-    return max(surprise(together, 1), surprise(apart, len(each.values))) - tries
 
 
 def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
