@@ -19,8 +19,7 @@ from deltaid.effects.lag_columns import UnknownLag
 from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
-from deltaid.identification.rest import longest, rests, unexplained
-from deltaid.identification.study import Study, spoilt
+from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording

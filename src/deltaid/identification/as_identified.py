@@ -44,9 +44,8 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         motors = motors_of(model.robot, model.p, recording.low_pass.cutoff, recording.log.rate)
         values = (compliance.get(drive) or 0.0 for drive in model.robot.drives)
         gears = replace(motors, compliance=tuple(values))
-    delay, filters = delays_of(model, log), _mean_of(sources, "filters", model)
-    dead = tuple((delay - filters).tolist())
-    hold = ()
+    filters = _mean_of(sources, "filters", model)
+    dead, hold = tuple((delays_of(model, log) - filters).tolist()), ()
     if any(correction.kind == "hold" for correction in corrections):
         hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
     same = [source for source in sources if source.sha256 == log.sha256]

@@ -65,17 +65,14 @@ def demonstrate(
     Raises:
         DeltaidError: the folder cannot be written to, or the robot cannot be moved.
     """
-    rng = np.random.default_rng(seed)
-    dynamics = compiled(robot)
+    rng, dynamics = np.random.default_rng(seed), compiled(robot)
     progress("simulating two recordings")
-    truth = surrogate_parameters(robot, rng)
+    truth, noise = surrogate_parameters(robot, rng), SensorNoise(torque=torque_noise)
     wild = [random_motion(dynamics.kinematics, rng) for _ in range(2)]
     motions = [tamed(dynamics, truth, motion) for motion in wild]
-    noise = SensorNoise(torque=torque_noise)
+    true_robot = with_prior(robot, truth, name=f"{robot.name}-truth", sources={})
     save_yaml(robot, folder / "robot.yaml")
-    save_yaml(
-        with_prior(robot, truth, name=f"{robot.name}-truth", sources={}), folder / "truth.yaml"
-    )
+    save_yaml(true_robot, folder / "truth.yaml")
     for name, motion in zip(("identify", "verify"), motions, strict=True):
         recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=noise)
         write_recording(recording, folder / f"{name}.csv")
@@ -107,9 +104,7 @@ def mass_matrix_error(
     return float(error[on].max()), float(error[~on].max())
 
 
-def mass_reference(
-    M: Float[np.ndarray, "samples dof dof"],
-) -> Float[np.ndarray, "dof dof"]:
+def mass_reference(M: Float[np.ndarray, "samples dof dof"]) -> Float[np.ndarray, "dof dof"]:
     """What errors of each entry of M are compared with: its mean along the motion (Sec. VII).
 
     Where the entry changes sign, its mean is useless: below a twentieth of √(M_ii M_jj) that size

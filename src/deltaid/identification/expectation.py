@@ -53,23 +53,17 @@ OfBlocks = Float[np.ndarray, "dof blocks"]
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Torques that a robot's motion asks for, and how far recorded ones scatter about them.
-
-    Attributes:
-        p: parameters of the source's active columns.
-        x: coefficients of the nuisance columns.
-        speeds: for each drive the ends of ranges of its speed [rad/s or m/s], ascending.
-        scale: standard deviation of the residual's mean over `_MEAN`, in each range [N m or N].
-        noise: the same of single samples, from one to the next.
-    """
+    """Torques that a robot's motion asks for, and how far recorded ones scatter about them."""
 
     source: Source
-    p: Float[np.ndarray, " active"]
+    p: Float[np.ndarray, " active"]  # parameters of the source's active columns
     nuisance: Nuisance
-    x: Float[np.ndarray, " columns"]
+    x: Float[np.ndarray, " columns"]  # coefficients of the nuisance columns
+    # for each drive the ends of ranges of its speed [rad/s or m/s], ascending, and the standard
+    # deviation of the residual's mean over `_MEAN` in each range [N m or N]
     speeds: Float[np.ndarray, "dof ends"]
     scale: Float[np.ndarray, "dof ranges"]
-    noise: Float[np.ndarray, " dof"]
+    noise: Float[np.ndarray, " dof"]  # the same of single samples, from one to the next
 
     @property
     def rate(self) -> float:
@@ -162,22 +156,15 @@ def _length(rate: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Means over short blocks of time, evenly thinned where there are many.
-
-    Attributes:
-        Y, rise: active columns of the regressor, and their rise [1/s].
-        friction: nuisance columns that follow from the motion.
-        tau, speed: recorded torques, and speeds of the drives.
-        counts: which of a drive's blocks do.
-    """
+    """Means over short blocks of time, evenly thinned where there are many."""
 
     nuisance: Nuisance
-    Y: Float[np.ndarray, "dof blocks columns"]
-    rise: Float[np.ndarray, "dof blocks columns"]
-    friction: Float[np.ndarray, "dof blocks nuisances"]
+    Y: Float[np.ndarray, "dof blocks columns"]  # active columns of the regressor
+    rise: Float[np.ndarray, "dof blocks columns"]  # of these [1/s]
+    friction: Float[np.ndarray, "dof blocks nuisances"]  # columns that follow from the motion
     tau: OfBlocks
     speed: OfBlocks
-    counts: Bool[np.ndarray, "dof blocks"]
+    counts: Bool[np.ndarray, "dof blocks"]  # which of a drive's blocks do
 
     @classmethod
     def of(cls, source: Source, parts: Sequence[Samples], size: int) -> "_Blocks":

@@ -86,9 +86,8 @@ class Source:
 class Nuisance:
     """Columns of what a description lacks: offsets and friction of joints, then those of torques.
 
-    Attributes:
-        speed: of each joint, drives first, that shapes of friction are scaled with [rad/s or m/s].
-        torque: of each drive that offsets and friction are scaled with [N m or N].
+    Shapes of friction are scaled with a speed of each joint, drives first [rad/s or m/s], offsets
+    and friction with a torque of each drive [N m or N].
     """
 
     kinematics: Kinematics

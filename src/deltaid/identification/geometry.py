@@ -53,19 +53,12 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class GeometricRows:
-    """Some filtered samples, those of one drive after those of the other.
+    """Some filtered samples, those of one drive after those of the other, weighted as in a fit."""
 
-    Attributes:
-        Y: active columns, weighted as in the fit.
-        tau: measured torques, weighted alike.
-        D: what torques one standard deviation of each quantity makes, weighted alike.
-        names: of the quantities.
-    """
-
-    Y: Float[np.ndarray, "rows columns"]
-    tau: Float[np.ndarray, " rows"]
-    D: Float[np.ndarray, "rows quantities"]
-    names: tuple[str, ...]
+    Y: Float[np.ndarray, "rows columns"]  # active columns
+    tau: Float[np.ndarray, " rows"]  # measured torques
+    D: Float[np.ndarray, "rows quantities"]  # torques of one standard deviation of each quantity
+    names: tuple[str, ...]  # of the quantities
 
     def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
         """D for more quantities; those that do nothing here are zero."""
@@ -82,13 +75,8 @@ def geometry(
     values: Float[np.ndarray, " parameters"],
     additions: Sequence[Addition] = (),
 ) -> Geometry:
-    """What the tolerances of a robot's description do to base parameters from recordings.
-
-    Args:
-        base: base parameters, those of additions included.
-        information: of all recordings.
-        values: parameters of the robot, and of the additions behind them.
-    """
+    """What the tolerances of a robot's description do to base parameters from recordings, by their
+    information, at all fitted parameters, those of additions behind the robot's."""
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
     regressor, weights = extended(dynamics, additions), np.sqrt(information.weights)

@@ -26,27 +26,18 @@ _BESIDE, _STEEP = 4, 3.0
 
 @dataclass(frozen=True, eq=False)
 class InspectedWindow:
-    """A window's own samples, one a column.
-
-    Attributes:
-        z: task coordinates.
-        mean, size: the residual's mean over 9 ms [N m or N], and in standard deviations.
-        rough: how restless the torque is, in standard deviations of single samples.
-        spikes: which samples are spikes.
-        signs: where gears' torques change their sign, then where joints' speeds do.
-        taken: torques of what the low-pass took off the motion [N m or N].
-        speed: of the drives, as shares of their usual ones.
-    """
+    """A window's own samples, one a column."""
 
     time: Float[np.ndarray, " samples"]
-    z: Torques
-    mean: Torques
-    size: Torques
-    rough: Torques
+    z: Torques  # task coordinates
+    mean: Torques  # of the residual over 9 ms [N m or N]
+    size: Torques  # the same in standard deviations
+    rough: Torques  # how restless the torque is, in standard deviations of single samples
     spikes: Bool[np.ndarray, "dof samples"]
+    # where gears' torques change their sign, then where joints' speeds do
     signs: Bool[np.ndarray, "changes samples"]
-    taken: Torques
-    speed: Torques
+    taken: Torques  # of what the low-pass took off the motion [N m or N]
+    speed: Torques  # of the drives, as shares of their usual ones
 
     def part(self, samples: slice) -> "InspectedWindow":
         return InspectedWindow(*(getattr(self, item.name)[..., samples] for item in fields(self)))

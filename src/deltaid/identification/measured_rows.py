@@ -38,18 +38,12 @@ PerRow = Float[np.ndarray, "rows samples"]
 
 @dataclass(frozen=True, eq=False)
 class SensorColumns(Addition):
-    """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows.
-
-    Attributes:
-        dynamics: of the robot.
-        rows: what it shows of robot and unknowns.
-        prior_spread: of the fit, which all scales of parameters are relative to.
-        known: parameters by name about which gain and pose are linear; the prior if missing.
-    """
+    """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows."""
 
     dynamics: Dynamics
-    rows: SensorRows
-    prior_spread: float
+    rows: SensorRows  # what it shows of robot and unknowns
+    prior_spread: float  # of the fit, which all scales of parameters are relative to
+    # parameters by name about which gain and pose are linear; the prior if missing
     known: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @classmethod
@@ -110,19 +104,13 @@ class SensorColumns(Addition):
 
 @dataclass(frozen=True, eq=False)
 class SensorPart:
-    """The rows of one sensor among those of a fit.
-
-    Attributes:
-        rows: of its channels among all rows.
-        first: place of its unknowns among all parameters.
-        pattern: row and column of each entry, as of the fit; those of loads last.
-        loads: each load with the entries of its carrier.
-    """
+    """The rows of one sensor among those of a fit."""
 
     columns: SensorColumns
-    rows: slice
-    first: int
-    pattern: Pattern
+    rows: slice  # of its channels among all rows
+    first: int  # place of its unknowns among all parameters
+    pattern: Pattern  # row and column of each entry, as of the fit; those of loads last
+    # each load with the entries of its carrier
     loads: tuple[tuple[LoadColumns, Int[np.ndarray, " _"]], ...]
 
     @classmethod
@@ -193,15 +181,10 @@ class FilteredRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRows:
-    """Rows and columns of a fit.
+    """Rows and columns of a fit."""
 
-    Attributes:
-        regressor: the columns of torques.
-        weighings: what is known of p without a recording.
-    """
-
-    regressor: Regressor | Extended
-    weighings: tuple[Weighing, ...] = ()
+    regressor: Regressor | Extended  # the columns of torques
+    weighings: tuple[Weighing, ...] = ()  # what is known of p without a recording
 
     @property
     def drives(self) -> int:

@@ -9,16 +9,15 @@ not free is a statement of the description, and stays; so does a body with `free
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.estimation.additions import of_each
+from deltaid.estimation.additions import Addition, of_each
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.measured_rows import SensorColumns
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.sensor_record import FittedChannel, FittedSensor
-from deltaid.robot.body import Body
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 from deltaid.sensors.weighings import weighings
@@ -53,26 +52,18 @@ def with_new_entries(
     shown: Int[np.ndarray, " shown"],
     by_torques: Int[np.ndarray, " visible"],
 ) -> RobotDescription:
-    """A description in which all is free that only sensors and measured values determine.
-
-    Args:
-        shown: parameters that these determine.
-        by_torques: those that torques determine.
-    """
-    layout = parameter_layout(robot)
+    """A description in which all is free that only sensors and measured values determine: entries
+    of M̄ that the parameters consist of that these, `shown`, determine and torques do not."""
+    layout, bodies = parameter_layout(robot), dict(robot.bodies)
     new = np.isin(np.arange(len(layout.names)), np.setdiff1d(shown, by_torques))
-    bodies = {name: _freed(robot.bodies[name], new[layout.body(name)]) for name in layout.bodies}
+    for name in layout.bodies:
+        consists = np.any(entry_map()[new[layout.body(name)]] != 0, axis=0)
+        free = bodies[name].free
+        pairs = zip(PSEUDO_INERTIA_ENTRIES, consists, strict=True)
+        entries = tuple(entry for entry, of_new in pairs if of_new or entry in free)
+        if free and set(entries) != set(free):
+            bodies[name] = bodies[name].changed(free=entries)
     return robot if bodies == robot.bodies else robot.changed(bodies=bodies)
-
-
-def _freed(body: Body, new: Bool[np.ndarray, " 10"]) -> Body:
-    """A body with entries of M̄ free that some of its ten parameters consist of."""
-    consists = np.any(entry_map()[new] != 0, axis=0)
-    entries = tuple(
-        entry for k, entry in enumerate(PSEUDO_INERTIA_ENTRIES) if entry in body.free or consists[k]
-    )
-    same = not body.free or set(entries) == set(body.free)
-    return body if same else body.changed(free=entries)
 
 
 def sensors_settled(setup: Setup, progress: Progress) -> Setup:
@@ -84,47 +75,33 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
     for _ in range(_ROUNDS):
         problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
         known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
-        # As shares of the priors' deviations.
-        steps = [
-            abs(known[parameter.name] - sensor.known.get(parameter.name, parameter.prior))
-            / (sensor.prior_spread * parameter.scale)
-            for sensor in setup.additions
-            if isinstance(sensor, SensorColumns)
-            for parameter in sensor.parameters
-        ]
-        setup = setup.changed(
-            additions=tuple(
-                term.seen_from(setup.dynamics, known) if isinstance(term, SensorColumns) else term
-                for term in setup.additions
-            )
-        )
-        if max(steps, default=0.0) < _SETTLED:
+        steps, additions = list[float](), list[Addition]()
+        for addition in setup.additions:
+            if isinstance(addition, SensorColumns):
+                steps += [
+                    abs(known[entry.name] - addition.known.get(entry.name, entry.prior))
+                    / (addition.prior_spread * entry.scale)
+                    for entry in addition.parameters
+                ]
+                addition = addition.seen_from(setup.dynamics, known)
+            additions.append(addition)
+        setup = setup.changed(additions=tuple(additions))
+        if max(steps) < _SETTLED:
             break
     return setup
 
 
 def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple[FittedSensor, ...]:
-    """The fitted sensors.
-
-    Args:
-        judged: the parameters of all additions.
-    """
+    """The fitted sensors, by the judged parameters of all additions."""
     information, sensors = problem.information, list[FittedSensor]()
-    rows = zip(information.rms(problem.values), information.torque_max, strict=True)
-    sizes = list(rows)[information.drives.stop :]
+    rows = np.stack([information.rms(problem.values), information.torque_max], axis=1)
+    sizes = iter(rows[information.drives.stop :].tolist())
     for sensor, fitted in of_each(problem.additions, judged):
         if not isinstance(sensor, SensorColumns):
             continue
         channels = tuple(
-            FittedChannel(
-                name=channel.name,
-                unit=channel.unit,
-                stated=channel.noise,
-                left=float(residual),
-                largest=float(largest),
-            )
-            for channel, (residual, largest) in zip(sensor.rows.channels, sizes, strict=False)
+            FittedChannel(name=c.name, unit=c.unit, stated=c.noise, left=left, largest=largest)
+            for c, (left, largest) in zip(sensor.rows.channels, sizes, strict=False)
         )
-        sizes = sizes[len(channels) :]
         sensors.append(FittedSensor(name=sensor.rows.name, channels=channels, parameters=fitted))
     return tuple(sensors)

@@ -1,33 +1,41 @@
-"""A recording searched for lags and effects: which causes its residual has, the largest first.
+"""A recording searched for lags and effects: which causes its residual has, the largest first, and
+what no effect explains.
 
-Corrections ask it which they may trust, and verdicts on a residual rest on it.
+Corrections ask a study which they may trust, and verdicts on a residual rest on it. What it leaves
+of a drive's torque is white noise and the rest; the rest is compared with smooth functions of what
+it might follow, beside all parameters and effects. Nothing is concluded about its cause.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from numpy.polynomial.chebyshev import chebvander
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.contest import SEEN, Account, account
+from deltaid.effects.effect import SHARE, causes_of
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import Candidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows
+from deltaid.estimation.drive_rows import POSITION_ERROR, ColumnsOfDrives, DriveRows
 from deltaid.estimation.information import active_columns
+from deltaid.estimation.problem import level_along
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Rows, Span
+from deltaid.estimation.span import Rows, Span, independent, lengths
+from deltaid.estimation.spectra import white_noise
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording
-from deltaid.recording.windows import WINDOW
+from deltaid.recording.windows import WINDOW, Samples
 from deltaid.robot.parameter import PRIOR_SPREAD
 
 # Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
@@ -35,30 +43,27 @@ _SECONDS, _CUTOFF = 24.0, 30.0
 LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
 # Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
 _SMALL, _AT_ONCE = 1.5e-4, 2.0
+# A residual is far above noise at so many times the noise and this share of the largest torque.
+_FAR, _SEEN = 3.0, 0.01
+_FLOOR = 1e-5  # least noise, as a share of the largest torque
+# Degree of the smooth functions of one quantity.
+_SMOOTH = 8
+# Corrections that leave this share of a drive's torque are not those of what acts on it.
+ADEQUATE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A recording searched for all effects.
+    """A recording searched for all effects."""
 
-    Attributes:
-        fit: the recording, with lags corrected if they are significant.
-        account: the effects, at these lags.
-        common, each: lags.
-        late: surprise of a significant lag; else 0.
-        alike: whether all drives have the same lag.
-        plain: M_ii at home of least squares without any of this.
-        hidden: whether other causes explain better what looks like a lag.
-    """
-
-    fit: RigidFit
-    account: Account
-    common: Lag
-    each: Lag
-    late: float
-    alike: bool
-    plain: Float[np.ndarray, " dof"]
-    hidden: bool = False
+    fit: RigidFit  # the recording, with lags corrected if they are significant
+    account: Account  # the effects, at these lags
+    common: Lag  # of all drives
+    each: Lag  # of each drive
+    late: float  # surprise of a significant lag; else 0
+    alike: bool  # whether all drives have the same lag
+    plain: Float[np.ndarray, " dof"]  # M_ii at home of least squares without any of this
+    hidden: bool = False  # whether other causes explain better what looks like a lag
 
     @property
     def is_disturbed(self) -> bool:
@@ -79,14 +84,9 @@ def studied(
     beside: Sequence[Addition] = (),
     seconds: float = _SECONDS,
 ) -> Study | None:
-    """Study a recording; None where nothing can be differentiated.
-
-    Args:
-        p: parameters by which friction that depends on load knows what gears carry; the prior's
-            where nothing better is known.
-        beside: additions that the recording has been fitted with.
-        seconds: of it that are studied.
-    """
+    """Study some seconds of a recording that has been fitted with additions `beside`; None where
+    nothing can be differentiated. By p friction that depends on load knows what gears carry, by the
+    prior where nothing better is known."""
     load = prior_parameters(dynamics.robot) if p is None else p
     record = studied_trace(dynamics, recording, load, seconds)
     if record is None:
@@ -124,12 +124,8 @@ def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
 def studied_trace(
     dynamics: Dynamics, recording: Recording, load: Parameters, seconds: float = _SECONDS
 ) -> Trace | None:
-    """The part of a recording that is studied, in memory; None where nothing can be differentiated.
-
-    Args:
-        load: as of `Trace`.
-        seconds: how much of it.
-    """
+    """So many seconds of a recording in memory, `load` as of `Trace`; None where nothing can be
+    differentiated."""
     log, repairs = recording.log, recording.repairs
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
@@ -180,3 +176,94 @@ def spoilt(study: Study) -> Float[np.ndarray, " dof"]:
     """By which share M_ii at home changes when causes are not corrected."""
     right = _inertia(study.fit)
     return study.plain / np.where(right == 0, 1.0, right) - 1.0
+
+
+class Trend(NamedTuple):
+    """What a smooth function of some quantity explains of a drive's residual."""
+
+    words: str
+    share: float  # of its power
+    surprise: float  # that chance would explain as much [decades]
+
+
+_NOTHING = Trend("", 0.0, 0.0)
+
+
+class Rest(NamedTuple):
+    """What neither parameters nor effects explain of a drive's torque."""
+
+    drive: int
+    times: float  # its rms, in units of the noise
+    systematic: float  # its rms beyond the noise, as a share of the largest torque
+    part: float  # the same as a share of the rms torque without its mean
+    follows: Trend | None  # what it varies with; none if chance or the first order of an effect
+    is_far: bool  # whether it is far above noise, whatever it follows
+
+    @property
+    def is_unexplained(self) -> bool:
+        """Whether it is more than noise and the first order of effects."""
+        return self.is_far or self.follows is not None
+
+
+def rests(study: Study) -> tuple[Rest, ...]:
+    """Of each drive; columns of effects that were detected hold to first order."""
+    low_pass, causes = study.fit.trace.low_pass, causes_of(study.fit, study.account)
+    noise = white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
+    residual = study.fit.rows.of_drives(study.account.left)
+    largest = np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+    first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)
+    rests = list[Rest]()
+    for drive, power in enumerate(np.mean(residual**2, axis=1).tolist()):
+        trend = max(_trends(study, drive), key=lambda trend: trend.share, default=_NOTHING)
+        explained = trend.share * power
+        least = max(first_order[drive], (POSITION_ERROR * largest[drive]) ** 2)
+        follows = trend.surprise > SEEN and explained > least
+        beyond = max(power - noise[drive] ** 2, explained if follows else 0.0)
+        times = np.sqrt(power) / max(noise[drive], _FLOOR * largest[drive])
+        is_far = times > _FAR and power > max(first_order[drive], (_SEEN * largest[drive]) ** 2)
+        part = np.sqrt(beyond) / max(float(study.fit.model[drive].std()), 1e-300)
+        size = np.sqrt(beyond) / largest[drive]
+        found = trend if follows else None
+        rests.append(Rest(drive, float(times), float(size), float(part), found, bool(is_far)))
+    return tuple(rests)
+
+
+def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
+    """Torques less those of the model over the longest stretch, unfiltered."""
+    w, dynamics = longest(study), study.fit.trace.dynamics
+    residual = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
+    return np.where(w.weights > 0, residual, 0.0)
+
+
+def longest(study: Study) -> Samples:
+    """The longest stretch without a gap."""
+    return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
+
+
+def _trends(study: Study, drive: int) -> Iterator[Trend]:
+    """What smooth functions of a drive's own motion and torque, and of time, explain of its
+    residual."""
+    fit, left, span = study.fit, study.account.left, study.account.span
+    quantities = {
+        f"the speed of {fit.drives[drive]}": fit.motion.qd[:, drive],
+        f"the position of {fit.drives[drive]}": fit.q[:, drive],
+        f"the acceleration of {fit.drives[drive]}": fit.motion.qdd[:, drive],
+        f"the torque of {fit.drives[drive]}": fit.model[drive],
+        "time": fit.motion.time,
+    }
+    rows = slice(drive * fit.rows.samples, (drive + 1) * fit.rows.samples)
+    total, freedom = float(left[rows] @ left[rows]), len(left) - span.rank
+    for words, values in quantities.items():
+        low, high = values.min(), values.max()
+        between = 2.0 * (values - low) / max(high - low, np.finfo(float).tiny) - 1.0
+        A = np.zeros((len(left), _SMOOTH))
+        A[rows] = chebvander(between, _SMOOTH)[:, 1:]
+        A = span.without(A / lengths(A))
+        U = A @ independent(A)
+        gain = float(np.sum((U.T @ left) ** 2))
+        if not U.shape[1] or not total:
+            continue
+        after = left - U @ (U.T @ left)
+        level = level_along(U, after, fit.rows.groups, max(freedom - U.shape[1], 1))
+        own = surprise(gain / level, U.shape[1]) - np.log10(len(quantities))
+        yield Trend(words, gain / total, float(own))

@@ -18,26 +18,15 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 # A drive is badly predicted when its error is so many times that of the identification, and more
 # than this share of its torque: friction that changes with temperature and speed stays below.
 _WORSE, _SHARE = 3.0, 0.1
-# How much is missed, cause and next step, where the error is beyond a share of the torque.
+# Share of the torque beyond which the error is, how much is missed, cause and next step.
+_WRONG = "sign, unit or order of its columns are not those of the identification"
+_OTHER = "it is another robot, or its gear or torque constant is another one"
+_UNLIKE = "load, temperature or speeds are not those of the identification"
+_ALIKE = "identify from both recordings, or record under the same conditions"
 _LIKELIEST = (
-    (
-        1.2,
-        "worse than no model at all",
-        "sign, unit or order of its columns are not those of the identification",
-        "deltaid check finds which",
-    ),
-    (
-        0.5,
-        "most of it",
-        "it is another robot, or its gear or torque constant is another one",
-        "deltaid check compares them",
-    ),
-    (
-        0.0,
-        "a part of it",
-        "load, temperature or speeds are not those of the identification",
-        "identify from both recordings, or record under the same conditions",
-    ),
+    (1.2, "worse than no model at all", _WRONG, "deltaid check finds which"),
+    (0.5, "most of it", _OTHER, "deltaid check compares them"),
+    (0.0, "a part of it", _UNLIKE, _ALIKE),
 )
 
 
@@ -86,8 +75,8 @@ def validate(
         RecordingError: the log cannot be used.
     """
     model = load(model)
-    dynamics = model.dynamics
-    surveyed = open_log(log, dynamics.kinematics, as_mapping(columns), keep_all=keep_all)
+    mapping, dynamics = as_mapping(columns), model.dynamics
+    surveyed = open_log(log, dynamics.kinematics, mapping, keep_all=keep_all)
     recording = as_known(model_filtered(model, surveyed), model)
     return Validation(torque_error(dynamics, model.p, recording), recording.log, model)
 
@@ -107,16 +96,16 @@ def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, .
     """Warnings about comparing a model with a recording, one sentence each."""
     identified = load(model).identified
     sources = identified.sources if identified else ()
-    same = [source.log for source in sources if source.sha256 == log.sha256]
     twice = [
         Doubt(
-            f"the model was identified from this recording ({name}), so it verifies nothing",
+            f"the model was identified from this recording ({source.log}), so it verifies nothing",
             cause="the file was given twice",
             cure="take a recording of another motion",
         )
-        for name in same[:1]
+        for source in sources
+        if source.sha256 == log.sha256
     ]
-    return (*log.warnings, *twice, *misfit(model, error))
+    return (*log.warnings, *twice[:1], *misfit(model, error))
 
 
 def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
@@ -136,11 +125,9 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     worst = int(bad[np.argmax(error.nrmse[bad])])
     drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
     how_much, cause, cure = next(texts for least, *texts in _LIKELIEST if now > least)
-    doubt = Doubt(
+    text = (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "
-        "identification",
-        cause=cause,
-        cure=cure,
+        "identification"
     )
-    return (doubt,)
+    return (Doubt(text, cause=cause, cure=cure),)
