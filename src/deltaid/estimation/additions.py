@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.estimation.free_body import Free, free_coefficients
-from deltaid.estimation.information import entries_at
+from deltaid.estimation.information import Motion, entries_at
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
@@ -48,11 +48,8 @@ class Addition(ABC):
 
     @abstractmethod
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """The entries along consecutive samples w of a recording, at the full rate.
-
-        Args:
-            own: entries of the robot's regressor there, in the order of its pattern.
-        """
+        """The entries along consecutive samples w of a recording, at the full rate; `own` are those
+        of the robot's regressor there, in the order of its pattern."""
 
     def on(self, dynamics: Dynamics) -> "Addition":
         """The same for a robot with other friction laws."""
@@ -122,22 +119,15 @@ class Extended:
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        rows, columns = (list(part) for part in zip(self.regressor.regressor_pattern, strict=True))
-        first = self.own
+        patterns, first = [self.regressor.regressor_pattern], self.own
         for addition in self.additions:
             drives, within = addition.pattern
-            rows.append(drives)
-            columns.append(first + within)
+            patterns.append((drives, first + within))
             first += len(addition.parameters)
-        return np.concatenate(rows), np.concatenate(columns)
+        drives, columns = (np.concatenate(part) for part in zip(*patterns, strict=True))
+        return drives, columns
 
-    def carried(
-        self,
-        z: Float[np.ndarray, "samples dof"],
-        qd: Float[np.ndarray, "samples dof"],
-        qdd: Float[np.ndarray, "samples dof"],
-        p: Parameters,
-    ) -> Float[np.ndarray, "samples dof"]:
+    def carried(self, z: Motion, qd: Motion, qdd: Motion, p: Parameters) -> Motion:
         """What the robot's gears carry, for its parameters or those of all columns."""
         return self.regressor.carried(z, qd, qdd, p[: self.own])
 
@@ -169,10 +159,7 @@ def torques_of(
 
 
 def entries(
-    regressor: Regressor | Extended,
-    w: Samples,
-    load: Float[np.ndarray, "samples dof"],
-    recording: Recording,
+    regressor: Regressor | Extended, w: Samples, load: Motion, recording: Recording
 ) -> Values:
     """Entries of Y along some samples of a recording, in the order of the regressor's pattern;
     `load` is for friction that depends on it."""

@@ -91,13 +91,9 @@ class Information:
         return float(self.samples[self.drives].mean())
 
     @property
-    def drive_weights(self) -> Float[np.ndarray, " drives"]:
-        """W_τ = diag(τ_max)⁻²; 0 for a drive of which nothing is used, such as one at rest."""
-        return self.weights[self.drives]
-
-    @property
     def weights(self) -> PerRow:
-        """The same, and behind it those of the channels of sensors by their noise."""
+        """W_τ = diag(τ_max)⁻², 0 for a drive of which nothing is used, such as one at rest; behind
+        it those of the channels of sensors by their noise."""
         sizes, used = self.torque_max.copy(), self.torque_max > 0
         if self.levels is not None:
             sizes[self.drives.stop :] = self.levels

@@ -58,18 +58,13 @@ class LinearProblem:
 
     def with_known(self, D: Columns, d: Rows) -> "LinearProblem":
         """The same with a prior, which is an instrument for itself."""
-        instruments = None
-        if self.Z is not None:
-            padded = np.zeros((len(D), self.Z.shape[1]))
-            padded[:, : D.shape[1]] = D
-            instruments = np.vstack([self.Z, padded])
-        return replace(
-            self,
-            A=np.vstack([self.A, D]),
-            b=np.concatenate([self.b, d]),
-            groups=np.append(self.groups, np.full(len(d), KNOWN)),
-            Z=instruments,
-        )
+        instruments = self.Z
+        if instruments is not None:
+            padded = np.pad(D, ((0, 0), (0, instruments.shape[1] - D.shape[1])))
+            instruments = np.vstack([instruments, padded])
+        A, b = np.vstack([self.A, D]), np.append(self.b, d)
+        groups = np.append(self.groups, np.full(len(d), KNOWN))
+        return replace(self, A=A, b=b, groups=groups, Z=instruments)
 
     @property
     def measured(self) -> float:

@@ -133,10 +133,10 @@ class Regularizer:
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Value, gradient and Hessian."""
         value, gradient, hessian = self.quadratic.evaluate(x)
-        if self.spectral is not None:
-            v, g, H = self.spectral.evaluate(x)
-            value, gradient, hessian = value + v, gradient + g, hessian + H
-        return value, gradient, hessian
+        if self.spectral is None:
+            return value, gradient, hessian
+        v, g, H = self.spectral.evaluate(x)
+        return value + v, gradient + g, hessian + H
 
 
 @dataclass(frozen=True)

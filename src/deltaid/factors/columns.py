@@ -17,7 +17,7 @@ A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -42,23 +42,15 @@ _TURNING, _SLIDING = 20.0, 5.0
 # Knots as shares of a joint's reference speed: dense where Stribeck's terms bend. From the last one
 # on splines go on as lines.
 KNOTS = (0.0, 0.0025, 0.006, 0.012, 0.024, 0.045, 0.08, 0.14, 0.24, 0.4, 0.65, 1.0)
+_CARDINAL = CubicSpline(KNOTS, np.eye(len(KNOTS)), bc_type="natural")
 # Friction at rest is that of hardly moving, on the side of the step that the direction says.
 _CREEP = 1e-12
 
 
-@cache
-def _cardinal() -> CubicSpline:
-    return CubicSpline(KNOTS, np.eye(len(KNOTS)), bc_type="natural")
-
-
 def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "knots samples"]:
     """s_k(v) at speeds v ≥ 0 for a reference speed; together 1 everywhere, and Σ v_k s_k(v) = v."""
-    x, spline = v / top, _cardinal()
-    beyond = x > 1.0
-    values = spline(np.minimum(x, 1.0)).T
-    if beyond.any():
-        values[:, beyond] += np.outer(spline(1.0, 1), x[beyond] - 1.0)
-    return values
+    x = v / top
+    return _CARDINAL(np.minimum(x, 1.0)).T + np.outer(_CARDINAL(1.0, 1), np.maximum(x - 1.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +141,7 @@ def plain(robot: RobotDescription) -> RobotDescription:
     return robot.changed(friction=laws, measured=(), sensors={})
 
 
-@lru_cache(maxsize=8)
-def _generic_base(description: str) -> BaseParameters:
-    return random_motion_base(compiled(RobotDescription.model_validate_json(description)))
+_generic_base = lru_cache(maxsize=8)(random_motion_base)
 
 
 def _reference_speed(robot: RobotDescription, joint: str) -> float:
@@ -194,7 +184,7 @@ class GatheredColumns:
     @property
     def base(self) -> BaseParameters:
         """What any generic motion shows of the plain robot."""
-        return _generic_base(self.dynamics.robot.model_dump_json())
+        return _generic_base(self.dynamics)
 
     @cached_property
     def kept(self) -> Int[np.ndarray, " kept"]:

@@ -53,17 +53,9 @@ def gathered(
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> FactorFile:
-    """A recording identified alone, corrected and condensed.
-
-    Args:
-        robot, log, columns, settings, force, progress: as of `deltaid.identify`; rows are kept as
-            recorded, so that effects of the contest of causes stay in them.
-
-    Raises:
-        DescriptionError: the description is wrong.
-        RecordingError: the log cannot be used, or is wrong.
-        IdentificationError: it tells too little by itself.
-    """
+    """A recording identified alone, corrected and condensed; arguments and errors are those of
+    `deltaid.identify`. Rows are kept as recorded, so that effects of the contest of causes stay in
+    them."""
     type_ = described(robot)
     settings = (settings or Settings()).changed(effects="none")
     result = identify(
@@ -96,7 +88,7 @@ def gather_into(
     robot: RobotDescription,
     logs: Sequence[Path],
     *,
-    columns: "Sequence[ColumnMapping | None] | ColumnMapping | None" = None,
+    columns: Sequence[ColumnMapping | None] | ColumnMapping | None = None,
     settings: Settings | None = None,
     force: bool = False,
     progress: Progress = lambda _: None,
@@ -105,11 +97,8 @@ def gather_into(
 
     A recording that cannot be used is refused with its reason and does not stop the others. A file
     follows from the recording's bytes, the mechanism, the mapping, settings of filter, masks and
-    corrections, and the versions of deltaid and of the file: their checksum is in its name.
-
-    Args:
-        folder: made if there is none.
-        robot, columns, settings, force, progress: as of `deltaid.identify`.
+    corrections, and the versions of deltaid and of the file: their checksum is in its name. The
+    folder is made if there is none; other arguments are those of `deltaid.identify`.
     """
     settings = settings or Settings()
     for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):

@@ -3,7 +3,6 @@ corrections come from the recordings' own identifications."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -112,14 +111,9 @@ def prepared(
     files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
 ) -> tuple[list[FactorFile], RobotDescription]:
     """Files of a robot in an order of their own, and the robot with the friction laws to fit: those
-    of the description, or joint by joint what most of its recordings asked for.
-
-    Of as many recordings the simpler law is taken. Constants of its terms, such as Stribeck's
-    speed, are the medians over the recordings that asked for it.
-
-    Raises:
-        RecordingError: files do not go together, or not with the robot.
-    """
+    of the description, or joint by joint what most of its recordings asked for, of as many the
+    simpler law. Constants of its terms, such as Stribeck's speed, are the medians over the
+    recordings that asked for it. Errors as of `require_alike`."""
     require_alike(files, robot)
     files = ordered(files)
     if settings.friction != "choose":
@@ -140,10 +134,8 @@ def _usual(laws: Sequence[Friction]) -> Friction:
     same = [law for law in laws if _terms(law) == terms]
     law = min(same, key=lambda law: law.model_dump_json())
     for term in set(_CURVED).intersection(terms):
-        values = {
-            name: median(getattr(getattr(law, term), name) for law in same)
-            for name in _CURVED[term]
-        }
+        own = [getattr(law, term) for law in same]
+        values = {name: median(getattr(part, name) for part in own) for name in _CURVED[term]}
         law = law.changed(**{term: getattr(law, term).changed(**values)})
     return law
 
@@ -160,8 +152,8 @@ def _verdicts(files: Sequence[FactorFile]) -> list[Verdict]:
         for record in file.record.verdicts:
             if not several or record.key not in KEYS["the information"]:
                 parts = (file.record.log if several else "", record.subject)
-                subject = ": ".join(part for part in parts if part)
-                verdicts.append(replace(Verdict(**record.model_dump()), subject=subject))
+                subject = ": ".join(filter(None, parts))
+                verdicts.append(Verdict(**record.model_dump() | {"subject": subject}))
     return verdicts
 
 
@@ -207,11 +199,8 @@ def _corrections(
 
 
 def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
-    """Torque constants that were corrected consistently in all recordings; of each the surest.
-
-    Raises:
-        RecordingError: corrected in some only, or by factors that exclude each other.
-    """
+    """Torque constants that were corrected consistently in all recordings, of each the surest; a
+    RecordingError where one was in some only, or by factors that exclude each other."""
     gains: dict[str, list[tuple[FactorFile, Correction]]] = {}
     for file in files:
         for correction in file.record.model.corrections:

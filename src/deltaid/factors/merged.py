@@ -35,12 +35,11 @@ Rows = Float[np.ndarray, "_ _"]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A recording's part of a fit: all of it, with what is known of its lags; stretches of time in
-    order, or all in one; [Y, τ]ᵀ[Y, τ] of each drive by place."""
+    """A recording's part of a fit."""
 
-    information: Information
-    stretches: tuple[Information, ...]
-    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]
+    information: Information  # all of it, with what is known of its lags
+    stretches: tuple[Information, ...]  # of time in order, or all in one
+    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]  # [Y, τ]ᵀ[Y, τ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +50,11 @@ class Merging:
     [Y, τ] − L B, and B is what least squares over the whole recording, with what is known of lags
     beside its rows, explains by them. What a load was taken to be and taken out of the torques is
     put back, and what the fit takes it to be is taken out.
-
-    Attributes:
-        columns: that were gathered, but for those of one recording alone.
-        dynamics: of the robot that is fitted.
-        additions: of all recordings.
     """
 
-    columns: GatheredColumns
-    dynamics: Dynamics
-    additions: tuple[Addition, ...] = ()
+    columns: GatheredColumns  # that were gathered, but for those of one recording alone
+    dynamics: Dynamics  # of the robot that is fitted
+    additions: tuple[Addition, ...] = ()  # of all recordings
 
     @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:
@@ -172,8 +166,8 @@ def fitted(
     merging = merging_of(files, robot, settings)
     gathered = balanced(merged(merging, files), weighings(robot))
     problem = fit_to(gathered, merging.dynamics, settings, merging.additions)
-    drives = np.sqrt(problem.information.drive_weights)
-    rows = [merging.geometry(file, drives) for file in files if file.condensed.geometry]
+    weights = np.sqrt(problem.information.weights)
+    rows = [merging.geometry(file, weights) for file in files if file.condensed.geometry]
     if rows:
         geometry = shifted(rows, problem.base, problem.information, merging.additions)
         estimate = problem.estimate.with_shifts(geometry.shifts)

@@ -3,7 +3,6 @@ a factor file on it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from importlib.metadata import version
 from typing import Annotated
 
@@ -79,18 +78,13 @@ class Groups:
             if name.startswith(first):
                 factors = tuple(np.zeros((n, n)) for n in self.sizes)
                 for R, numbers in zip(factors, np.split(self.packed[k], ends), strict=True):
-                    R[_upper(len(R))] = numbers
+                    R[np.triu_indices(len(R))] = numbers
                 yield Group(name, factors, self.samples[k], self.torque_max[k])
 
 
 def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
     """An upper triangle row by row; rows beyond the rank are zero."""
-    return np.pad(R, ((0, R.shape[1] - len(R)), (0, 0)))[_upper(R.shape[1])]
-
-
-@cache
-def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.triu_indices(n)
+    return np.pad(R, ((0, R.shape[1] - len(R)), (0, 0)))[np.triu_indices(R.shape[1])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,12 +227,13 @@ def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | 
 def _lags(result: Judged) -> tuple[KnownLag, ...]:
     drives = result.model.robot.drives
     delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
-    known: dict[int, tuple[float, float | None]] = dict.fromkeys(range(len(drives)), (0.0, _EXACT))
+    known = [
+        KnownLag(drive=drive, delay=delay, deviation=_EXACT)
+        for drive, delay in zip(drives, delays, strict=True)
+    ]
     columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
     for group in (group for lags in columns for group in lags.groups if group.free):
         deviation = group.deviation if np.isfinite(group.deviation) else None
-        known |= dict.fromkeys(group.drives, (group.beside, deviation))
-    return tuple(
-        KnownLag(drive=drive, delay=delay, beside=known[i][0], deviation=known[i][1])
-        for i, (drive, delay) in enumerate(zip(drives, delays, strict=True))
-    )
+        for i in group.drives:
+            known[i] = known[i].changed(beside=group.beside, deviation=deviation)
+    return tuple(known)
