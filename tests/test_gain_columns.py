@@ -46,7 +46,7 @@ def gains(alike: tuple[int, ...] = ()) -> tuple[Dynamics, Gains]:
     """With a push of 3 N m, beside what the prior says of a robot."""
     dynamics = compiled(load_robot("clavel-delta3"))
     values = np.append(prior_parameters(dynamics.robot), 3.0)
-    return dynamics, Gains(dynamics, GAIN, values, (Push(),), prior_spread=0.5, alike=alike)
+    return dynamics, Gains(dynamics, (Push(),), values, GAIN, prior_spread=0.5, alike=alike)
 
 
 def test_before_any_recording_torque_constants_are_right_to_a_tenth() -> None:

@@ -13,15 +13,14 @@ them, `Trace.shifted` applies them exactly.
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_groups import LagGroup
-from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
+from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction, Kind
@@ -55,20 +54,15 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class TimingColumns(Addition):
+class TimingColumns(OfTorques):
     """How the torques of one recording are sampled, as columns of derivatives of the model's.
 
     Attributes:
-        dynamics, beside: the robot and the additions whose torques these are.
-        p: the parameters of both, in their order.
         recording: which is sampled so.
         groups: drives that are; others are not.
         several: whether the fit has other recordings.
     """
 
-    dynamics: Dynamics
-    beside: tuple[Addition, ...]
-    p: Parameters
     recording: Recording
     groups: tuple[LagGroup, ...]
     several: bool = False
@@ -108,16 +102,6 @@ class TimingColumns(Addition):
 
     def is_of(self, recording: Recording) -> bool:
         return recording.log.sha256 == self.recording.log.sha256
-
-    def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
-        """τ of each drive, with that of loads, which lags with all else."""
-        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
-        return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
-
-    @cached_property
-    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and parameter of every entry of torques."""
-        return extended(self.dynamics, self.beside).regressor_pattern
 
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
         """Whether a joint with friction turns round between a sample and the next, in whose row."""

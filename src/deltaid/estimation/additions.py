@@ -96,6 +96,25 @@ class Addition(ABC):
 
 
 @dataclass(frozen=True, eq=False)
+class OfTorques(Addition):
+    """Columns that follow from the torques of a robot and of additions beside it."""
+
+    dynamics: Dynamics
+    beside: tuple[Addition, ...]
+    p: Parameters  # of both, in their order
+
+    def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
+        """τ of each drive, with that of loads, which goes through the drives like the rest."""
+        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
+        return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
+
+    @cached_property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and parameter of every entry of torques."""
+        return extended(self.dynamics, self.beside).regressor_pattern
+
+
+@dataclass(frozen=True, eq=False)
 class Extended:
     """The columns of a regressor, perhaps with more than the robot's `own` number, then those of
     additions, in their order."""

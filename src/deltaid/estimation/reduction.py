@@ -127,7 +127,7 @@ def build_reduction(
     parts += [free for _, free in additions]
     added = (parameter for group, _ in additions for parameter in group)
     layout = ParameterLayout((*layout.parameters, *added), layout.bodies)
-    firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)])
+    firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)]).tolist()
     return Reduction(
         layout=layout,
         variables=tuple(variable for part in parts for variable in part.variables),

@@ -15,15 +15,14 @@ where these explain more of a recording than anything else, Σ log c_i = 0 over 
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
-from deltaid.estimation.additions import Addition, Own, Values, extended, torques_of
+from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.free_body import Free
 from deltaid.estimation.span import Span
 from deltaid.identification.fit import FittedProblem, fit
@@ -46,14 +45,11 @@ _MOVED, _NAMED = 0.5, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Gains(Addition):
+class Gains(OfTorques):
     """Remaining logarithms of gains, ε, with the columns −Y_i p₀."""
 
-    dynamics: Dynamics
     # c that torques of the recordings have been multiplied by
     gain: Float[np.ndarray, " dof"]
-    values: Parameters  # p₀, and what goes with the other additions
-    others: tuple[Addition, ...]  # whose torques drives bear as well
     prior_spread: float  # of the fit, which all scales of parameters are relative to
     # drives of whose gains only the ratios are identifiable; all gains if empty
     alike: tuple[int, ...] = ()
@@ -94,28 +90,18 @@ class Gains(Addition):
         if dynamics is self.dynamics:
             return self
         before = self.dynamics.layout.names
-        known = dict(zip(before, self.values.tolist(), strict=False))
+        known = dict(zip(before, self.p.tolist(), strict=False))
         p = [known.get(name, 0.0) for name in dynamics.layout.names]
-        return replace(
-            self,
-            dynamics=dynamics,
-            values=np.append(p, self.values[len(before) :]),
-            others=tuple(addition.on(dynamics) for addition in self.others),
-        )
+        beside = tuple(addition.on(dynamics) for addition in self.beside)
+        p = np.append(p, self.p[len(before) :])
+        return replace(self, dynamics=dynamics, beside=beside, p=p)
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
-        # What known loads take is no column, and goes through the drives like the rest.
-        Y = np.vstack([own, *(addition.entries(w, own, recording) for addition in self.others)])
-        return -(w.carried.T + torques_of(self._columns, self.dynamics.dof, Y, self.values))
-
-    @cached_property
-    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and parameter of every entry of torques."""
-        return extended(self.dynamics, self.others).regressor_pattern
+        return -self.torques(w, own, recording)
 
     def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
-        absolute = [other.witness for other in self.others if other.is_absolute]
+        absolute = [other.witness for other in self.beside if other.is_absolute]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
         assumed = f", {silent} is taken to be right" if silent else ""
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
@@ -166,7 +152,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     count = len(values)  # of the robot's parameters and of all additions but the gains
 
     def corrected() -> Setup:
-        columns = Gains(dynamics, c, values[:count], others, settings.prior_spread, alike)
+        columns = Gains(dynamics, others, values[:count], c, settings.prior_spread, alike)
         repaired = setup.all_repaired(gain=tuple(c.tolist()))
         return repaired.changed(additions=(*others, columns))
 
