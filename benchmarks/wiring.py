@@ -24,7 +24,7 @@ import polars as pl
 from _table import leave
 
 from deltaid.check.evidence import evidence
-from deltaid.check.mended import changes, mended
+from deltaid.check.verdicts import changes, mended
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict

@@ -12,8 +12,7 @@ import deltaid
 from checked import moved, scaled, written
 from command import run
 from deltaid.check.evidence import evidence
-from deltaid.check.mended import as_written, mended
-from deltaid.check.verdicts import KEYS
+from deltaid.check.verdicts import KEYS, as_written, mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.opening import open_log

@@ -8,8 +8,7 @@ import polars as pl
 
 import deltaid
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.held_out import HeldOut, held_out
-from deltaid.check.proposals import proved, unharmed
+from deltaid.check.proposals import HeldOut, held_out, proved, unharmed
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from drives import case
 from identified import identified, simulated

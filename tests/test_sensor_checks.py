@@ -14,10 +14,10 @@ import pytest
 
 from deltaid.check.evidence import evidence
 from deltaid.check.identified import identify
-from deltaid.check.mended import changes, mended
 from deltaid.check.run import verdicts
 from deltaid.check.sensing.misfit import Misfit
 from deltaid.check.sensors import checked_sensors
+from deltaid.check.verdicts import changes, mended
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings

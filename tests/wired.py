@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.mended import changes, mended
+from deltaid.check.verdicts import changes, mended
 from deltaid.check.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Verdict

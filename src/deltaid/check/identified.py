@@ -7,13 +7,12 @@ from typing import Any
 from deltaid.check.closed_loop import checked_feedback
 from deltaid.check.evidence import Evidence, evidence, forget, with_fit
 from deltaid.check.information import checked_information, judged_information
-from deltaid.check.mended import changes, files_of, pasted
 from deltaid.check.proposals import proved, unharmed
 from deltaid.check.residual import checked_residual, detected_load
 from deltaid.check.run import named, of_robot
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
-from deltaid.check.verdicts import KEYS, Verdicts
+from deltaid.check.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.check.wiring.wiring import checked_wirings
 from deltaid.check.wiring.zeros import still_seen
 from deltaid.errors import DescriptionError, RecordingError
@@ -23,7 +22,7 @@ from deltaid.identification.judgement import doubts_of_fit
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.posterior.draw import with_posterior_intervals
-from deltaid.progress import Progress, Watch, watched
+from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import Recording
@@ -80,54 +79,40 @@ def identify(
         RecordingError: a log cannot be used, or is wrong.
         IdentificationError: the fit cannot be posed or did not converge.
     """
+    description, settings = described(robot), settings_of(settings)
     with watched(progress, "identify") as say:
-        return _judged(described(robot), logs, columns, settings_of(settings), force, say)
-
-
-def _judged(
-    description: RobotDescription,
-    logs: RecordingLike | Sequence[RecordingLike],
-    columns: ColumnMappings,
-    settings: Settings,
-    force: bool,
-    progress: Progress,
-) -> Judged:
-    judged = of_robot(description, quick=True)
-    if not force:
-        _refuse(judged, description)
-    sources, wired = as_sources(logs), list[tuple[Verdict, ...]]()
-    mappings, several = mapping_each(columns, len(sources)), len(sources) > 1
-    places = zip(sources, mappings, strict=True)
-    opened = [evidence(description, *place, settings) for place in places]
-    progress(f"judging {', '.join(str(source) for source in sources)}")
-    common, on_columns = checked_wirings(opened)
-    for record in opened:
-        common = unharmed(record, common)
-    judged += common
-    if common and not force:
-        _refuse(common, opened[0])
-    for record, wiring in zip(opened, on_columns, strict=True):
-        first = _first(record, wiring, force)
-        if record.columns.sensors:  # which need a survey, made again for the fit
-            first += _first(record, checked_sensors(record), force)
-        wired.append(first)
-        if several:
-            forget(record)
-    result = fitted(description, sources, columns=mappings, settings=settings, progress=progress)
-    progress("judging what it tells")
-    for record, wiring, recording in zip(opened, wired, result.recordings, strict=True):
-        kept = proved(record, tuple(_kept(wiring, recording, result, description)))
-        judged += named(record, kept, several=several)
-    final = _final(result, opened)
-    judged += tuple(v for v in final if settings.keep_all or v.key not in _MASKED)
-    poor = tuple(verdict.sentence for verdict in judged if verdict.grade is not Grade.GOOD)
-    model = result.model.changed(warnings=(*poor, *_warnings(result, judged)))
-    if settings.intervals == "posterior":
-        progress("drawing models")
-        model = with_posterior_intervals(model)
-    verdicts = Verdicts(judged, description, sources, mappings)
-    fit = result.problem, result.recordings, result.studies, result.detected
-    return Judged(model, *fit, verdicts)
+        judged = of_robot(description, quick=True)
+        if not force:
+            _refuse(judged, description)
+        sources, before_fit = as_sources(logs), list[tuple[Verdict, ...]]()
+        mappings = mapping_each(columns, len(sources))
+        places = zip(sources, mappings, strict=True)
+        opened = [evidence(description, *place, settings) for place in places]
+        say(f"judging {', '.join(str(source) for source in sources)}")
+        common, on_columns = checked_wirings(opened)
+        for record in opened:
+            common = unharmed(record, common)
+        if common and not force:
+            _refuse(common, opened[0])
+        for record, wiring in zip(opened, on_columns, strict=True):
+            first = _first(record, wiring, force)
+            if record.columns.sensors:  # which need a survey, made again for the fit
+                first += _first(record, checked_sensors(record), force)
+            before_fit.append(first)
+            if len(opened) > 1:
+                forget(record)
+        result = fitted(description, sources, columns=mappings, settings=settings, progress=say)
+        say("judging what it tells")
+        after_fit = _after_fit(result, opened, before_fit, description)
+        kept = (v for v in after_fit if settings.keep_all or v.key not in _MASKED)
+        verdicts = Verdicts((*judged, *common, *kept), description, sources, mappings)
+        poor = (verdict.sentence for verdict in verdicts if verdict.grade is not Grade.GOOD)
+        model = result.model.changed(warnings=(*poor, *_warnings(result, verdicts)))
+        if settings.intervals == "posterior":
+            say("drawing models")
+            model = with_posterior_intervals(model)
+        fit = result.problem, result.recordings, result.studies, result.detected
+        return Judged(model, *fit, verdicts)
 
 
 def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
@@ -166,33 +151,17 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence) -
         )
 
 
-def _kept(
-    verdicts: Iterable[Verdict],
-    recording: Recording,
+def _after_fit(
     result: Identification,
+    opened: Sequence[Evidence],
+    before: Sequence[Sequence[Verdict]],
     described: RobotDescription,
 ) -> Iterator[Verdict]:
-    """Verdicts on a recording's columns that hold after the fit, or how they were corrected."""
-    corrections, log = result.model.corrections, recording.path.name
-    gains = any(fix.kind == "gain" for fix in corrections)
-    excluded = any(fix.kind == "velocity" and fix.log == log for fix in corrections)
-    for verdict in verdicts:
-        doubtful = verdict.grade is Grade.DOUBTFUL
-        if gains and verdict.key == "sensor-gain":
-            continue  # the drives were off, not the sensor, and have been corrected
-        if excluded and doubtful and verdict.key == "velocity":
-            seen = f"{verdict.seen}, which has been corrected: they are left out, and positions "
-            seen += "differentiated"
-            yield replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
-        elif not (doubtful and verdict.key == "homing-or-tilt") or still_seen(
-            result.problem, recording, described
-        ):
-            yield verdict
-
-
-def _final(result: Identification, opened: Sequence[Evidence]) -> Iterator[Verdict]:
-    """Verdicts on signals, information and residuals."""
+    """Verdicts on columns as they hold after a fit, then on signals, information and residuals."""
     problem, several = result.problem, len(opened) > 1
+    for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
+        kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]
+        yield from named(record, proved(record, kept), several=several)
     if several:  # together they may determine what none does alone
         strokes = [record.moved for record in opened]
         yield from judged_information(problem.dynamics, problem.information, strokes)
@@ -205,6 +174,23 @@ def _final(result: Identification, opened: Sequence[Evidence]) -> Iterator[Verdi
         detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
         judged += [detected_load(before) for before in detected if before is not None]
         yield from named(record, proved(record, judged), several=several)
+
+
+def _kept(
+    verdict: Verdict, recording: Recording, result: Identification, described: RobotDescription
+) -> Verdict | None:
+    """A verdict on a recording's columns after the fit; None where that has made it needless."""
+    fixes, doubtful = result.model.corrections, verdict.grade is Grade.DOUBTFUL
+    if verdict.key == "sensor-gain" and any(fix.kind == "gain" for fix in fixes):
+        return None  # the drives were off, not the sensor, and have been corrected
+    if doubtful and verdict.key == "homing-or-tilt":
+        return verdict if still_seen(result.problem, recording, described) else None
+    logs = [fix.log for fix in fixes if fix.kind == "velocity"]
+    if doubtful and verdict.key == "velocity" and recording.path.name in logs:
+        seen = f"{verdict.seen}, which has been corrected: they are left out, and positions "
+        seen += "differentiated"
+        return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
+    return verdict
 
 
 def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:

@@ -164,11 +164,7 @@ def _parameters(certainty: _Certainty) -> Verdict:
 
 
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
-    """Whether the motion is as informative as the robot's limits allow.
-
-    Args:
-        still: drives that rest.
-    """
+    """Whether the motion is as informative as the robot's limits allow; some drives are still."""
     ratio, key, unit = certainty.recorded / certainty.usual, "excitation", "times less certain"
     if still:
         subject, number, unit = listed(still), float(len(still)), "drives"

@@ -107,11 +107,7 @@ def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Ver
 
 
 def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict | None:
-    """A body that is too heavy for limbs of a size [m].
-
-    Args:
-        alone: whether the mass may be wrong and the moments right.
-    """
+    """A body that is too heavy for limbs of a size [m]; `alone` if its moments may be right."""
     largest = _HEAVY * size**3
     if mass <= largest:
         return None

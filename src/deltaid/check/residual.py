@@ -71,11 +71,8 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def detected_load(study: Study) -> Verdict:
-    """A load that no mapping declares and that has been identified with the robot.
-
-    Args:
-        study: of the recording before.
-    """
+    """A load that no mapping declares and that has been identified with the robot, by the study of
+    the recording before that."""
     cause = load_change(study)
     assert cause is not None
     effect = effect_of(cause)
@@ -96,11 +93,7 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Ver
 
 
 def _lag(study: Study, *, unknown: bool) -> Verdict:
-    """Whether torques and positions are simultaneous, as far as this is determined.
-
-    Args:
-        unknown: whether the fit had to leave a lag open.
-    """
+    """Whether torques and positions are simultaneous; `unknown` if the fit had to leave it open."""
     lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
     harm, shown = spoilt(study), study.common if study.alike else study.each
     sizes, halves = np.abs(shown.values), shown.interval
@@ -226,11 +219,8 @@ def _line(
 
 
 def _rest(study: Study, *, rings: bool) -> Verdict:
-    """Verdict on what neither parameters nor effects explain, by the drive that has most of it.
-
-    Args:
-        rings: whether a resonance explains it.
-    """
+    """What neither parameters nor effects explain, or a resonance does (`rings`), by the drive that
+    has most of it."""
     every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
     rest = next((rest for rest in every if rest.is_unexplained), None)
     if rings or rest is None:

@@ -11,13 +11,12 @@ from deltaid.check.description import checked_friction, checked_limits, checked_
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.information import checked_information, information_of, judged_information
 from deltaid.check.lengths import checked_lengths
-from deltaid.check.mended import as_written, changes, mended
 from deltaid.check.priors import checked_measured, checked_priors
 from deltaid.check.proposals import proved, unharmed
 from deltaid.check.residual import checked_residual
 from deltaid.check.sensors import checked_sensors
 from deltaid.check.signal import checked_signals
-from deltaid.check.verdicts import Verdicts
+from deltaid.check.verdicts import Verdicts, as_written, changes, mended
 from deltaid.check.wiring.wiring import checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError
@@ -108,11 +107,8 @@ def _in_metres(robot: RobotLike) -> Verdict | None:
 
 
 def of_robot(robot: RobotDescription, *, quick: bool = False) -> tuple[Verdict, ...]:
-    """Verdicts on a description, on the workspace only where nothing is wrong that it would repeat.
-
-    Args:
-        quick: without the workspace, which takes longest.
-    """
+    """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
+    already, which that would only repeat."""
     judged = [checked_lengths(as_written(robot))]
     for check in (checked_friction, checked_limits, checked_priors, checked_measured):
         judged += check(robot)
@@ -122,12 +118,10 @@ def of_robot(robot: RobotDescription, *, quick: bool = False) -> tuple[Verdict, 
 
 
 def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> tuple[Verdict, ...]:
-    """All verdicts on a recording, after those on its columns.
+    """All verdicts on a recording, those on its columns first; but on its information only if it is
+    not one of several, which complement each other.
 
     An error of survey or fit is reported as it is where no check explains it.
-
-    Args:
-        several: whether it is one of several, whose information is judged together.
     """
     judged = [*wiring, *checked_signals(record)]
     if worst(judged) is not Grade.WRONG and not isinstance(record.surveyed, DeltaidError):

@@ -61,13 +61,12 @@ def _rate(evidence: Evidence) -> Verdict:
     if fastest == 0:
         seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
         return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
-    samples, cause = rate / fastest, "the recording is too slow "
-    if columns.velocity and columns.acceleration:
-        (doubtful, wrong), cause = _TAKEN, f"{cause}for this motion"
-    else:
+    samples, (doubtful, wrong) = rate / fastest, _TAKEN
+    cause = "the recording is too slow for this motion"
+    if not (columns.velocity and columns.acceleration):
         doubtful, wrong = _DIFFERENTIATED
-        cause += "to be differentiated: what is faster than a sixteenth of the rate is bent or cut "
-        cause += "away"
+        cause = "the recording is too slow to be differentiated: what is faster than a sixteenth "
+        cause += "of the rate is bent or cut away"
     seen = f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
     seen += f"{fastest:.3g} Hz"
     if samples >= doubtful:

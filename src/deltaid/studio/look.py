@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.check.evidence import evidence
-from deltaid.check.mended import mended
+from deltaid.check.verdicts import mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.recording.columns import Channel
