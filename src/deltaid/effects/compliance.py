@@ -153,8 +153,11 @@ def compliances(
             return nothing
         S = gears.groups[:, significant]
         gears = fit.swept(S, S @ gears.sizes[significant], gears.p)
+    if not fit.better(gears):
+        return nothing
     whole = replace(fit, traces=tuple(wide))
-    return gears if fit.better(gears) and whole.nearer(gears) else nothing
+    with_it, without = (_size(whole.at(s, gears.p)[0]) for s in (gears.values, fit.known))
+    return gears if with_it < without else nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,21 +264,14 @@ class _Fit:
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
         """Whether these compliances fit most stretches of time better, by at least so many
         standard deviations."""
+        residuals = [self.at(s, gears.p)[0] for s in (gears.values, self.known)]
         gains = list[np.ndarray]()
-        for ours, theirs in zip(*self._compared(gears), strict=True):
+        for ours, theirs in zip(*residuals, strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
             gains.append(np.add.reduceat(gain, stretch_starts(len(gain))))
         by_stretch = np.concatenate(gains)
         return bool(by_stretch.mean() > least * by_stretch.std(ddof=1) / np.sqrt(len(by_stretch)))
-
-    def nearer(self, gears: Windup) -> bool:
-        """Whether these compliances make residuals smaller."""
-        with_it, without = self._compared(gears)
-        return _size(with_it) < _size(without)
-
-    def _compared(self, gears: Windup) -> tuple[list[OfDrives], list[OfDrives]]:
-        return self.at(gears.values, gears.p)[0], self.at(self.known, gears.p)[0]
 
     @property
     def _largest(self) -> Float[np.ndarray, " dof"]:

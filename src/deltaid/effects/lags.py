@@ -128,8 +128,7 @@ def estimate_lags(
         lags_of_reversals(trace, additions, p, lags)
         for trace, lags in zip(turning or traces, values, strict=True)
     ]
-    steps, step_std = np.array([(lag.values, lag.deviation) for lag in reversals]).swapaxes(0, 1)
-    filtered = np.array([lag.filtered for lag in reversals])
+    steps, step_std, filtered, doubtful = (np.array(part) for part in zip(*reversals, strict=True))
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     agrees = np.abs(steps - values) < _AGREE * np.hypot(step_std, deviation)
     # A filter and friction that yields look alike; one that no other rows confirm does not count.
@@ -147,8 +146,7 @@ def estimate_lags(
         unknown = ~known[:, :, None] & ~known[:, None, :]
         covariance = errors * unknown + _diagonal(known / weight)
     # Where steps contradict a drive's friction law, other rows are not trusted.
-    doubtful = (np.array([lag.doubtful for lag in reversals]) | yields) & ~known
-    covariance = covariance + _DOUBTFUL**2 * _diagonal(doubtful)
+    covariance = covariance + _DOUBTFUL**2 * _diagonal((doubtful | yields) & ~known)
     return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
 
 

@@ -22,6 +22,7 @@ show none. Where they still are, as where friction yields before it slips, nothi
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -57,8 +58,7 @@ Around = Float[np.ndarray, "reversals around"]
 Torques = Float[np.ndarray, "dof _"]  # each stretch as long as it is
 
 
-@dataclass(frozen=True, eq=False)
-class Told:
+class Told(NamedTuple):
     """Lags of the drives of one recording as their reversals show them.
 
     Attributes:

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.filter_columns import RestOfTiming, UnknownFilter
 from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownLag
 from deltaid.effects.lag_groups import LagGroup, alone, chosen_groups
 from deltaid.effects.lags import estimate_lags
-from deltaid.effects.sampling import Timing
+from deltaid.effects.sampling import RestOfTiming, Timing, UnknownFilter
 from deltaid.effects.timing import other_than_delays
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition, of_each
