@@ -72,15 +72,10 @@ class AlongMotion(Addition):
 
 @dataclass(frozen=True, eq=False)
 class AtDrives(AlongMotion):
-    """Columns of some drives' own torques.
+    """Columns of some drives' own torques."""
 
-    Attributes:
-        drives: which.
-        deviation: prior standard deviation of each coefficient, drive by drive.
-    """
-
-    drives: tuple[int, ...]
-    deviation: tuple[float, ...]
+    drives: tuple[int, ...]  # which
+    deviation: tuple[float, ...]  # prior standard deviation of each coefficient, drive by drive
 
     @property
     @abstractmethod
@@ -149,13 +144,9 @@ def with_rests(robot: RobotDescription) -> RobotDescription:
 
 @dataclass(frozen=True, eq=False)
 class RippleColumns(AtDrives):
-    """a, b: torques that repeat with a drive's position.
+    """a, b: torques that repeat with a drive's position."""
 
-    Attributes:
-        orders: n of each drive [1/rad or 1/m].
-    """
-
-    orders: tuple[float, ...] = ()
+    orders: tuple[float, ...] = ()  # n of each drive [1/rad or 1/m]
 
     kind = "ripple"
     name = "ripple"

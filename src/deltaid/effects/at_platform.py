@@ -36,15 +36,10 @@ Forces = Float[np.ndarray, "columns samples 3"]
 
 @dataclass(frozen=True, eq=False)
 class AtPlatform(AlongMotion):
-    """A force at the platform.
+    """A force at the platform."""
 
-    Attributes:
-        deviation: prior standard deviation of each coefficient.
-        fastest: largest speed of the platform [m/s].
-    """
-
-    deviation: tuple[float, ...]
-    fastest: float
+    deviation: tuple[float, ...]  # prior standard deviation of each coefficient
+    fastest: float  # largest speed of the platform [m/s]
 
     kind = "platform-force"
     units: ClassVar[tuple[str, ...]]

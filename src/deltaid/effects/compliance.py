@@ -61,22 +61,15 @@ Sizes = Float[np.ndarray, " groups"]
 
 @dataclass(frozen=True, eq=False)
 class Windup:
-    """Compliances of all gears.
+    """Compliances of all gears."""
 
-    Attributes:
-        values: s of every drive [rad/(N m) or m/N].
-        groups: which drives have each of the sizes that were searched, ones and zeros.
-        sizes, covariance: of these.
-        like_lag: how far the size of each correlates with its drives' lags, between 0 and 1.
-        p: parameters of the robot that go with them.
-    """
-
-    values: Compliance
-    groups: Groups
+    values: Compliance  # s of every drive [rad/(N m) or m/N]
+    groups: Groups  # which drives have each of the sizes that were searched, ones and zeros
+    # sizes, covariance: of these
     sizes: Sizes
     covariance: Float[np.ndarray, "groups groups"]
-    like_lag: Sizes
-    p: Parameters
+    like_lag: Sizes  # how far the size of each correlates with its drives' lags, between 0 and 1
+    p: Parameters  # parameters of the robot that go with them
 
     @property
     def deviation(self) -> Sizes:

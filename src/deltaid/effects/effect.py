@@ -30,19 +30,14 @@ SHARE = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """An effect that was detected, with all that it explains.
-
-    Attributes:
-        fit, account: where, and beside what else.
-        found: its candidates, in the order they were detected.
-        rms: of what it explains in each drive's torque [N m or N].
-    """
+    """An effect that was detected, with all that it explains."""
 
     kind: str
+    # fit, account: where, and beside what else
     fit: RigidFit
     account: Account
-    found: tuple[Explained, ...]
-    rms: Float[np.ndarray, " dof"]
+    found: tuple[Explained, ...]  # its candidates, in the order they were detected
+    rms: Float[np.ndarray, " dof"]  # of what it explains in each drive's torque [N m or N]
 
     @property
     def first(self) -> Candidate:
@@ -100,17 +95,11 @@ class Effect:
 
 
 class DescribedEffect(Effect):
-    """A cause that a verdict on the residual is about.
+    """A cause that a verdict on the residual is about."""
 
-    Attributes:
-        likeliest: its likeliest cause in words, where that is always the same.
-        fix: what to do about it.
-        follows: what torques follow, where `seen` says this.
-    """
-
-    likeliest: ClassVar[str] = ""
-    fix: ClassVar[str] = ""
-    follows: ClassVar[str] = "the position"
+    likeliest: ClassVar[str] = ""  # its likeliest cause in words, where that is always the same
+    fix: ClassVar[str] = ""  # what to do about it
+    follows: ClassVar[str] = "the position"  # what torques follow, where `seen` says this
 
     @property
     def key(self) -> str:

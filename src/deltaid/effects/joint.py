@@ -38,23 +38,16 @@ Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint with friction that moves.
-
-    Attributes:
-        drive: its number; None if it is no drive.
-        viscous, coulomb: its entries in the regressor.
-        drives: whose rows these are.
-        fastest: its largest speed [rad/s or m/s].
-        moved: inertia that its gear carries more than by the parameters of the rows, and its rotor
-            has less.
-    """
+    """A joint with friction that moves."""
 
     name: str
-    drive: int | None
+    drive: int | None  # its number; None if it is no drive
+    # viscous, coulomb: its entries in the regressor
     viscous: np.ndarray
     coulomb: np.ndarray
-    drives: np.ndarray
-    fastest: float = 0.0
+    drives: np.ndarray  # whose rows these are
+    fastest: float = 0.0  # its largest speed [rad/s or m/s]
+    # inertia that its gear carries more than by the parameters of the rows, and its rotor has less
     moved: float = 0.0
 
     def speed(self, entries: np.ndarray) -> np.ndarray:

@@ -55,17 +55,11 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TimingColumns(OfTorques):
-    """How the torques of one recording are sampled, as columns of derivatives of the model's.
+    """How the torques of one recording are sampled, as columns of derivatives of the model's."""
 
-    Attributes:
-        recording: which is sampled so.
-        groups: drives that are; others are not.
-        several: whether the fit has other recordings.
-    """
-
-    recording: Recording
-    groups: tuple[LagGroup, ...]
-    several: bool = False
+    recording: Recording  # which is sampled so
+    groups: tuple[LagGroup, ...]  # drives that are; others are not
+    several: bool = False  # whether the fit has other recordings
 
     @property
     @abstractmethod
@@ -121,13 +115,9 @@ class TimingColumns(OfTorques):
 
 @dataclass(frozen=True, eq=False)
 class LagColumns(TimingColumns):
-    """The lags of one recording's torques, each of one drive or of several that have the same.
+    """The lags of one recording's torques, each of one drive or of several that have the same."""
 
-    Attributes:
-        unsure: drives whose lag may be that of a filter as well as a delay.
-    """
-
-    unsure: tuple[int, ...] = ()
+    unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter as well as a delay
 
     @property
     def columns(self) -> Sequence[Column]:

@@ -31,20 +31,13 @@ Hypothesis = Float[np.ndarray, "n groups"]
 
 @dataclass(frozen=True)
 class LagGroup:
-    """Drives that have the same lag.
+    """Drives that have the same lag."""
 
-    Attributes:
-        drives: their numbers.
-        delay: what has been corrected already [s].
-        beside: the further lag by rows that no fit has [s].
-        deviation: its standard deviation; infinite if nothing is known [s].
-        free: whether the fit may change it; where other rows contradict what is known, it may not.
-    """
-
-    drives: tuple[int, ...]
-    delay: float
-    beside: float = 0.0
-    deviation: float = np.inf
+    drives: tuple[int, ...]  # their numbers
+    delay: float  # what has been corrected already [s]
+    beside: float = 0.0  # the further lag by rows that no fit has [s]
+    deviation: float = np.inf  # its standard deviation; infinite if nothing is known [s]
+    # whether the fit may change it; where other rows contradict what is known, it may not
     free: bool = True
 
     def subjects(self, dynamics: Dynamics) -> tuple[str, ...]:

@@ -55,24 +55,18 @@ class Lag:
 
 @dataclass(frozen=True, eq=False)
 class Lags:
-    """The lag of every drive in every recording.
+    """The lag of every drive in every recording."""
 
-    Attributes:
-        values: [s]; positive where torques come late.
-        covariance: of each recording's [s²].
-        steps, told: those that reversals show, and standard deviations, infinite for others [s].
-        agrees: whether the other rows agree; where they do not, something else is wrong.
-        abrupt: whether reversals show steps at once, which no filter lets through.
-        p: the parameters that go with them, of the robot and of additions.
-    """
-
-    values: Delays
-    covariance: Covariances
+    values: Delays  # [s]; positive where torques come late
+    covariance: Covariances  # of each recording's [s²]
+    # steps, told: those that reversals show, and standard deviations, infinite for others [s]
     steps: Delays
     told: Delays
+    # whether the other rows agree; where they do not, something else is wrong
     agrees: Bool[np.ndarray, "recordings dof"]
+    # whether reversals show steps at once, which no filter lets through
     abrupt: Bool[np.ndarray, "recordings dof"]
-    p: Parameters
+    p: Parameters  # the parameters that go with them, of the robot and of additions
 
     def each(self, k: int) -> Lag:
         """Those of the k-th recording."""

@@ -51,21 +51,13 @@ _VAGUE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class LoadColumns(Addition):
-    """One load.
+    """One load."""
 
-    Attributes:
-        dynamics: of the robot.
-        load: what is declared of it.
-        prior_spread: of the fit, which all scales of parameters are relative to.
-        taken: p_L as far as it has been subtracted from the recordings.
-        is_detected: whether no mapping declares it.
-    """
-
-    dynamics: Dynamics
-    load: Load
-    prior_spread: float
-    taken: Ten
-    is_detected: bool = False
+    dynamics: Dynamics  # of the robot
+    load: Load  # what is declared of it
+    prior_spread: float  # of the fit, which all scales of parameters are relative to
+    taken: Ten  # p_L as far as it has been subtracted from the recordings
+    is_detected: bool = False  # whether no mapping declares it
 
     @cached_property
     def body(self) -> str:

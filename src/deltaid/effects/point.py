@@ -25,40 +25,27 @@ _SWEEPS, _SHOWN = 3, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Columns that one effect would add, to first order in its size.
-
-    Attributes:
-        subject: the drive or joint; empty for all together.
-        columns: as rows of all drives.
-        words: what the torque follows, for messages.
-        tries: how many of its like it was chosen from, as a decimal logarithm.
-        detail: further results, such as times.
-        is_preferred: whether it is taken where another explains little more: other checks judge
-            it better.
-        bends: whether it bends with the place of the platform.
-    """
+    """Columns that one effect would add, to first order in its size."""
 
     kind: str
-    subject: str
-    columns: Columns
-    words: str = ""
-    tries: float = 0.0
-    detail: tuple[float, ...] = ()
+    subject: str  # the drive or joint; empty for all together
+    columns: Columns  # as rows of all drives
+    words: str = ""  # what the torque follows, for messages
+    tries: float = 0.0  # how many of its like it was chosen from, as a decimal logarithm
+    detail: tuple[float, ...] = ()  # further results, such as times
+    # whether it is taken where another explains little more: other checks judge it better
     is_preferred: bool = False
-    bends: bool = False
+    bends: bool = False  # whether it bends with the place of the platform
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A recording and the robot's parameters; properties are at its filtered samples.
-
-    Attributes:
-        fastest, highest: largest speed of each joint and torque of each drive, where those of other
-            recordings count too.
-    """
+    """A recording and the robot's parameters; properties are at its filtered samples."""
 
     trace: Trace
     p: Parameters
+    # fastest, highest: largest speed of each joint and torque of each drive, where those of other
+    # recordings count too
     fastest: dict[str, float] = field(default_factory=dict[str, float], kw_only=True)
     highest: tuple[float, ...] = field(default=(), kw_only=True)
 
@@ -149,18 +136,13 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class RigidFit(Point):
-    """A recording before its effects are known, at the parameters of least squares.
+    """A recording before its effects are known, at the parameters of least squares."""
 
-    Attributes:
-        Y: the active columns of its regressor, filtered.
-        rows, span: its samples as rows, and what these columns explain of them.
-        tau: its torques as rows.
-    """
-
-    Y: ColumnsOfDrives
+    Y: ColumnsOfDrives  # the active columns of its regressor, filtered
+    # rows, span: its samples as rows, and what these columns explain of them
     rows: DriveRows
     span: Span
-    tau: Rows
+    tau: Rows  # its torques as rows
 
     @cached_property
     def scaled_model(self) -> OfDrives:

@@ -59,34 +59,22 @@ Torques = Float[np.ndarray, "dof _"]  # each stretch as long as it is
 
 
 class Told(NamedTuple):
-    """Lags of the drives of one recording as their reversals show them.
+    """Lags of the drives of one recording as their reversals show them."""
 
-    Attributes:
-        values: [s].
-        deviation: their standard deviations; infinite where reversals show none [s].
-        filtered: whether the steps went through a filter.
-        doubtful: whether there are steps that friction and a filter do not explain.
-    """
-
-    values: Delay
-    deviation: Delay
-    filtered: Bool[np.ndarray, " dof"]
+    values: Delay  # [s]
+    deviation: Delay  # their standard deviations; infinite where reversals show none [s]
+    filtered: Bool[np.ndarray, " dof"]  # whether the steps went through a filter
+    # whether there are steps that friction and a filter do not explain
     doubtful: Bool[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Samples about the steps of one drive.
+    """Samples about the steps of one drive."""
 
-    Attributes:
-        after: u, the time of each sample after its reversal [s].
-        left: r, torques less those of the model without its step.
-        jump: J of each reversal.
-    """
-
-    after: Around
-    left: Around
-    jump: Float[np.ndarray, " reversals"]
+    after: Around  # u, the time of each sample after its reversal [s]
+    left: Around  # r, torques less those of the model without its step
+    jump: Float[np.ndarray, " reversals"]  # J of each reversal
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,22 +39,15 @@ Covariance = Float[np.ndarray, "all all"]
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How a recording's torques are sampled.
+    """How a recording's torques are sampled."""
 
-    Attributes:
-        lags: L of each drive [s].
-        constants: T of each drive's filter [s]; 0 where there is none.
-        rate, about: ρ and t_0 [s]; a rate of 0 where clocks agree.
-        covariance: of lags, constants and rate; zero for what is none.
-        p: the parameters that go with them.
-    """
-
-    lags: Delay
-    constants: Delay
+    lags: Delay  # L of each drive [s]
+    constants: Delay  # T of each drive's filter [s]; 0 where there is none
+    # rate, about: ρ and t_0 [s]; a rate of 0 where clocks agree
     rate: float
     about: float
-    covariance: Covariance
-    p: Parameters
+    covariance: Covariance  # of lags, constants and rate; zero for what is none
+    p: Parameters  # the parameters that go with them
 
     @property
     def values(self) -> All:
@@ -96,17 +89,11 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Free:
-    """What of a timing is estimated.
+    """What of a timing is estimated."""
 
-    Attributes:
-        filters: whose torques may have passed a filter.
-        clock: whether torques may have a clock of their own.
-        pure: whether filters are all that makes torques late, L = T.
-    """
-
-    filters: Bool[np.ndarray, " dof"]
-    clock: bool
-    pure: bool = False
+    filters: Bool[np.ndarray, " dof"]  # whose torques may have passed a filter
+    clock: bool  # whether torques may have a clock of their own
+    pure: bool = False  # whether filters are all that makes torques late, L = T
 
     @property
     def columns(self) -> Bool[np.ndarray, " all"]:
@@ -153,13 +140,9 @@ class UnknownFilter(TimingColumns):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RestOfTiming(TimingColumns):
-    """What remains of time constants that are estimated beside lags, and of a clock's rate.
+    """What remains of time constants that are estimated beside lags, and of a clock's rate."""
 
-    Attributes:
-        timing: what has been corrected.
-    """
-
-    timing: Timing
+    timing: Timing  # what has been corrected
 
     @property
     def columns(self) -> Sequence[Column]:

@@ -20,37 +20,30 @@ Deviations = Float[np.ndarray, " coefficients"]
 
 
 class Unknown(ABC):
-    """An effect in the contest.
+    """An effect in the contest."""
 
-    Attributes:
-        name: of the effect.
-        deviation: standard deviation of each coefficient before any recording, where it is the same
-            for all; 0 if not.
-        kind, unit, text: of the corrections of each subject, whose unit is that of the drive's
-            coordinate if not given; no text where other stages say what was corrected.
-        is_candidate: whether it is named and corrected where rows need it; else it only keeps
-            others from explaining what it may be, and stages of their own correct it.
-        is_positive: whether its coefficients are at least zero by physics.
-        is_own: whether each recording has its own.
-        is_geometry: whether it is about where the links are.
-        corrects: what its coefficients are applied to exactly: readings of the drives, the robot,
-            or nothing where they stay columns of a fit or stages of their own estimate them.
-        is_fitted: whether the fit estimates it anew, as parameters of the robot.
-        limit: size of all coefficients together above which the description is wrong, or something
-            else looks like it: that is said and not corrected.
-    """
-
-    name: str
+    name: str  # of the effect
+    # standard deviation of each coefficient before any recording, where it is the same for all; 0
+    # if not
     deviation: ClassVar[float] = 0.0
+    # kind, unit, text: of the corrections of each subject, whose unit is that of the drive's
+    # coordinate if not given; no text where other stages say what was corrected
     kind: ClassVar[Kind]
     unit: ClassVar[str] = ""
     text: ClassVar[str] = ""
+    # whether it is named and corrected where rows need it; else it only keeps others from
+    # explaining what it may be, and stages of their own correct it
     is_candidate: ClassVar[bool] = True
-    is_positive: ClassVar[bool] = False
-    is_own: ClassVar[bool] = False
-    is_geometry: ClassVar[bool] = False
+    is_positive: ClassVar[bool] = False  # whether its coefficients are at least zero by physics
+    is_own: ClassVar[bool] = False  # whether each recording has its own
+    is_geometry: ClassVar[bool] = False  # whether it is about where the links are
+    # what its coefficients are applied to exactly: readings of the drives, the robot, or nothing
+    # where they stay columns of a fit or stages of their own estimate them
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""
+    # whether the fit estimates it anew, as parameters of the robot
     is_fitted: ClassVar[bool] = False
+    # size of all coefficients together above which the description is wrong, or something else
+    # looks like it: that is said and not corrected
     limit: ClassVar[float] = np.inf
 
     @abstractmethod

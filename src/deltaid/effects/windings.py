@@ -51,17 +51,11 @@ def motors_of(robot: RobotDescription, p: Parameters, cutoff: float, rate: float
 
 @dataclass(frozen=True, eq=False)
 class Windings:
-    """A trace of the motors' motion, and what gears carry along it: τ_g, its rate, and the next.
+    """A trace of the motors' motion, and what gears carry along it: τ_g, its rate, and the next."""
 
-    Attributes:
-        trace: without the ends for which τ_g is not known.
-        motors: with their friction and rotors.
-        carried: for each stretch (3, samples, drives).
-    """
-
-    trace: Trace
-    motors: Gears
-    carried: tuple[Float[np.ndarray, "3 _ dof"], ...]
+    trace: Trace  # without the ends for which τ_g is not known
+    motors: Gears  # with their friction and rotors
+    carried: tuple[Float[np.ndarray, "3 _ dof"], ...]  # for each stretch (3, samples, drives)
 
     @classmethod
     def measured(cls, trace: Trace, motors: Gears) -> "Windings":
