@@ -15,7 +15,7 @@ from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.signs import CURE, against_motion, contradiction
 from deltaid.model.inseparable import Inseparable
-from deltaid.sensors.weighings import Weighing, weighings
+from deltaid.sensors.weighings import weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters
 # without constraints and more than this share of the largest torque, or when a mass that torques
@@ -157,25 +157,21 @@ def _of_measured(problem: FittedProblem) -> Iterator[str]:
         std, _ = noise.deviations(u[:, None])
         others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - free)) ** 2, 0.0)
         others += float(np.sum((row[columns] @ problem.shifts) ** 2))
+        who, apart, value = "the recording", 0.0, 0.0
         if free > _REDUNDANT:
             apart = abs(residual / free / np.hypot(noise.sigma, np.sqrt(others) / free))
-            if apart > _NO_CHANCE:
-                value = fact.value * (1.0 - residual / free / row[-1]) if row[-1] else 0.0
-                yield _contradicted(fact, "the recording", value, apart)
-                continue
-        fitted = float(fact.coefficients @ problem.p)
-        apart = abs(fact.value - fitted) / fact.std
+            value = fact.value * (1.0 - residual / free / row[-1]) if row[-1] else 0.0
+        if apart <= _NO_CHANCE:
+            who, value = "the fit, whose bodies must be possible,", fact.coefficients @ problem.p
+            apart = abs(fact.value - value) / fact.std
         if apart > _NO_CHANCE:
-            yield _contradicted(fact, "the fit, whose bodies must be possible,", fitted, apart)
-
-
-def _contradicted(fact: Weighing, who: str, value: float, apart: float) -> str:
-    return (
-        f"{fact.where}: {fact.name} was measured as {fact.shown(fact.value)} ± {fact.std:.2g} "
-        f"{fact.unit}, but {who} says {fact.shown(value)} {fact.unit}, {apart:.2g} standard "
-        "deviations apart. Likeliest its unit, or what was measured with it (screws, cables, half "
-        "a joint); mend it, state a larger std, or leave it out"
-    )
+            yield (
+                f"{fact.where}: {fact.name} was measured as {fact.shown(fact.value)} ± "
+                f"{fact.std:.2g} {fact.unit}, but {who} says {fact.shown(float(value))} "
+                f"{fact.unit}, {apart:.2g} standard deviations apart. Likeliest its unit, or what "
+                "was measured with it (screws, cables, half a joint); mend it, state a larger std, "
+                "or leave it out"
+            )
 
 
 def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparable]:

@@ -101,29 +101,7 @@ class Nuisance:
         return np.append(np.full(_OF_JOINT * len(self.speed), _FRICTION), of_torque)
 
     def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
-        """Offset and shapes of friction of each joint."""
-        shapes, arms = self._joints(w)
-        return np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.time))
-
-    def added(
-        self, w: Samples, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
-    ) -> Torques:
-        """Torques of the model with those of these columns, at samples of some rate [Hz]."""
-        shapes, arms = self._joints(w)
-        of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
-        friction = (of_joints.reshape(-1, 1, _OF_JOINT) @ shapes)[:, 0]
-        rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(-1, _OF_TORQUE, 1)
-        return tau + np.einsum("jds,js->ds", arms, friction) + by_torque.sum(axis=1)
-
-    def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:
-        """How late torques are, to first order [s]."""
-        return 1e-3 * x[-_OF_TORQUE * len(self.torque) :: _OF_TORQUE]
-
-    def _joints(
-        self, w: Samples
-    ) -> tuple[Float[np.ndarray, "joints shapes samples"], Float[np.ndarray, "joints dof samples"]]:
-        """Shapes of friction of each joint, and what that makes at the drives."""
+        """What offset and shapes of friction of each joint make at the drives."""
         speed, slope = joint_rates(self.kinematics, w)
         v = (speed / self.speed).T
         size, sign, offset = np.abs(v), np.sign(v), np.zeros_like(v)
@@ -132,8 +110,21 @@ class Nuisance:
         passive = slope.transpose(1, 2, 0)
         largest = np.maximum(np.abs(passive).max(axis=2, initial=0.0), 1e-12)
         passive = passive * (self.torque / largest).min(axis=1)[:, None, None]
-        drives = np.diag(self.torque)[:, :, None] * np.ones(len(w.time))
-        return shapes, np.vstack([drives, passive])
+        arms = np.vstack([np.diag(self.torque)[:, :, None] * np.ones(len(w.time)), passive])
+        return np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.time))
+
+    def added(
+        self, w: Samples, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
+    ) -> Torques:
+        """Torques of the model with those of these columns, at samples of some rate [Hz]."""
+        of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
+        rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
+        by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(-1, _OF_TORQUE, 1)
+        return tau + of_joints @ self.friction(w) + by_torque.sum(axis=1)
+
+    def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:
+        """How late torques are, to first order [s]."""
+        return 1e-3 * x[-_OF_TORQUE * len(self.torque) :: _OF_TORQUE]
 
 
 def of_torques(

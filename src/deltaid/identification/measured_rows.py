@@ -54,7 +54,7 @@ class SensorColumns(Addition):
         prior_spread: float,
         known: Mapping[str, float] | None = None,
     ) -> "SensorColumns":
-        """A sensor of a robot by its name in the description."""
+        """A sensor of a robot by its name in the description; `known` as there."""
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
         columns = cls(dynamics, rows, prior_spread, known or {})
         if not columns.is_bilinear:
@@ -69,11 +69,8 @@ class SensorColumns(Addition):
         return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
     def on(self, dynamics: Dynamics) -> "SensorColumns":
-        return self if dynamics is self.dynamics else self.seen_from(dynamics, self.known)
-
-    def seen_from(self, dynamics: Dynamics, known: Mapping[str, float]) -> "SensorColumns":
-        """The same for a robot, its gain and pose linear about other parameters."""
-        return self.of(dynamics, self.rows.name, self.prior_spread, known)
+        same, name = dynamics is self.dynamics, self.rows.name
+        return self if same else self.of(dynamics, name, self.prior_spread, self.known)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

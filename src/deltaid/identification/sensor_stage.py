@@ -83,7 +83,8 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
                     / (addition.prior_spread * entry.scale)
                     for entry in addition.parameters
                 ]
-                addition = addition.seen_from(setup.dynamics, known)
+                name, spread = addition.rows.name, addition.prior_spread
+                addition = SensorColumns.of(setup.dynamics, name, spread, known)
             additions.append(addition)
         setup = setup.changed(additions=tuple(additions))
         if max(steps) < _SETTLED:
