@@ -25,7 +25,9 @@ from deltaid.estimation.span import lengths
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import Recording
 from deltaid.robot.tolerances import Tolerances
+from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.geometry import sensor_errors
+from deltaid.sensors.graph_rows import GraphRows
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
@@ -124,13 +126,8 @@ def geometric_rows(
     active: Int[np.ndarray, " columns"] | None = None,
 ) -> Iterator[GeometricRows]:
     """Samples spread evenly over the beginning of a recording, and the effects of tolerances there,
-    by default of the description's: of torques, then of each sensor.
-
-    Args:
-        values: all fitted parameters, those of additions behind the robot's.
-        weights: of drives and channels of sensors.
-        active: columns; those of torques by default.
-    """
+    by default of the description's: of torques, then of each sensor; with the columns of torques,
+    or `active`, all fitted parameters, and weights of drives and channels of sensors."""
     measured, p = MeasuredRows(regressor), values[: len(dynamics.layout.names)]
     entries, y, counts, motion = _beginning(measured, dynamics, recording, p)
     active = active_columns(regressor) if active is None else active
@@ -151,8 +148,11 @@ def geometric_rows(
 
     yield rows_of(slice(measured.drives), geometric_errors(dynamics, *motion, p, tolerances))
     for part in measured.sensors:
-        errors = sensor_errors(part.graph, *motion, np.append(p, part.unknowns(values)))
-        yield rows_of(part.rows, errors)
+        rows = part.columns.rows
+        graph = rows.rows if isinstance(rows, RowsAbout) else rows
+        assert isinstance(graph, GraphRows)
+        own = values[part.first : part.first + len(rows.parameters)]
+        yield rows_of(part.rows, sensor_errors(graph, *motion, np.append(p, own)))
 
 
 def _beginning(

@@ -44,8 +44,8 @@ class InspectedWindow:
 
     @classmethod
     def joined(cls, windows: Sequence["InspectedWindow"]) -> "InspectedWindow":
-        names = [item.name for item in fields(cls)]
-        return cls(*(np.concatenate([getattr(w, k) for w in windows], axis=-1) for k in names))
+        parts = ([getattr(w, item.name) for w in windows] for item in fields(cls))
+        return cls(*(np.concatenate(part, axis=-1) for part in parts))
 
 
 def glance(expected: Expectation, window: Window) -> InspectedWindow | None:

@@ -24,8 +24,8 @@ from deltaid.recording.carried import carrier
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
 from deltaid.robot.parameter import Parameter
-from deltaid.sensors.about import RowsAbout, about, is_of_pose
-from deltaid.sensors.graph_rows import GraphRows, Pattern
+from deltaid.sensors.about import about, is_of_pose
+from deltaid.sensors.graph_rows import Pattern
 from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
@@ -127,18 +127,6 @@ class SensorPart:
         own = slice(row, row + len(sensor.rows.channels))
         return cls(sensor, own, first, pattern, tuple(carried))
 
-    @property
-    def graph(self) -> GraphRows:
-        """Its rows without what is known of gain and pose."""
-        rows = self.columns.rows
-        rows = rows.rows if isinstance(rows, RowsAbout) else rows
-        assert isinstance(rows, GraphRows)
-        return rows
-
-    def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " own"]:
-        """Its unknowns among all parameters."""
-        return values[self.first : self.first + len(self.columns.parameters)]
-
     def shown(self, w: Samples, recording: Recording) -> tuple[PerRow, PerRow]:
         """Its readings along samples, and weights; zero where there is no number."""
         signals = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
@@ -194,8 +182,8 @@ class MeasuredRows:
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
         """Columns in weighings."""
-        columns = [np.flatnonzero(weighing.coefficients) for weighing in self.weighings]
-        return np.concatenate([np.zeros(0, dtype=int), *columns])
+        known = [weighing.coefficients != 0 for weighing in self.weighings]
+        return np.flatnonzero(np.any(known, axis=0))
 
     @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Int
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.estimation.additions import Addition, of_each
+from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.measured_rows import SensorColumns
+from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.sensor_record import FittedChannel, FittedSensor
@@ -33,16 +33,14 @@ def sensors_included(setup: Setup, progress: Progress) -> Setup:
     recorded = {
         name for recording in setup.recordings for name in recording.log.columns.sensor_names
     }
-    names = [name for name in robot.sensors if name in recorded]
-    known = [np.flatnonzero(weighing.coefficients) for weighing in weighings(robot)]
+    names, known = [name for name in robot.sensors if name in recorded], weighings(robot)
     if not (names or known):
         return setup
     if names:
         progress(f"taking in {', '.join(names)}")
-    rows = [SensorColumns.of(dynamics, name, spread).rows for name in names]
-    visible = np.unique(np.concatenate([*known, *(sensor.pattern[1] for sensor in rows)]))
-    visible = visible[visible < len(dynamics.layout.names)]
-    setup = setup.changed(robot=with_new_entries(robot, visible, dynamics.regressor_pattern[1]))
+    sensors = [SensorColumns.of(dynamics, name, spread) for name in names]
+    shown = MeasuredRows(extended(dynamics, sensors), known).active
+    setup = setup.changed(robot=with_new_entries(robot, shown, dynamics.regressor_pattern[1]))
     sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
     return setup.changed(additions=(*setup.additions, *sensors))
 
