@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.check.evidence import Evidence, evidence
 from deltaid.check.identified import identify
-from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import BLOCKS, Shifts, shifts
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.residual import residual
@@ -56,7 +55,7 @@ def scores() -> Shifts:
 def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Verdict:
     empty, rivals = blank(name, unit), [1] if which["zero"] else [1, 2]
     way = -ZERO, 2 * OF_ZERO
-    return _verdict(empty, scores(), Entries(empty), rivals, way, grade=Grade.WRONG, **which)
+    return _verdict(empty, scores(), rivals, way, grade=Grade.WRONG, **which)
 
 
 def test_a_zero_that_is_off() -> None:

@@ -43,14 +43,17 @@ class Case:
 
     Attributes:
         motion: the stretch that was evaluated.
-        good: hypotheses that explain it equally well, simplest first.
-        entries: of the mapping.
+        good: hypotheses that explain it equally well, simplest first; none if no loops close.
     """
 
     evidence: Evidence
     motion: Motion
     good: tuple[Candidate, ...]
-    entries: Entries
+
+    @cached_property
+    def entries(self) -> Entries:
+        """Of the mapping."""
+        return Entries(self.evidence)
 
     @property
     def best(self) -> Candidate:
@@ -71,9 +74,23 @@ class Case:
         return float(self.best.along[~self.best.residual.still].min(initial=1.0))
 
     @cached_property
-    def ratios(self) -> np.ndarray:
-        """Torques over those of the prior, by drive and component."""
-        return _ratios(self.evidence.dynamics, self.motion, self.best)
+    def ratios(self) -> Float[np.ndarray, "drives components"]:
+        """Torques of inertia, gravity, viscous and Coulomb friction, estimated over those of the
+        prior; NaN for components that are small."""
+        best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
+        residual = best.residual
+        p = residual.span.coefficients(best.torques)
+        rates = [best.map.rates(rate) for rate in (motion.qd, motion.qdd)]
+        speed, acceleration = (np.sqrt(np.mean(rate**2, axis=0)) for rate in rates)
+        out = np.full((dynamics.dof, 4), np.nan)
+        for i in range(dynamics.dof):
+            rows = _components(dynamics, i, speed[i], acceleration[i])[:, residual.columns]
+            estimated, expected = rows @ p, rows @ residual.prior
+            share = _SMALLEST if best.loose[i] else _SMALL
+            both = _large(estimated, _SMALL) & _large(expected, _SMALLEST)
+            large = _large(expected, share) | both
+            out[i, large] = estimated[large] / expected[large]
+        return out
 
     @property
     def untied(self) -> list[int]:
@@ -136,48 +153,22 @@ class Case:
         return size < 1 / DOUBTFUL_SCALE and 0.25 < size / factor < 4
 
 
-def _ratios(
-    dynamics: Dynamics, motion: Motion, best: Candidate
-) -> Float[np.ndarray, "drives components"]:
-    """Torques of inertia, gravity, viscous and Coulomb friction, estimated over expected.
-
-    NaN for components that are small.
-    """
-    residual = best.residual
-    p = residual.span.coefficients(best.torques)
-    sizes = [
-        np.sqrt(np.mean(best.map.rates(rate) ** 2, axis=0)) for rate in (motion.qd, motion.qdd)
-    ]
-    out = np.full((dynamics.dof, 4), np.nan)
-    for i, (speed, acceleration) in enumerate(zip(*sizes, strict=True)):
-        rows = _components(dynamics, i, residual.columns, speed, acceleration)
-        estimated, expected = rows @ p, rows @ residual.prior
-        share = _SMALLEST if best.loose[i] else _SMALL
-        large = _large(expected, share) | (_large(estimated, _SMALL) & _large(expected, _SMALLEST))
-        out[i, large] = estimated[large] / expected[large]
-    return out
-
-
 def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
     """Components above a share of the largest."""
     return np.abs(torques) > share * np.abs(torques).max()
 
 
 def _components(
-    dynamics: Dynamics, i: int, columns: np.ndarray, speed: float, acceleration: float
-) -> Float[np.ndarray, "4 columns"]:
+    dynamics: Dynamics, i: int, speed: float, acceleration: float
+) -> Float[np.ndarray, "4 parameters"]:
     """Rows c with c p = torque of drive i at home."""
     zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
-
-    def row(qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-        return row_at_home(dynamics, i, qd, qdd)[columns]
-
-    def friction(speed: float) -> np.ndarray:
-        return 0.5 * (row(speed * e, zero) - row(-speed * e, zero))  # Coriolis forces are even
-
-    still, creep = row(zero, zero), friction(_CREEP * speed)
-    inertia = row(zero, e) - still
-    return np.stack([acceleration * inertia, still, friction(speed) - creep, creep])
+    speeds = [sign * size * e for size in (speed, _CREEP * speed) for sign in (1.0, -1.0)]
+    forth, back, creep, creep_back = (row_at_home(dynamics, i, qd, zero) for qd in speeds)
+    friction, coulomb = 0.5 * (forth - back), 0.5 * (creep - creep_back)  # Coriolis is even
+    still = row_at_home(dynamics, i, zero, zero)
+    inertia = row_at_home(dynamics, i, zero, e) - still
+    return np.stack([acceleration * inertia, still, friction - coulomb, coulomb])
 
 
 def overall(ratios: Float[np.ndarray, "..."]) -> float:

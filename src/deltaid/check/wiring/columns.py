@@ -30,8 +30,8 @@ _MIRRORED = 0.3
 def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
     """Positions, and velocities that are their derivatives as mapped."""
     as_mapped = rates(case.motion, Map.identity(len(case.names)))
-    unscaled = (0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
-    return ("position", "velocity") if as_mapped and all(unscaled) else ("position",)
+    unscaled = all(0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
+    return ("position", "velocity") if as_mapped and unscaled else ("position",)
 
 
 def position_verdicts(case: Case) -> Iterator[Verdict]:
@@ -81,15 +81,14 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
 def sign_verdicts(case: Case) -> Iterator[Verdict]:
     """Columns that count the other way."""
     best, n = case.best, len(case.names)
-    reversed_angles = [i for i, f in enumerate(best.map.scale) if f < 0]
-    if n == 1 and not reversed_angles and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+    angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
+    if n == 1 and not angles.size and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
         # No loop determines a lone drive's sign, and gravity may be even: negative inertia does.
         yield _angle_sign(case, 0)
-    reversed_torques = [i for i in range(n) if best.gains[i] < 0]
-    if len(reversed_torques) == n > 1 and not reversed_angles:
-        yield _torque_sign(case, reversed_torques)
+    if len(torques) == n > 1 and not angles.size:
+        yield _torque_sign(case, torques.tolist())
         return
-    for i in sorted({*reversed_angles, *reversed_torques}):
+    for i in np.union1d(angles, torques).tolist():
         ways = dict.fromkeys((c.map.scale[i] < 0, bool(c.gains[i] < 0)) for c in case.rivals)
         for angle, torque in ways:
             if angle:
@@ -100,12 +99,12 @@ def sign_verdicts(case: Case) -> Iterator[Verdict]:
 
 def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
     """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
-    name, reverse, source = case.names[i], case.entries.turned, case.best.map.order[i]
-    changes: dict[Quantity, Values] = {q: {i: reverse(q, source)} for q in _follow(case, [i])}
-    cause = f"the angle of {name} counts the other way"
+    name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
+    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
+    cause, columns = f"the angle of {name} counts the other way", "position"
     if both:
-        cause = f"{name} counts the other way, in angle and torque"
-        changes["torque"] = {i: reverse("torque", i)}
+        cause, columns = f"{name} counts the other way, in angle and torque", "position and torque"
+        changes["torque"] = {i: turned("torque", i)}
     return Verdict(
         "angle-sign",
         Grade.WRONG if sure else Grade.DOUBTFUL,
@@ -113,14 +112,15 @@ def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) ->
         f"{case.fits}",
         name,
         cause if sure else f"{cause}, or another sign is wrong; {_UNDECIDED}",
-        f"turn the sign of its {'position and torque' if both else 'position'} column",
+        f"turn the sign of its {columns} column",
         case.entries.proposal(changes) if sure else (),
     )
 
 
 def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
-    reverse, order, whose = case.entries.turned, case.best.order, case.all_or(drives)
+    order, whose, entries = case.best.order, case.all_or(drives), case.entries
     against = float(-case.best.along[drives].min())
+    changes: Values = {i: entries.turned("torque", order[i]) for i in drives} if sure else {}
     instead = "" if sure else f", or the angle does; {_UNDECIDED}"
     return Verdict(
         "torque-sign",
@@ -130,30 +130,29 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
         case.whose(drives),
         f"the torque of {whose} counts the other way{instead}",
         "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
-        case.entries.proposal({"torque": {i: reverse("torque", order[i]) for i in drives}})
-        if sure
-        else (),
+        entries.proposal({"torque": changes}),
         number=against,
     )
 
 
 def order_verdicts(case: Case) -> Iterator[Verdict]:
     """Columns that belong to other drives."""
-    best, n = case.best, len(case.names)
-    in_order, torque, position = tuple(range(n)), best.order, best.map.order
-    if torque == position == in_order:
-        return
+    n, torque, position = len(case.names), case.best.order, case.best.map.order
+    in_order = tuple(range(n))
     moved = [i for i in range(n) if torque[i] != i or position[i] != i]
-    sources: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
-    sources["torque"] = torque
+    if not moved:
+        return
+    order: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
+    order["torque"] = torque
     changes: dict[Quantity, Values] = {
-        quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(order)}
-        for quantity, order in sources.items()
+        quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(columns)}
+        for quantity, columns in order.items()
     }
-    quantities = "torques" if position == in_order else "positions"
-    if torque == position:
+    given, quantities, instead = position, "positions", "torques"
+    if position == in_order:
+        given, quantities, instead = torque, "torques", "positions"
+    elif torque == position:
         quantities = "positions and torques together"
-    given = torque if position == in_order else position
     columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
     cause = f"the {quantities} are in another order than the drives: {columns}"
     # Limbs that are alike have no names: what the recording shows is which torque belongs to which
@@ -161,7 +160,6 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
     others = {(other.map.order, other.order) for other in case.rivals}
     sure = all(positions == torques for positions, torques in others) or len(others) == 1
     if not sure:
-        instead = "positions" if position == in_order else "torques"
         cause += f", or the {instead} are; {_UNDECIDED}"
     seen = f"torques and motion belong together only in another order, which {case.fits}"
     cure = "map the columns in the order of the drives"

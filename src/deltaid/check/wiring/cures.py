@@ -57,19 +57,18 @@ class Entries:
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
-        now, units = self.of(quantity, drive).unit, _UNITS.items()
-        names = (name for (unit, by), name in units if unit == now and abs(by / factor - 1) < 1e-6)
-        name = next(names, None)
-        return {"unit": name} if name else {}
+        now = self.of(quantity, drive).unit
+        for (unit, by), name in _UNITS.items():
+            if unit == now and abs(by / factor - 1) < 1e-6:
+                return {"unit": name}
+        return {}
 
     def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """Of a motor whose numbers must be multiplied by `factor`."""
-        of_torque = quantity == "torque"
+        slower = 1 / factor if quantity == "torque" else factor
         if self._linear[drive]:
-            lead = 2 * np.pi / factor if of_torque else 2 * np.pi * factor
-            return {"unit": si_unit(quantity, linear=False), "lead": rounded(lead)}
-        gear = self.of(quantity, drive).gear
-        return {"gear": rounded(gear * factor if of_torque else gear / factor)}
+            return {"unit": si_unit(quantity, linear=False), "lead": rounded(2 * np.pi * slower)}
+        return {"gear": rounded(self.of(quantity, drive).gear / slower)}
 
     def moved(self, quantity: Quantity, drive: int, source: int) -> dict[str, object]:
         """All that another drive's entry says."""
@@ -79,8 +78,7 @@ class Entries:
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
         scale = self._evidence.columns.position[drive].scale
-        zero = self.of("position", drive).zero - shift / scale
-        return {"zero": float(f"{zero:.6g}")}
+        return {"zero": float(f"{self.of('position', drive).zero - shift / scale:.6g}")}
 
     def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
         """New values of entries, by quantity, drive and key, as changes of the mapping."""
@@ -92,11 +90,13 @@ class Entries:
                 changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
                 continue
             for key in dict.fromkeys(key for _, key, _ in entries):
-                now = [getattr(self.of(quantity, i), key) for i in range(len(self._linear))]
-                values_ = [drives.get(i, {}).get(key, value) for i, value in enumerate(now)]
-                same = all(value == values_[0] for value in values_)
+                new = [
+                    drives.get(i, {}).get(key, getattr(self.of(quantity, i), key))
+                    for i in range(len(self._linear))
+                ]
                 plural = "columns" if key == "column" else key
-                changes.append((f"{quantity}.{plural}", values_[0] if same else values_))
+                same = all(value == new[0] for value in new)
+                changes.append((f"{quantity}.{plural}", new[0] if same else new))
                 if key == "column" and columns.column is not None:
                     changes.append((f"{quantity}.column", None))
         return (Proposal("mapping", tuple(changes)),) if changes else ()

@@ -18,7 +18,6 @@ from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.drive_rows import of_own_drives
 from deltaid.estimation.span import Span
 
 # Blocks of time, step of the slopes [rad or m], and spread of the prior.
@@ -114,8 +113,7 @@ class Shifts:
 
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     """Errors of zeros and gravity in a recording, for the columns of a candidate."""
-    residual, dof = best.residual, dynamics.dof
-    tau = best.torques
+    residual, dof, tau = best.residual, dynamics.dof, best.torques
     # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
     noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
@@ -123,11 +121,9 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     b = np.append((tau - residual.Y @ residual.prior) / noise, np.zeros(A.shape[1]))
     p[residual.columns] += Span.of(A).coefficients(b)
     slopes = _slopes(dynamics, motion, best, p)[:, residual.keep]
-    numbers = motion.tau[residual.keep].T[list(best.order)]
-    of_drives = np.stack([np.ones_like(numbers), best.gains[:, None] * numbers], axis=2)
-    offsets_and_gains = of_own_drives(of_drives).reshape(*numbers.shape, dof, 2).swapaxes(2, 3)
-    D = np.concatenate([slopes, offsets_and_gains.reshape(*numbers.shape, 2 * dof)], axis=2)
-    return Shifts.of(residual.span, residual.rows.stack(D), tau, dof, slopes.shape[2] - dof)
+    offsets = residual.rows.own(np.ones((dof, len(residual.tau))))
+    D = np.hstack([residual.rows.stack(slopes), offsets, best.columns * best.gains])
+    return Shifts.of(residual.span, D, tau, dof, slopes.shape[2] - dof)
 
 
 def _slopes(

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.signal import detrend
 
 from deltaid.check.evidence import Rows
 from deltaid.recording.convolution import apply
@@ -86,10 +87,11 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
         oversampled: samples that a regressor is evaluated at, as a multiple of the cut-off:
             friction's steps fall on their grid.
     """
-    even = _even(rows, longest)
-    if even is None:
+    if (even := _even(rows, longest)) is None:
         return None
-    time, q, qd, tau = even
+    time, recorded = even
+    parts = np.cumsum([rows.q.shape[1], rows.tau.shape[1]])
+    q, tau, _ = np.split(recorded, parts, axis=1)
     rate = (len(time) - 1) / (time[-1] - time[0])
     cutoff = _cutoff(q, rate)
     if not tau.shape[1] or len(time) < samples_needed(cutoff, rate):
@@ -98,22 +100,21 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     stride = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
     thinning = design_low_pass(cutoff, rate / stride, single=True)
     edge = full.margin - full.half
-    inner = slice(edge, len(time) - edge)
-    smoothed = apply(full.smooth, np.hstack([q, tau, qd]).T[:, inner], stride).T
-    samples, load, recorded = np.split(smoothed, np.cumsum([q.shape[1], tau.shape[1]]), axis=1)
-    speeds = apply(full.first, q.T, stride).T
+    smoothed = apply(full.smooth, recorded.T[:, edge : len(time) - edge], stride).T
+    samples, load, speeds = np.split(smoothed, parts, axis=1)
+    qd = apply(full.first, q.T, stride).T
     # The torques pass once, by a filter that is centred on the samples that the second one keeps.
     wide = tau.T[:, edge + thinning.half * stride : len(tau) - edge]
     count = -(-(len(samples) - len(thinning.smooth) + 1) // thinning.decimation)
     return Motion(
         q=samples,
-        qd=speeds,
+        qd=qd,
         qdd=apply(full.second, q.T, stride).T,
         load=load,
         tau=apply(full.smooth, wide, stride * thinning.decimation).T[:count],
-        awake=_awake(speeds, rate / stride, thinning, count),
+        awake=_awake(qd, rate / stride, thinning, count),
         low_pass=thinning,
-        recorded=recorded,
+        recorded=speeds,
     )
 
 
@@ -135,25 +136,20 @@ def _cutoff(q: Values, rate: float) -> float:
     spectrum = SpectrumEstimate(q.shape[1])
     spectrum.add(power_of(q))
     general = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
-    t = np.linspace(-1, 1, len(q))[:, None]
-    level = q - q.mean(axis=0)
-    level = (level - t * (t * level).mean(axis=0) / np.mean(t**2)) * np.hanning(len(q))[:, None]
+    level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
-    total = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
-    fastest = [
-        float(frequency[np.searchsorted(power, _MOST_POWER * power[-1])]) for power in total.T
-    ]
+    power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
+    fastest = frequency[np.argmax(power >= _MOST_POWER * power[-1], axis=0)]
     # A drive at rest has noise alone, whose speeds are all at high frequencies.
-    moving = [power for power in fastest if power < _HIGHEST_CUTOFF] or [_HIGHEST_CUTOFF]
-    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * max(moving))
+    moving = fastest[fastest < _HIGHEST_CUTOFF]
+    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * max(moving, default=_HIGHEST_CUTOFF))
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 
-def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Values] | None:
-    """Time, q, q̇ and τ of the liveliest stretch without a gap, evenly spaced."""
-    columns = rows.q, rows.qd, rows.tau
-    finite = np.isfinite(np.column_stack([rows.time, *columns])).all(axis=1)
-    keep = np.flatnonzero(finite)
+def _even(rows: Rows, longest: float) -> tuple[Float[np.ndarray, " samples"], Values] | None:
+    """Time and [q τ q̇] of the liveliest stretch without a gap, evenly spaced."""
+    data = np.hstack([rows.q, rows.tau, rows.qd])
+    keep = np.flatnonzero(np.isfinite(np.column_stack([rows.time, data])).all(axis=1))
     keep = keep[np.diff(np.maximum.accumulate(rows.time[keep]), prepend=-np.inf) > 0]
     time = rows.time[keep]
     if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
@@ -161,22 +157,18 @@ def _even(rows: Rows, longest: float) -> tuple[np.ndarray, Values, Values, Value
     step = float(np.median(np.diff(time)))
     ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
     starts, stops = np.append(0, ends + 1), np.append(ends + 1, len(time))
-    start, stop = _liveliest(rows.q[keep], starts, stops, int(longest / step))
-    part = keep[start:stop]
-    t = rows.time[part]
+    part = keep[_liveliest(rows.q[keep], starts, stops, int(longest / step))]
+    time, data = rows.time[part], data[part]
     if len(part) < SpectrumEstimate.SHORTEST:
         return None
-    q, qd, tau = (values[part] for values in columns)
-    if np.diff(t).max() < 1.5 * step:
-        return t, q, qd, tau
-    grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step) + 1)
-    lines = ([np.interp(grid, t, column) for column in values.T] for values in (q, qd, tau))
-    q, qd, tau = (np.reshape(values, (-1, len(grid))).T for values in lines)
-    return grid, q, qd, tau
+    if np.diff(time).max() < 1.5 * step:
+        return time, data
+    grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step) + 1)
+    return grid, np.stack([np.interp(grid, time, column) for column in data.T], axis=1)
 
 
-def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -> tuple[int, int]:
-    """First row and end of the stretch with the longest way of all drives."""
+def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -> slice:
+    """The stretch with the longest way of all drives."""
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)
     travel = np.append(0.0, np.cumsum(steps.sum(axis=1)))
@@ -184,4 +176,4 @@ def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -
     first = np.concatenate([np.arange(start, stop, max(1, longest // 20)) for start, stop in ends])
     last = np.minimum(first + longest, stops[np.searchsorted(starts, first, side="right") - 1])
     k = int(np.argmax(travel[last] - travel[first]))
-    return int(first[k]), int(last[k])
+    return slice(int(first[k]), int(last[k]))

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.check.wiring.case import Case
 from deltaid.check.wiring.cures import Values
@@ -57,51 +56,37 @@ class Rate:
         return self.own > _TOGETHER and 1 / _WRONG < self.scale < _WRONG
 
 
-def rates(motion: Motion, map: Map) -> tuple[Rate, ...]:
+def rates(motion: Motion, map: Map) -> list[Rate]:
     """Every recorded velocity column of a drive that moves."""
     d, dd, v = map.rates(motion.qd), map.rates(motion.qdd), motion.recorded
-    if not v.shape[1]:
-        return ()
-    size = np.sqrt(np.mean(d**2, axis=0))
-    moving = size > _RESTS * size.max()
-    norm = np.linalg.norm(d, axis=0)[:, None] * np.linalg.norm(v, axis=0)[None]
+    size, out = np.linalg.norm(d, axis=0), list[Rate]()
+    norm = np.outer(size, np.linalg.norm(v, axis=0))
     together = np.abs(d.T @ v) / np.where(norm > 0, norm, np.inf)
+    moving = size > _RESTS * size.max()
     together[~moving] = 0.0
-    return tuple(
-        _rate(i, together[:, i], d, dd, v[:, i])
-        for i in range(v.shape[1])
-        if moving[i] and np.ptp(v[:, i]) > 0
-    )
-
-
-def _rate(
-    drive: int,
-    together: Float[np.ndarray, " drives"],
-    d: Float[np.ndarray, "samples drives"],
-    dd: Float[np.ndarray, "samples drives"],
-    v: Float[np.ndarray, " samples"],
-) -> Rate:
-    nearest = int(np.argmax(together))
-    A = np.column_stack([d[:, nearest], dd[:, nearest]])
-    inverse = np.linalg.pinv(A)
-    k, b = (float(value) for value in inverse @ v)
-    # Influence of each residual on b; those of a block of time may be correlated.
-    influence = inverse[1] * (v - A @ (k, b))
-    blocks = np.array([part.sum() for part in np.array_split(influence, _BLOCKS)])
-    std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
-    correlation, own = float(together[nearest]), float(together[drive])
-    return Rate(drive, nearest, correlation, own, k, -b / k, std / abs(k))
+    for i in range(v.shape[1]):
+        if not moving[i] or np.ptp(v[:, i]) == 0:
+            continue
+        nearest = int(np.argmax(together[:, i]))
+        A = np.column_stack([d[:, nearest], dd[:, nearest]])
+        inverse = np.linalg.pinv(A)
+        k, b = (float(value) for value in inverse @ v[:, i])
+        # Influence of each residual on b; those of a block of time may be correlated.
+        influence = inverse[1] * (v[:, i] - A @ (k, b))
+        blocks = np.array([part.sum() for part in np.array_split(influence, _BLOCKS)])
+        std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
+        correlation, own = float(together[nearest, i]), float(together[i, i])
+        out.append(Rate(i, nearest, correlation, own, k, -b / k, std / abs(k)))
+    return out
 
 
 def velocity_verdicts(case: Case) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
     map, names = case.map, case.names
     identity, recorded = Map.identity(len(names)), rates(case.motion, map)
-    if not recorded:
-        return
-    if map != identity:  # velocities that match positions as mapped are corrected with them
+    if recorded and map != identity:  # what matches positions as mapped is corrected with them
         right = {rate.drive for rate in rates(case.motion, identity) if rate.right}
-        recorded = tuple(rate for rate in recorded if rate.drive not in right)
+        recorded = [rate for rate in recorded if rate.drive not in right]
     swapped = [
         rate
         for rate in recorded
@@ -112,46 +97,41 @@ def velocity_verdicts(case: Case) -> Iterator[Verdict]:
         return
     lost = [rate for rate in recorded if rate.own <= _TOGETHER]
     matched = [rate for rate in recorded if rate.own > _TOGETHER]
-    scaled = [rate for rate in matched if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL]
     groups: dict[tuple[str, bool], list[Rate]] = {}
-    for rate in scaled:
-        name = _named(rate.scale, linear=case.linear(rate.drive))
-        groups.setdefault((name, rate.scale < 0), []).append(rate)
+    for rate in matched:
+        if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL:
+            units = (_SLIDING if case.linear(rate.drive) else _TURNING).items()
+            named = (u for factor, u in units if abs(abs(rate.scale) / factor - 1) < _NAMED)
+            groups.setdefault((next(named, ""), rate.scale < 0), []).append(rate)
     for (name, reversed_), group in groups.items():
         yield _scale(case, group, name, reversed_=reversed_)
     for rate in lost:
-        yield Verdict(
-            "velocity",
-            Grade.DOUBTFUL,
-            f"the velocity column of {names[rate.drive]} goes with no drive's changes of position "
-            f"(correlation {rate.correlation:.2g})",
-            names[rate.drive],
-            "the column is of another signal, or very noisy",
-            _LEAVE,
-            number=rate.correlation,
-        )
-    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
+        seen = f"the velocity column of {names[rate.drive]} goes with no drive's changes of "
+        seen += f"position (correlation {rate.correlation:.2g})"
+        cause = "the column is of another signal, or very noisy"
+        drive, number = names[rate.drive], rate.correlation
+        yield Verdict("velocity", Grade.DOUBTFUL, seen, drive, cause, _LEAVE, number=number)
+    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step) if recorded else 0.0
     late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
     if late and not lost:
         yield _late(case, late)
-    if recorded and not scaled and not lost and not late:
-        worst = max(recorded, key=lambda rate: abs(rate.lag))
+    if recorded and not groups and not lost and not late:
+        latest = max(recorded, key=lambda rate: abs(rate.lag))
         seen = (
             f"recorded velocities are the derivatives of the positions: within "
             f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and "
-            f"{1e3 * abs(worst.lag):.2g} ms in time"
+            f"{1e3 * abs(latest.lag):.2g} ms in time"
         )
-        yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * worst.lag, unit="ms")
+        yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * latest.lag, unit="ms")
 
 
 def _order(case: Case, swapped: list[Rate]) -> Verdict:
-    entries = case.entries
-    source = {rate.nearest: rate.drive for rate in swapped}
+    entries, weakest = case.entries, min(rate.correlation for rate in swapped)
     pairs = ", ".join(
         f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
         for rate in swapped
     )
-    weakest = min(rate.correlation for rate in swapped)
+    moved = {rate.nearest: entries.moved("velocity", rate.nearest, rate.drive) for rate in swapped}
     return Verdict(
         "velocity",
         Grade.WRONG,
@@ -160,18 +140,9 @@ def _order(case: Case, swapped: list[Rate]) -> Verdict:
         case.whose([rate.drive for rate in swapped]),
         "velocity columns are in another order than the position columns",
         "map the velocity columns in the order of the drives",
-        entries.proposal(
-            {"velocity": {i: entries.moved("velocity", i, j) for i, j in source.items()}}
-        ),
+        entries.proposal({"velocity": moved}),
         number=weakest,
     )
-
-
-def _named(scale: float, *, linear: bool) -> str:
-    """The unit of a scale, if it has a name."""
-    units = (_SLIDING if linear else _TURNING).items()
-    matching = (name for factor, name in units if abs(abs(scale) / factor - 1) < _NAMED)
-    return next(matching, "")
 
 
 def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
@@ -181,15 +152,15 @@ def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Ver
     far, entries = max(size, 1 / size) > _UNIT, case.entries
     whose = case.whose([rate.drive for rate in scaled])
     whom = f" of {whose}" if whose else ""
-    values: Values = {}
+    factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
+    changes: Values = {}
     for rate in scaled:
         i = rate.drive
-        values[i] = entries.turned("velocity", i) if reversed_ else {}
+        changes[i] = entries.turned("velocity", i) if reversed_ else {}
         if name:
-            factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
-            values[i] |= entries.in_unit("velocity", i, 1 / factor)
+            changes[i] |= entries.in_unit("velocity", i, 1 / factor)
         elif far:
-            values[i] |= entries.of_motor("velocity", i, 1 / abs(rate.scale))
+            changes[i] |= entries.of_motor("velocity", i, 1 / abs(rate.scale))
     cause = f"velocities{whom} have a wrong scale, or those of another time"
     cure = "declare unit, sign and gear of the velocity columns"
     if name:
@@ -203,21 +174,20 @@ def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Ver
     key = "velocity-unit" if name or far else "velocity"
     grade = Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
     seen = f"velocities{whom} are {scale:.4g} times the rate at which positions change"
-    proposals = entries.proposal({"velocity": values})
+    proposals = entries.proposal({"velocity": changes})
     return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
 
 
 def _late(case: Case, late: list[Rate]) -> Verdict:
-    worst = max(late, key=lambda rate: abs(rate.lag))
-    way = "behind" if worst.lag > 0 else "ahead of"
+    latest = max(late, key=lambda rate: abs(rate.lag))
     return Verdict(
         "velocity",
         Grade.DOUBTFUL,
-        f"velocities are {1e3 * abs(worst.lag):.3g} ± {2e3 * worst.lag_std:.1g} ms {way} the "
-        "changes of the positions",
+        f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
+        f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions",
         case.whose([rate.drive for rate in late]),
         "the drive smooths its velocity, or logs it at another time than its position",
         f"{_LEAVE} without delay",
-        number=1e3 * worst.lag,
+        number=1e3 * latest.lag,
         unit="ms",
     )

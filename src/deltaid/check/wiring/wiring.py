@@ -8,13 +8,12 @@ of positions (`velocity`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, forget
-from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.case import Case, overall
 from deltaid.check.wiring.columns import (
     order_verdicts,
@@ -22,12 +21,12 @@ from deltaid.check.wiring.columns import (
     sign_verdicts,
     torque_verdicts,
 )
-from deltaid.check.wiring.copies import refuse_copies
-from deltaid.check.wiring.cures import Entries
-from deltaid.check.wiring.motion import Motion, motion
+from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.search import explained, together
 from deltaid.check.wiring.velocity import velocity_verdicts
 from deltaid.check.wiring.zeros import zero_verdicts
+from deltaid.errors import RecordingError
+from deltaid.estimation.span import lengths
 from deltaid.model.verdict import Grade, Verdict, worst
 
 # Largest residual share of the torques for correct columns.
@@ -37,15 +36,9 @@ _SENSELESS = 0.2
 # Part of the stretch to search on, if it has so many samples.
 _FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A recording, and the hypotheses that explain it by itself."""
-
-    evidence: Evidence
-    motion: Motion
-    good: tuple[Candidate, ...]
+# Columns of numbers with so little of their own are one signal; positions that differ by so much
+# are of drives that move unlike each other, whose torques must differ.
+_COPIED, _UNLIKE = 1e-9, 1e-5
 
 
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -54,7 +47,8 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     Empty where the recording is too short to be filtered.
 
     Raises:
-        RecordingError: the torque of a drive is a copy of another's.
+        RecordingError: the torque of a drive is a copy of another's, times a factor, though the two
+            drives move in different ways.
     """
     return checked_wirings([evidence])[1][0]
 
@@ -68,52 +62,52 @@ def checked_wirings(
     Recordings whose columns have one mapping are judged together: one verdict for all of them.
     Errors as of `checked_wiring`.
     """
-    trials = list[_Trial | None]()
-    for record in records:
-        trials.append(_trial(record))
+    cases = dict[int, Case]()
+    for k, record in enumerate(records):
+        _refuse_copies(record)
+        fine = motion(record.rows)
+        if fine is not None and len(fine.tau) >= _FEWEST:
+            part = motion(record.rows, **_PART)
+            coarse = fine if part is None or len(part.tau) < _FEW else part
+            cases[k] = Case(record, fine, explained(record.dynamics, fine, coarse))
         if len(records) > 1:
             forget(record)
-    explained_ones = [trial for trial in trials if trial is not None and trial.good]
-    shared = len(explained_ones) > 1 and all(
-        trial.evidence.columns.drives == explained_ones[0].evidence.columns.drives
-        for trial in explained_ones
-    )
-    common: tuple[Verdict, ...] = ()
-    if shared:
-        dynamics, motions = records[0].dynamics, [trial.motion for trial in explained_ones]
-        goods = together(dynamics, motions, [trial.good for trial in explained_ones])
-        explained_ones = [
-            replace(t, good=good) for t, good in zip(explained_ones, goods, strict=True)
-        ]
-        clearest = min((t for t in explained_ones if t.good), key=lambda t: t.good[0].left)
-        common = _of_columns(_case(clearest))
-    own = {id(trial.evidence): trial for trial in explained_ones}
-    each = list[tuple[Verdict, ...]]()
-    for record, trial in zip(records, trials, strict=True):
-        if trial is None:
-            each.append(())
-        elif not trial.good or not own[id(record)].good:
-            each.append((_out_of_reach(record),))
-        else:
-            case = _case(own[id(record)])
-            each.append(_of_recording(case, common if shared else _of_columns(case), shared=shared))
-    return common, each
+    shown = {k: case for k, case in cases.items() if case.good}
+    drives = [case.evidence.columns.drives for case in shown.values()]
+    common = None
+    if len(drives) > 1 and all(columns == drives[0] for columns in drives):
+        motions, goods = zip(*((case.motion, case.good) for case in shown.values()), strict=True)
+        goods = together(records[0].dynamics, motions, goods)
+        cases |= {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
+        clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
+        common = _of_columns(clearest)
+    each = [_of_recording(cases[k], common) if k in cases else () for k in range(len(records))]
+    return common or (), each
 
 
-def _trial(evidence: Evidence) -> _Trial | None:
-    """None where the recording is too short to be filtered."""
-    refuse_copies(evidence)
-    fine = motion(evidence.rows)
-    if fine is None or len(fine.tau) < _FEWEST:
-        return None
-    coarse = motion(evidence.rows, **_PART)
-    if coarse is None or len(coarse.tau) < _FEW:
-        coarse = fine
-    return _Trial(evidence, fine, explained(evidence.dynamics, fine, coarse))
+def _refuse_copies(evidence: Evidence) -> None:
+    rows, names = evidence.rows, evidence.robot.drives
+    if rows.tau.shape[1] != len(names) or rows.q.shape[1] != len(names):
+        return
+    finite = np.isfinite(np.hstack([rows.q, rows.tau])).all(axis=1)
+    moves, alike = (_correlations(numbers[finite]) for numbers in (rows.q, rows.tau))
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        if alike[i, j] ** 2 > 1 - _COPIED and moves[i, j] ** 2 < 1 - _UNLIKE:
+            columns = [evidence.columns.torque[k].column for k in (i, j)]
+            raise RecordingError(
+                f"the torques of {names[i]} and {names[j]} are one signal: column "
+                f"'{columns[0]}' and column '{columns[1]}' repeat each other in every row, and "
+                "the drives move unlike each other",
+                where=str(evidence.table.path),
+                cure="map each drive's own torque; if only one of them was recorded, record again",
+            )
 
 
-def _case(trial: _Trial) -> Case:
-    return Case(trial.evidence, trial.motion, trial.good, Entries(trial.evidence))
+def _correlations(numbers: np.ndarray) -> np.ndarray:
+    """Of columns; 0 with those that do not change."""
+    centred = numbers - numbers.mean(axis=0) if len(numbers) else numbers
+    unit = centred / lengths(centred)
+    return unit.T @ unit
 
 
 def _of_columns(case: Case) -> tuple[Verdict, ...]:
@@ -121,14 +115,16 @@ def _of_columns(case: Case) -> tuple[Verdict, ...]:
     return tuple(verdict for family in families for verdict in family(case))
 
 
-def _of_recording(case: Case, columns: tuple[Verdict, ...], *, shared: bool) -> tuple[Verdict, ...]:
-    """Those on its columns, unless they are shared, on zeros and on velocities."""
-    verdicts, evidence = list(columns), case.evidence
+def _of_recording(case: Case, common: tuple[Verdict, ...] | None) -> tuple[Verdict, ...]:
+    """Those on its columns, unless they are common to several, on zeros and on velocities."""
+    if not case.good:
+        return (_out_of_reach(case.evidence),)
+    verdicts = list(_of_columns(case) if common is None else common)
     senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
     if case.best.closes and not verdicts and senseless:
         verdicts.append(_senseless(case))
     if worst(verdicts) is not Grade.WRONG:
-        verdicts += zero_verdicts(evidence, case.motion, case.best, case.entries)
+        verdicts += zero_verdicts(case)
     verdicts += velocity_verdicts(case)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
@@ -137,7 +133,7 @@ def _of_recording(case: Case, columns: tuple[Verdict, ...], *, shared: bool) -> 
             "those"
         )
         verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
-    return tuple(verdicts[len(columns) :] if shared else verdicts)
+    return tuple(verdicts if common is None else verdicts[len(common) :])
 
 
 def _senseless(case: Case) -> Verdict:

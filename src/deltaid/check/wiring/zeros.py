@@ -13,7 +13,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence
-from deltaid.check.wiring.candidate import CLOSED, Candidate
+from deltaid.check.wiring.candidate import Candidate
+from deltaid.check.wiring.case import Case
 from deltaid.check.wiring.cures import Entries
 from deltaid.check.wiring.homing import Shifts, shifts
 from deltaid.check.wiring.motion import Motion
@@ -55,15 +56,14 @@ _LEVELLED = 0.05
 _FAR, _CERTAIN = 0.05, 25.0
 
 
-def zero_verdicts(
-    evidence: Evidence, motion: Motion, best: Candidate, entries: Entries
-) -> Iterator[Verdict]:
+def zero_verdicts(case: Case) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
-    shift = shifts(evidence.dynamics, motion, best)
-    drives, closes = _shown(shift), best.residual.share >= CLOSED
+    best, motion = case.best, case.motion
+    shift = shifts(case.evidence.dynamics, motion, best)
+    drives = _shown(shift)
     doubted = bool(drives) and _seen(shift)
     if not doubted or _better_explained(shift, np.flatnonzero(best.loose).tolist()):
-        if not closes:
+        if not best.closes:
             yield _open(best)
         elif drives and not doubted:
             yield _good(shift)
@@ -72,20 +72,15 @@ def zero_verdicts(
     beside = shift.certainty([drive], shift.tilt)
     instead = shift.certainty(shift.tilt, [drive]) if shift.tilt else 0.0
     # Zeros of several drives mimic any tilt, so the simpler one is reported where both remain.
-    either = (instead < _NEEDED) == (beside < _NEEDED)
-    zero = (
-        shift.gain([drive]) > shift.gain(shift.tilt) if either and shift.tilt else beside >= _NEEDED
-    )
-    rivals = [
-        i
-        for i in drives
-        if shift.gain([i]) > _RIVAL * shift.gain([drive])
-        and (i == drive or shift.certainty([drive], [i]) < _NEEDED)
-    ]
-    rivals.sort(key=lambda i: i != drive)
-    way = _zero(evidence, motion, best, shift, drive)
-    grade = Grade.DOUBTFUL if closes else Grade.WRONG
-    yield _verdict(evidence, shift, entries, rivals, way, grade=grade, zero=zero, either=either)
+    either, zero = (instead < _NEEDED) == (beside < _NEEDED), beside >= _NEEDED
+    if either and shift.tilt:
+        zero = shift.gain([drive]) > shift.gain(shift.tilt)
+    least = _RIVAL * shift.gain([drive])
+    rivals = [i for i in drives if i != drive and shift.gain([i]) > least]
+    rivals = [drive, *(i for i in rivals if shift.certainty([drive], [i]) < _NEEDED)]
+    way = _zero(case.evidence, motion, best, shift, drive)
+    grade = Grade.DOUBTFUL if best.closes else Grade.WRONG
+    yield _verdict(case.evidence, shift, rivals, way, grade=grade, zero=zero, either=either)
 
 
 def _seen(shift: Shifts) -> bool:
@@ -97,8 +92,8 @@ def _seen(shift: Shifts) -> bool:
 
 def _causes(shift: Shifts) -> list[list[int]]:
     """The zero that explains most, and a tilt, as far as they are observable."""
-    drive = max(_shown(shift), key=lambda i: shift.gain([i]), default=None)
-    return [cause for cause in ([] if drive is None else [drive], shift.tilt) if cause]
+    drives = sorted(_shown(shift), key=lambda i: -shift.gain([i]))[:1]
+    return [cause for cause in (drives, shift.tilt) if cause]
 
 
 def _shown(shift: Shifts) -> list[int]:
@@ -136,16 +131,15 @@ def _zero(
     evidence: Evidence, motion: Motion, best: Candidate, shift: Shifts, drive: int
 ) -> tuple[float, float]:
     """The zero's error of one drive and half its interval, by Gauss–Newton steps."""
-    map = best.map
+    map, share = best.map, best.residual.share
     for _ in range(_STEPS):
         (step,), ((variance,),) = shift.told([drive])
         zeros = list(map.shift)
         zeros[drive] += float(np.clip(step, -_LARGEST, _LARGEST))
-        trial = replace(map, shift=tuple(zeros))
-        moved = residual(evidence.dynamics, motion, trial)
-        if moved is None or moved.share < best.residual.share:
+        moved = residual(evidence.dynamics, motion, replace(map, shift=tuple(zeros)))
+        if moved is None or moved.share < share:
             break
-        map = trial
+        map = moved.map
         shift = shifts(evidence.dynamics, motion, replace(best, residual=moved))
         if abs(step) < np.sqrt(variance):
             break
@@ -155,7 +149,6 @@ def _zero(
 def _verdict(
     evidence: Evidence,
     shift: Shifts,
-    entries: Entries,
     rivals: list[int],
     way: tuple[float, float],
     *,
@@ -174,51 +167,46 @@ def _verdict(
     if zero:
         share, number, text, rival = shift.gain([rivals[0]]), way[0], of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
+        entries = Entries(evidence)
         shifted = {rivals[0]: entries.shifted(rivals[0], way[0])}
         proposals = entries.proposal({"position": shifted})
     else:
         share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
         cause = f"a tilted base: {of_tilt}"
         cure = "level the base, or describe gravity as it is"
-        proposals = _gravity(evidence, shift) if shift.tilt else ()
         if angle > _LEVELLED:
             cause += ", or a force that pulls at the platform, as of a hose or a spring"
-            cure = "look at the mounting and at what pulls at the platform; measure the base's "
-            cure += "angle with a level, and describe gravity by it"
-            proposals = tuple(replace(proposal, is_written=False) for proposal in proposals)
+            cure = (
+                "look at the mounting and at what pulls at the platform; measure the base's angle "
+                "with a level, and describe gravity by it"
+            )
+        proposals = _gravity(evidence, shift, is_written=angle <= _LEVELLED) if shift.tilt else ()
     if either:
         cause = f"one of both, the motion does not tell which: {text}, or {rival}"
         cure = "home the drives anew and check the level of the base; then mend what was wrong"
-    return Verdict(
-        "homing-or-tilt",
-        grade,
-        f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % of "
-        "what is left of them",
-        ", ".join([name, *others]) if zero else "",
-        cause,
-        cure,
-        proposals,
-        number=1e3 * number,
-        unit=unit,
-    )
+    seen = f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % "
+    seen += "of what is left of them"
+    subject, number = ", ".join([name, *others]) if zero else "", 1e3 * number
+    return Verdict("homing-or-tilt", grade, seen, subject, cause, cure, proposals, number, unit)
 
 
 def _tilt(shift: Shifts) -> tuple[float, float]:
     """Angle between gravity and its direction as described, and half its interval [rad]."""
     if not shift.tilt:
         return 0.0, 0.0
-    value, covariance = shift.told(shift.tilt)
-    angle = float(np.linalg.norm(value))
-    direction = value / max(angle, 1e-12)
+    turn, covariance = shift.told(shift.tilt)
+    angle = float(np.linalg.norm(turn))
+    direction = turn / max(angle, 1e-12)
     return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
 
 
-def _gravity(evidence: Evidence, shift: Shifts) -> tuple[Proposal, ...]:
+def _gravity(evidence: Evidence, shift: Shifts, *, is_written: bool) -> tuple[Proposal, ...]:
     g = np.array(evidence.robot.gravity)
-    value, _ = shift.told(shift.tilt)
-    gravity = g + np.cross(value @ across(g)[[i - shift.drives for i in shift.tilt]], g)
+    turn, _ = shift.told(shift.tilt)
+    gravity = g + np.cross(turn @ across(g)[[i - shift.drives for i in shift.tilt]], g)
     gravity *= np.linalg.norm(g) / np.linalg.norm(gravity)
-    return (Proposal("robot", (("gravity", [float(f"{x:.5g}") for x in gravity]),)),)
+    changes = (("gravity", [float(f"{x:.5g}") for x in gravity]),)
+    return (Proposal("robot", changes, is_written),)
 
 
 def _good(shift: Shifts) -> Verdict:
