@@ -101,12 +101,11 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     if information.facts is not None:
         Y = np.vstack([Y, information.facts[:, :-1]])
     norms = np.linalg.norm(Y, axis=0)
-    shown = np.flatnonzero(norms > DEPENDENT * norms.max())
-    scaled = Y[:, shown] / norms[shown]
-    columns = information.columns[shown]
+    shown = norms > DEPENDENT * norms.max()
+    columns, norms, scaled = information.columns[shown], norms[shown], Y[:, shown] / norms[shown]
     is_robots = columns < len(layout.names) - layout.added
     rank = Span.of(scaled[:, is_robots]).rank
-    chosen = _representatives(scaled, columns, layout)
+    chosen = sorted(_representatives(scaled, columns, layout))
     of_robot = int(np.sum(is_robots[chosen]))
     if of_robot != rank:
         raise IdentificationError(
@@ -114,9 +113,19 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
             f"{max(rank, of_robot)} parameters; it hardly excites some of them",
             cure="record a motion that uses all drives and more of the workspace",
         )
+    others = np.setdiff1d(np.arange(len(columns)), chosen)
+    K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, others], rcond=None)
+    # A coefficient counts by what it does to the torque, so in scaled columns.
+    counts, K = np.abs(K) > _NEGLIGIBLE, K * norms[others] / norms[chosen, None]
+    groups = (
+        BaseGroup(
+            representative, dict(zip(columns[others[at]].tolist(), row[at].tolist(), strict=True))
+        )
+        for representative, at, row in zip(columns[chosen].tolist(), counts, K, strict=True)
+    )
     return BaseParameters(
         layout=layout,
-        groups=_groups(scaled, norms[shown], chosen, columns),
+        groups=tuple(groups),
         invisible=tuple(np.setdiff1d(np.arange(len(layout.names)), columns).tolist()),
         condition=float(np.linalg.cond(scaled[:, chosen])),
     )
@@ -148,23 +157,3 @@ def _representatives(
             basis = np.column_stack([basis, rest / length])
             chosen.append(k)
     return chosen
-
-
-def _groups(
-    scaled: Float[np.ndarray, "rows shown"],
-    norms: Float[np.ndarray, " shown"],
-    chosen: list[int],
-    columns: np.ndarray,
-) -> tuple[BaseGroup, ...]:
-    rest = [k for k in range(scaled.shape[1]) if k not in chosen]
-    K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, rest], rcond=None)
-    groups = []
-    for row in np.argsort(columns[chosen]):
-        # A coefficient counts by what it does to the torque, so in scaled columns.
-        members = {
-            int(columns[k]): float(K[row, j] * norms[k] / norms[chosen[row]])
-            for j, k in enumerate(rest)
-            if abs(K[row, j]) > _NEGLIGIBLE
-        }
-        groups.append(BaseGroup(int(columns[chosen[row]]), members))
-    return tuple(groups)

@@ -153,7 +153,7 @@ def _verdicts(files: Sequence[FactorFile]) -> list[Verdict]:
             if not several or record.key not in KEYS["the information"]:
                 parts = (file.record.log if several else "", record.subject)
                 subject = ": ".join(filter(None, parts))
-                verdicts.append(Verdict(**record.model_dump() | {"subject": subject}))
+                verdicts.append(Verdict(**record.changed(subject=subject).model_dump()))
     return verdicts
 
 

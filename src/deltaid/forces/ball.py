@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.conic import svec
+from deltaid.estimation.conic import definite, quiet_settings, svec
 from deltaid.estimation.information import triangle
 from deltaid.forces.unknowns import Unknowns
 
@@ -69,23 +69,18 @@ class Ball:
             right.append(np.array([radius]))
             cones.append(clarabel.ZeroConeT(1))
         for block in self._blocks:
-            size = len(block.constant)
-            slopes = np.column_stack([svec(slope) for slope in block.slopes])
+            slopes = svec(block.slopes).T
             rows.append(np.hstack([-slopes @ S[list(block.at)], np.zeros((len(slopes), 1))]))
             right.append(svec(block.matrix(self._u)))
-            one = clarabel.NonnegativeConeT(1)
-            cones.append(one if size == 1 else clarabel.PSDTriangleConeT(size))
+            cones.append(definite(len(block.constant)))
         q = np.append(np.zeros(n), 1.0) if cost is None else np.append(cost, 0.0)
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
         solver = clarabel.DefaultSolver(
             sparse.csc_matrix((n + 1, n + 1)),
             q,
             sparse.csc_matrix(np.vstack(rows)),
             np.concatenate(right),
             cones,
-            settings,
+            quiet_settings(_TOLERANCE),
         )
         solution = solver.solve()
         if str(solution.status) not in ("Solved", "AlmostSolved"):
