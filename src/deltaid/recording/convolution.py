@@ -35,6 +35,8 @@ def convolve(
     filters, length = taps.shape
     channels, samples = x.shape
     kept = max(0, -(-(samples - length + 1) // decimation))
+    if not channels:
+        return np.zeros((filters, 0, kept))
     span = (_OUTPUTS - 1) * decimation + length
     band = _band(taps, decimation, span)
     step = _OUTPUTS * decimation
