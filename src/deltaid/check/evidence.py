@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.additions import Addition
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -17,7 +17,8 @@ from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import QUANTITIES, ColumnMapping
-from deltaid.recording.memory import RecordingLike
+from deltaid.recording.memory import Recording as InMemory
+from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.recording.resolution import si_unit
@@ -58,7 +59,7 @@ class Evidence:
     dynamics: Dynamics
     table: Table
     columns: Columns
-    source: RecordingLike
+    source: Path | InMemory
     mapping: ColumnMapping
     settings: Settings
     problem: FittedProblem | None = None
@@ -106,7 +107,7 @@ class Evidence:
         return written
 
     @cached_property
-    def _setup(self) -> Setup | RecordingError:
+    def setup(self) -> Setup | RecordingError:
         """The recording, without the torques of what it is declared to hold."""
         keep, cutoff = self.settings.keep_all, self.settings.cutoff
         where = self.source, self.dynamics.kinematics, self.mapping
@@ -119,13 +120,8 @@ class Evidence:
     @cached_property
     def surveyed(self) -> Recording | RecordingError:
         """The recording as identification uses it, or the error that prevents it."""
-        setup = self._setup
+        setup = self.setup
         return setup if isinstance(setup, RecordingError) else setup.recordings[0]
-
-    @property
-    def additions(self) -> tuple[Addition, ...]:
-        """Columns of what the recording is declared to hold."""
-        return () if isinstance(self._setup, RecordingError) else self._setup.additions
 
     @cached_property
     def study(self) -> Study | None:
@@ -142,7 +138,7 @@ class Evidence:
         """The fit to this recording, or why there is none."""
         if self.problem is not None:
             return self.problem
-        setup = self._setup
+        setup = self.setup
         if isinstance(setup, RecordingError):
             return setup
         try:
@@ -162,7 +158,7 @@ def evidence(
     Raises:
         RecordingError: it cannot be opened, or a column is missing.
     """
-    dynamics = compiled(robot)
+    dynamics, source = compiled(robot), as_source(source)
     table, columns, mapping = resolved_table(source, dynamics.kinematics, mapping)
     return Evidence(dynamics, table, columns, source, mapping, settings or Settings())
 
@@ -170,7 +166,7 @@ def evidence(
 def forget(evidence: Evidence) -> None:
     """Drop what can be read again: all recordings might not fit into memory."""
     _ = evidence.moved
-    for key in ("rows", "_setup", "surveyed"):
+    for key in ("rows", "setup", "surveyed"):
         vars(evidence).pop(key, None)
 
 

@@ -131,8 +131,8 @@ def _size_of(robot: RobotDescription) -> float:
 
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each measured value that cannot be, or one that all go with the prior."""
-    rows, stated = weighings(robot), stated_spreads(robot)
-    parameters, size = parameter_layout(robot).parameters, _size_of(robot)
+    rows, stated, key = weighings(robot), stated_spreads(robot), "measured-scale"
+    parameters = parameter_layout(robot).parameters
     prior = np.array([entry.prior for entry in parameters])
     std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
     verdicts = list[Verdict]()
@@ -143,8 +143,12 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
         if row.unit == "kg m":
             bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
             lever = error / float(prior[10 * bodies].sum())
-            if lever > _FARTHEST * size:
-                verdicts.append(_far(row, lever))
+            if lever > _FARTHEST * _size_of(robot):
+                seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
+                cause = "a centre of mass in mm, or a first moment in kg mm or g mm"
+                cure = "give centres in m and first moments in kg m, in the body's link frame"
+                found = Verdict(key, Grade.WRONG, seen, row.where, cause, cure, (), lever, "m")
+                verdicts.append(found)
         elif ratio < 1 / _FACTOR or (ratio > _FACTOR and unlikely):
             verdicts.append(_scaled(row, expected, ratio))
     if verdicts or not rows:
@@ -152,16 +156,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     first, *_ = rows
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first.name}, {go} with the description"
-    return (Verdict("measured-scale", Grade.GOOD, seen),)
-
-
-def _far(row: Weighing, lever: float) -> Verdict:
-    """A centre of mass or a first moment by how far off the prior's it lies [m]."""
-    seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
-    cause = "a centre of mass in mm, or a first moment in kg mm or g mm"
-    cure = "give centres in m and first moments in kg m, in the body's link frame"
-    key, grade = "measured-scale", Grade.WRONG
-    return Verdict(key, grade, seen, row.where, cause, cure, number=lever, unit="m")
+    return (Verdict(key, Grade.GOOD, seen),)
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:

@@ -24,11 +24,12 @@ from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.verdicts import cured_mapping, cured_robot, files_of
+from deltaid.check.verdicts import Verdicts, files_of
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import late
 from deltaid.effects.windings import Windings, free_friction, friction_causes, motors_of
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import (
     STRETCHES,
     DriveRows,
@@ -116,10 +117,11 @@ def _smaller(squares: Squares, others: Squares) -> bool:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def held_out(record: Evidence) -> HeldOut | None:
     """The error of a recording as its files describe it; None where it cannot be computed."""
-    if isinstance(record.surveyed, RecordingError):
+    setup = record.setup
+    if isinstance(setup, RecordingError):
         return None
-    trace = studied_trace(record.dynamics, record.surveyed, prior_parameters(record.robot))
-    halves = None if trace is None else _halves(trace, record)
+    trace = studied_trace(record.dynamics, setup.recordings[0], prior_parameters(record.robot))
+    halves = None if trace is None else _halves(trace, setup.additions)
     if halves is None:
         return None
     best, chosen, others = halves.squares(()), list[int](), list(range(len(halves.ends)))
@@ -165,7 +167,7 @@ class _Halves:
         return sums / np.diff(starts, append=self.rows.samples)
 
 
-def _halves(trace: Trace, record: Evidence) -> _Halves | None:
+def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     """Rows of a recording with what it is declared to hold; None where they are too few."""
     log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
     rows = DriveRows(log.torque_max, trace.torques().shape[1])
@@ -181,7 +183,7 @@ def _halves(trace: Trace, record: Evidence) -> _Halves | None:
     now, *softer = (winding.turned(step) for step in (0 * rows.scale, *steps))
     before, *after = (turned.model(p) - turned.torques() for turned in (now, *softer))
     parts = [
-        trace.regressor(record.additions),
+        trace.regressor(declared),
         late(trace, p),
         *(friction[:, :, part] for part in friction_causes(dynamics.dof)),
         of_own_drives(trace.model(p)[:, :, None]),
@@ -248,9 +250,9 @@ def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
     try:
         if not verdicts:
             return held_out(record)
-        robot, mapping = cured_robot(record.robot, verdicts), record.mapping
-        if "mapping" in files_of(verdicts):
-            mapping = cured_mapping(record, verdicts)
+        proposed = Verdicts(verdicts, record.robot, [record.source], [record.mapping])
+        mapping = proposed.cured_columns() if "mapping" in files_of(verdicts) else record.mapping
+        robot = proposed.cured_robot()
         return held_out(evidence(robot, record.source, mapping, record.settings))
     except DeltaidError:
         return None

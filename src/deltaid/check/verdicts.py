@@ -118,7 +118,8 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Raises:
             DeltaidError: there is not one recording, whose mapping could be meant.
         """
-        return cured_mapping(self._recorded, self)
+        text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
+        return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
 
     def cured_robot(self) -> RobotDescription:
         """The description with all that is proposed.
@@ -126,7 +127,10 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Raises:
             DeltaidError: the file does not describe a robot, or what is proposed does not fit.
         """
-        return cured_robot(self._described, self)
+        if not (proposed := changes(self, "robot")):
+            return self._described
+        text = yaml_text(mended(as_written(self._described), proposed))
+        return described_in(text, "cured robot")
 
     @property
     def _described(self) -> RobotDescription:
@@ -176,27 +180,6 @@ def as_written(robot: RobotLike) -> Data:
         if not holds_a_model(text):
             return plain_data(text, str(robot))
     return described(robot).model_dump(mode="json", exclude_none=True)
-
-
-def cured_robot(robot: RobotDescription, verdicts: Iterable[Verdict]) -> RobotDescription:
-    """A description with all that verdicts propose for it.
-
-    Raises:
-        DescriptionError: what is proposed does not fit.
-    """
-    if not (proposed := changes(verdicts, "robot")):
-        return robot
-    return described_in(yaml_text(mended(as_written(robot), proposed)), "cured robot")
-
-
-def cured_mapping(record: Evidence, verdicts: Iterable[Verdict]) -> ColumnMapping:
-    """The mapping of a recording, its columns named, with all that verdicts propose for it.
-
-    Raises:
-        RecordingError: what is proposed does not fit.
-    """
-    text = yaml_text(mended(record.written_mapping, changes(verdicts, "mapping")))
-    return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
 
 
 def mended(data: Data, proposed: Changes) -> Data:
