@@ -125,6 +125,8 @@ class FrictionRows:
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def columns(self, shapes: Sequence[tuple[Joint, Shape]]) -> Columns:
         """One column for each shape of a joint."""
+        if not shapes:
+            return np.zeros((len(self.tau), 0))
         parts = [point.of_joints(shapes) for point in self.points]
         return self.drive_rows.stack(np.concatenate(parts, axis=1))
 
