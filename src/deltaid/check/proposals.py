@@ -180,14 +180,12 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     if tau.shape[1] < STRETCHES:
         return None
     friction, steps = free_friction(trace, p), np.diag(_LITTLE / rows.scale)
-    now, *softer = (winding.turned(step) for step in (0 * rows.scale, *steps))
-    before, *after = (turned.model(p) - turned.torques() for turned in (now, *softer))
     parts = [
         trace.regressor(declared),
         late(trace, p),
         *(friction[:, :, part] for part in friction_causes(dynamics.dof)),
         of_own_drives(trace.model(p)[:, :, None]),
-        np.stack([error - before for error in after], axis=2) / _LITTLE,  # by each compliance
+        winding.slopes(0 * rows.scale, steps, p),
     ]
     A = np.concatenate(parts, axis=2)
     rows = DriveRows(rows.scale, tau.shape[1]).by_misfit(A, tau)

@@ -3,7 +3,6 @@
 Deleting one's file and its lines leaves the others.
 """
 
-from deltaid.effects.beside import BESIDE
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
@@ -16,7 +15,7 @@ from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import Place
 from deltaid.effects.ripple import Ripple
-from deltaid.effects.unknown import Unknown
+from deltaid.effects.unknown import BESIDE, Unknown
 from deltaid.effects.zero import Zero
 
 EFFECTS: tuple[Effect, ...] = (

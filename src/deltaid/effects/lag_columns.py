@@ -207,11 +207,8 @@ def _late(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
     """The rise of torques from sample to sample, without the steps of friction.
 
-    Central differences; next to a reversal the difference of the side without a step.
-
-    Args:
-        tau: at least two samples.
-        turned: between which samples and the next a joint turns round.
+    Central differences of at least two samples; next to a reversal, where a joint turned round
+    between a sample and the next, the difference of the side without a step.
     """
     steps = np.diff(tau, axis=1)
     total, number = (

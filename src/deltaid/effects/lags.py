@@ -128,7 +128,7 @@ def estimate_lags(
     # A filter and friction that yields look alike; one that no other rows confirm does not count.
     yields = filtered & ~agrees
     step_std = np.where(yields, np.inf, step_std)
-    known = np.isfinite(step_std)
+    known, own = np.isfinite(step_std), np.eye(rows.dynamics.dof)
     agrees |= ~known
     if known.any():
         held = np.where(known, np.where(agrees, step_std, _HELD), _PRIOR)
@@ -138,14 +138,10 @@ def estimate_lags(
         weight = by_steps + by_rows
         values = np.where(known, (by_steps * steps + by_rows * values) / weight, remaining)
         unknown = ~known[:, :, None] & ~known[:, None, :]
-        covariance = errors * unknown + _diagonal(known / weight)
+        covariance = errors * unknown + (known / weight)[:, :, None] * own
     # Where steps contradict a drive's friction law, other rows are not trusted.
-    covariance = covariance + _DOUBTFUL**2 * _diagonal((doubtful | yields) & ~known)
+    covariance = covariance + _DOUBTFUL**2 * ((doubtful | yields) & ~known)[:, :, None] * own
     return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
-
-
-def _diagonal(entries: np.ndarray) -> Covariances:
-    return entries[:, :, None] * np.eye(entries.shape[1])
 
 
 def _swept(

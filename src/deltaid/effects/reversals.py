@@ -88,14 +88,8 @@ class Local:
 def lags_of_reversals(
     trace: Trace, additions: Sequence[Addition], p: Parameters, known: Delay
 ) -> Told:
-    """The lag of every drive by its reversals.
-
-    Args:
-        trace: a recording, reversals excluded.
-        additions: extra columns.
-        p: parameters of both, which go with the known lags.
-        known: lags by the other rows [s].
-    """
+    """The lag of every drive by its reversals, for those by all other rows, `known` [s], and the
+    parameters of robot and additions that go with them."""
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
     lags = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period

@@ -26,12 +26,8 @@ Orders = Float[np.ndarray, " orders"]
 def largest_ripples(
     points: Sequence[Point], residuals: Residuals, least: float
 ) -> list[tuple[int, float]]:
-    """The order of the largest ripple of each drive that has one beyond chance.
-
-    Args:
-        residuals: of each recording, in units of each drive's noise.
-        least: how unlikely by chance [decades].
-    """
+    """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
+    in residuals in units of each drive's noise."""
     ripples = list[tuple[int, float]]()
     for i in range(points[0].dof):
         orders = _orders(points, i)

@@ -59,12 +59,7 @@ def other_than_delays(
     """Filters or a clock that a recording's torques have, None where there is neither; and whose
     lags may be those of filters as well as delays.
 
-    Args:
-        rows: what rows are over.
-        trace: the recording, with torques as they came.
-        lags: of each drive [s].
-        abrupt: whose torques show steps at once.
-        p: the parameters that go with them.
+    The trace has torques as they came, which have lags [s] and, of some drives, abrupt steps.
     """
     dof = len(lags)
     about = float(np.concatenate([run.time for run in trace.stretches]).mean())

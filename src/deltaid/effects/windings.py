@@ -33,12 +33,8 @@ Groups = Float[np.ndarray, "dof groups"]
 
 
 def motors_of(robot: RobotDescription, p: Parameters, cutoff: float, rate: float) -> Gears:
-    """Stiff gears between links and motors with the friction and rotors of p.
-
-    Args:
-        cutoff: of the low-pass over rows [Hz], which that over what gears carry must not bend.
-        rate: samples per second.
-    """
+    """Stiff gears between links and motors with the friction and rotors of p, whose low-pass over
+    what they carry does not bend that over rows, of a cut-off [Hz] and a rate [1/s]."""
     names = (parameter.name for parameter in parameter_layout(robot).parameters)
     named = dict(zip(names, p.tolist(), strict=True))
     viscous, coulomb, rotor = (
@@ -127,11 +123,8 @@ class Windings:
 def rows_of(
     rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
 ) -> RecordingRows:
-    """Rows of a trace with extra columns, those of friction behind.
-
-    Args:
-        p: whose torques gears carry, which losses grow with.
-    """
+    """Rows of a trace with extra columns, those of friction behind, which grows with what gears
+    carry by p."""
     part = rows.of_trace(trace)
     return replace(part, A=np.concatenate([part.A, *columns, free_friction(trace, p)], axis=2))
 
