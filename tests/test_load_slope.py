@@ -4,7 +4,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.load_slope import LoadSlope
+from deltaid.identification.measured_rows import LoadSlope
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.windows import Samples
 from deltaid.robot.load import load_robot

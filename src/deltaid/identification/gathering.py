@@ -99,7 +99,7 @@ def gather(
     that their noise has the covariance 1 where it had Σ.
 
     Friction that depends on load uses what gears carry by parameters `load`, and is linear about
-    these (`load_slope`). Without them it uses the measured torques, whose noise then stands on both
+    these (`LoadSlope`). Without them it uses the measured torques, whose noise then stands on both
     sides of the equation, and with it the motors' own friction.
 
     Raises:
