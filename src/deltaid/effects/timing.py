@@ -91,7 +91,9 @@ def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Timi
     return _swept(rows, trace, start, replace(free, pure=True))
 
 
-def _dead_times(timing: Timing, some: Drives) -> tuple[Delay, Float[np.ndarray, "dof dof"]]:
+def _dead_times(
+    timing: Timing, some: Drives
+) -> tuple[Float[np.ndarray, " some"], Float[np.ndarray, "some some"]]:
     """L − T of some drives, and its covariance."""
     each = np.eye(len(some))[some]
     S = np.hstack([each, -each, np.zeros((len(each), 1))])
