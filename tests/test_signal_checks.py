@@ -139,7 +139,7 @@ def test_a_step_is_found_whatever_the_offset_and_none_where_there_is_none() -> N
 def test_white_noise_has_its_level_beside_a_motion_and_steps_of_friction() -> None:
     rng, t = np.random.default_rng(0), np.arange(20000) / 1000
     x = np.stack([5 * np.sin(2 * np.pi * 3 * t), np.sign(np.sin(2 * np.pi * 0.7 * t))], axis=1)
-    noise = white_noise(x + 0.1 * rng.standard_normal(x.shape), 1000.0)
+    noise = white_noise(x + 0.1 * rng.standard_normal(x.shape))
     np.testing.assert_allclose(noise, 0.1, rtol=0.1)
 
 

@@ -202,7 +202,7 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
     tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
     largest, spread = np.maximum([np.abs(tau).max(axis=0), tau.std(axis=0)], 1e-300)
     steps = np.array([step_of(x) for x in tau.T])
-    variance = white_noise(tau, 1.0 / evidence.rows.step) ** 2 - steps**2 / 12
+    variance = white_noise(tau) ** 2 - steps**2 / 12
     noise, coarse = np.sqrt(np.maximum(variance, 0.0)), moves & (steps > _COARSE * spread)
     shares = (noise / largest).tolist()
     noisy = np.flatnonzero(moves & (noise / largest > _NOISY) & ~coarse)

@@ -202,20 +202,13 @@ def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
 
 
 def chunks_of_drives(
-    regressor: Columns,
-    values: Float[np.ndarray, "entries samples"],
-    tau: Rows,
-    active: Int[np.ndarray, " columns"] | None = None,
+    regressor: Columns, values: Float[np.ndarray, "entries samples"], y: Rows
 ) -> list[Chunk]:
-    """Each drive's rows of [Y, τ], without the columns that are zero for it by structure; gathered
-    are the active columns, if they are more than torques show."""
-    columns = active_columns(regressor) if active is None else active
-    rows, entries = regressor.regressor_pattern
+    """Rows of [Y, τ] of each drive and channel, without the columns that are zero by structure."""
+    columns, (rows, entries) = active_columns(regressor), regressor.regressor_pattern
+    places = np.searchsorted(columns, entries)
     return [
-        (
-            np.append(np.searchsorted(columns, entries[rows == i]), len(columns)),
-            np.vstack([values[rows == i], tau[i]]),
-        )
+        (np.append(places[rows == i], len(columns)), np.vstack([values[rows == i], y[i]]))
         for i in range(regressor.dof)
     ]
 

@@ -63,7 +63,7 @@ def density(x: Signals, rate: float, length: int) -> tuple[np.ndarray, np.ndarra
     return frequency, np.mean(np.abs(parts) ** 2, axis=0).T
 
 
-def white_noise(x: Signals, rate: float) -> Float[np.ndarray, " channels"]:
+def white_noise(x: Signals) -> Float[np.ndarray, " channels"]:
     """Standard deviation of the white noise that the upper half of the band shows.
 
     A median over short stretches, so that steps of friction, of which few have one, do not count.

@@ -152,7 +152,7 @@ def _chunks(
 ) -> list[Chunk]:
     """Each drive's and channel's rows of [Y, τ], or their mixtures."""
     if whitening is None:
-        return chunks_of_drives(rows, filtered.entries, filtered.y, rows.active)
+        return chunks_of_drives(rows, filtered.entries, filtered.y)
     places, columns = rows.regressor_pattern
     full = np.zeros((rows.dof, len(rows.active) + 1, filtered.y.shape[1]))
     full[places, np.searchsorted(rows.active, columns)] = filtered.entries

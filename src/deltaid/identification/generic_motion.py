@@ -57,7 +57,7 @@ def _base(
         entries.append(sensor.rows.entries(z, qd, qdd, reading))
     values = np.vstack([entries_at(dynamics, z, qd, qdd, load), *entries])
     y = np.zeros((rows.dof, _SAMPLES))
-    chunks = chunks_of_drives(rows, values, y, rows.active)
+    chunks = chunks_of_drives(rows, values, y)
     condensed = condense(chunks, y, np.ones_like(y))
     information = collect(rows, [condensed], "samples", rows.dof - rows.drives)
     if known:

@@ -208,7 +208,7 @@ class Rest(NamedTuple):
 def rests(study: Study) -> tuple[Rest, ...]:
     """Of each drive; columns of effects that were detected hold to first order."""
     low_pass, causes = study.fit.trace.low_pass, causes_of(study.fit, study.account)
-    noise = white_noise(unexplained(study), low_pass.rate) * low_pass.noise_gain
+    noise = white_noise(unexplained(study)) * low_pass.noise_gain
     residual = study.fit.rows.of_drives(study.account.left)
     largest = np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)

@@ -53,7 +53,7 @@ def speeds_of(log: Log, model: Model) -> Speeds:
     lag, names = _lag(rows, log.rate, dof), [one.column for one in log.columns.velocity]
     if np.abs(lag).max() > _HARMLESS:
         return replace(differences, doubts=(_late(lag, names),))
-    noise = white_noise(rows[:, 1 + dof : 1 + 2 * dof], log.rate)
+    noise = white_noise(rows[:, 1 + dof : 1 + 2 * dof])
     if np.any(noise > np.maximum(made, _QUIET)):
         return replace(differences, doubts=(_noisy(noise, made, names),))
     return Speeds(False, tuple(noise.tolist()))
