@@ -18,7 +18,6 @@ does not show, and the rest parts as their variances.
 
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import clarabel
 import numpy as np
@@ -45,13 +44,6 @@ _SOLVED = ("Solved", "AlmostSolved")
 
 Vector = Float[np.ndarray, " n"]
 Coefficients = Float[np.ndarray, " parameters"]
-
-
-class Range(NamedTuple):
-    """Least and largest value; infinite where neither recording nor consistency ends it."""
-
-    low: float
-    high: float
 
 
 class ConsistentRanges:
@@ -83,19 +75,20 @@ class ConsistentRanges:
         rows, right, self._cones = zip(*parts, strict=True)
         self._rows, self._right = np.concatenate(rows), np.concatenate(right)
 
-    def of(self, c: Coefficients) -> Range:
+    def of(self, c: Coefficients) -> tuple[float, float]:
+        """Least and largest c·p; infinite where neither recording nor consistency ends it."""
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)
         low, high = self._ends(cost, self._reach(cost)[0])
         more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
-        return Range(middle + low - more, middle + high + more)
+        return middle + low - more, middle + high + more
 
-    def share(self, c: Coefficients, within: Range) -> Share:
+    def share(self, c: Coefficients, low: float, high: float) -> Share:
         """What the range of c·p, which must end, comes from."""
         cost = self._map.T @ (self._reduction.A.T @ c)
         t, by_noise = self._reach(cost)
-        width = (within.high - within.low) / (1.0 + 2.0 * _ACCURACY)
+        width = (high - low) / (1.0 + 2.0 * _ACCURACY)
         vanished = float(np.ptp(self._ends(cost, _VANISHED * t)))
         ratio = vanished / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))

@@ -29,24 +29,15 @@ FILES = ("robot.yaml", "truth.yaml", "identify.csv", "verify.csv", "model.yaml")
 
 @dataclass(frozen=True)
 class Demonstration:
-    """An identification beside the truth.
-
-    Attributes:
-        truth: the true parameters.
-        identification: what came out.
-        verification: torque errors on a second motion.
-        mass_error_diagonal, mass_error_off_diagonal: largest relative error of the entries of M
-            along the verification motion. As in Sec. VII it is relative to the mean of the entry;
-            an entry whose mean is small against its neighbours' is compared with √(M_ii M_jj).
-        friction_error: largest relative error of the friction coefficients.
-    """
+    """An identification beside the truth."""
 
     truth: Parameters
     identification: Identification
-    verification: TorqueError
+    verification: TorqueError  # on a second motion
+    # largest relative errors of the entries of M along that motion, as of `mass_matrix_error`
     mass_error_diagonal: float
     mass_error_off_diagonal: float
-    friction_error: float
+    friction_error: float  # largest relative error of the friction coefficients
 
 
 def demonstrate(
@@ -96,7 +87,8 @@ def demonstrate(
 def mass_matrix_error(
     dynamics: Dynamics, z: np.ndarray, truth: Parameters, p: Parameters
 ) -> tuple[float, float]:
-    """Largest relative error of M's entries on and off the diagonal along task coordinates z."""
+    """Largest error of M's entries on and off the diagonal along task coordinates z, relative to
+    `mass_reference`."""
     q = dynamics.kinematics.inverse(z)
     M_true, M = dynamics.mass_matrix(q, truth), dynamics.mass_matrix(q, p)
     error = np.abs(M - M_true).max(axis=0) / mass_reference(M_true)

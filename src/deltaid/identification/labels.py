@@ -85,7 +85,7 @@ class Labels:
             raised = value > alone + _ROUNDING * abs(alone)
             return self._around_prior(i, "consistency" if raised else "prior", prior_std)
         unit = np.eye(len(self._p))[i]
-        low, high = within = self._ranges.of(unit)
+        low, high = self._ranges.of(unit)
         ended, at_edge = np.isfinite(low) and np.isfinite(high), self._at_edge(i)
         around = self._around_prior(i, "prior", prior_std)
         if at_edge and value < _FELL * self._reduction.p_reg[i]:
@@ -95,12 +95,12 @@ class Labels:
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < REACH * enough or (ended and std < enough and not on):
-            share = self._ranges.share(unit, within)
+            share = self._ranges.share(unit, low, high)
             by = "measured" if share.measured > _MOSTLY else "data"
             return Label(by, min(std, half / REACH), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
-            return Label("sum", std, low, high, names, self._ranges.share(unit, within))
+            return Label("sum", std, low, high, names, self._ranges.share(unit, low, high))
         if ended and at_edge:  # the distance of the far end stands for a standard deviation
             return Label("limit", max(high - value, value - low) / REACH, low, high)
         return around
