@@ -36,7 +36,8 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
     sources, corrections = _sources(model, log), identified.corrections
     cutoff = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
     forced = identified.settings.cutoff is not None
-    if any(correction.kind == "velocity" for correction in corrections):
+    kinds = {correction.kind for correction in corrections}
+    if "velocity" in kinds:
         log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
     recording = with_filter(log, cutoff if forced or not log.has_derivatives else None)
     gears, compliance = None, {c.subject: c.value for c in corrections if c.kind == "compliance"}
@@ -46,7 +47,7 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         gears = replace(motors, compliance=tuple(values))
     filters = _mean_of(sources, "filters", model)
     dead, hold = tuple((delays_of(model, log) - filters).tolist()), ()
-    if any(correction.kind == "hold" for correction in corrections):
+    if "hold" in kinds:
         hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
     same = [source for source in sources if source.sha256 == log.sha256]
     repairs = Repairs(

@@ -116,7 +116,10 @@ def assembled(
         problem.layout,
         outcome or Outcome(problem.dynamics.robot),
     )
-    absolute = known_absolutely(problem)
+    # What determines the scale of a fit's torques and masses beside torque constants, in words.
+    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
+    known = [addition.witness for addition in problem.additions if addition.is_absolute]
+    absolute = (*known, *(fact.name for fact in facts))
     moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
     return IdentifiedModel(
         deltaid=version("deltaid"),
@@ -142,13 +145,6 @@ def assembled(
         sources=sources,
         warnings=(*remarks, *outcome.doubts.values(), *doubts_of_fit(problem)),
     )
-
-
-def known_absolutely(problem: FittedProblem) -> tuple[str, ...]:
-    """What determines the scale of a fit's torques and masses beside torque constants, in words."""
-    known = [addition.witness for addition in problem.additions if addition.is_absolute]
-    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
-    return (*known, *(fact.name for fact in facts))
 
 
 def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
