@@ -32,13 +32,12 @@ _MOST = 1 << 18
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Consecutive rows as the mapping makes them, before any check, in SI units; q̇, q̈ and τ are
-    without columns where not recorded."""
+    """Consecutive rows as the mapping makes them, before any check, in SI units; q̇ and τ have no
+    columns where they are not recorded."""
 
     time: Float[np.ndarray, " rows"]
     q: Float[np.ndarray, "rows drives"]
     qd: Float[np.ndarray, "rows _"]
-    qdd: Float[np.ndarray, "rows _"]
     tau: Float[np.ndarray, "rows _"]
 
     @property
@@ -75,16 +74,16 @@ class Evidence:
         Raises:
             RecordingError: it cannot be read at all.
         """
-        columns, parts, rows_read = self.columns, [np.zeros((0, len(self.columns.all)))], 0
+        columns, parts, left = self.columns, [np.zeros((0, len(self.columns.all)))], _MOST
         for batch in read_batches(self.table, columns):
-            parts.append(batch.values[: _MOST - rows_read])
-            rows_read += len(parts[-1])
-            if rows_read >= _MOST:
+            parts.append(batch.values[:left])
+            left -= len(parts[-1])
+            if not left:
                 break
         values = np.concatenate(parts)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
-        q, qd, qdd = np.split(values[:, columns.motion_places], counts, axis=1)
-        return Rows(values[:, 0], q, qd, qdd, values[:, columns.torque_places])
+        q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
+        return Rows(values[:, 0], q, qd, values[:, columns.torque_places])
 
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:
