@@ -5,7 +5,7 @@ Gauss–Newton step; its covariance follows from the scatter of scores between b
 noise of any colour.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,12 +16,13 @@ from jaxtyping import Float
 from deltaid.check.wiring.candidate import Candidate
 from deltaid.check.wiring.motion import Motion
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.geometry import across
+from deltaid.dynamics.geometry import TorqueSlopes, across
+from deltaid.dynamics.grown import grown_torques
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.span import Span
 
-# Blocks of time, step of the slopes [rad or m], and spread of the prior.
-BLOCKS, _STEP, _SPREAD = 24, 1e-4, 0.5
+# Blocks of time, and spread of the prior.
+BLOCKS, _SPREAD = 24, 0.5
 # Share of the larger one's square below which an angle of gravity does not show.
 _SHOWN = 1e-6
 
@@ -113,53 +114,21 @@ class Shifts:
 
 def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     """Errors of zeros and gravity in a recording, for the columns of a candidate."""
-    residual, dof, tau = best.residual, dynamics.dof, best.torques
+    residual, dof, tau, g = best.residual, dynamics.dof, best.torques, dynamics.robot.gravity
     # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
     noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
     A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * residual.scale))])
     b = np.append((tau - residual.Y @ residual.prior) / noise, np.zeros(A.shape[1]))
     p[residual.columns] += Span.of(A).coefficients(b)
-    slopes = _slopes(dynamics, motion, best, p)[:, residual.keep]
-    offsets = residual.rows.own(np.ones((dof, len(residual.tau))))
-    D = np.hstack([residual.rows.stack(slopes), offsets, best.columns * best.gains])
-    return Shifts.of(residual.span, D, tau, dof, slopes.shape[2] - dof)
-
-
-def _slopes(
-    dynamics: Dynamics, motion: Motion, best: Candidate, p: Float[np.ndarray, " parameters"]
-) -> Float[np.ndarray, "drives kept columns"]:
-    """Slopes of the torques at the kept samples; they are smooth enough to need no filter."""
-    low_pass, map, kinematics = motion.low_pass, best.map, dynamics.kinematics
-    places = low_pass.half + low_pass.decimation * np.arange(len(motion.tau))
-    q = map.values(motion.q[places])
-    qd, qdd = map.rates(motion.qd[places]), map.rates(motion.qdd[places])
-    p = p.copy()
     p[dynamics.layout.friction] = 0.0  # its steps have no slope
-
-    def torque(q: np.ndarray) -> np.ndarray:
-        z, good = kinematics.forward_unchecked(q)
-        z = np.where(good[:, None], z, kinematics.home)
-        return np.where(good[:, None], dynamics.torque(z, qd, qdd, p), 0.0)
-
-    def moment(z: np.ndarray) -> np.ndarray:
-        total = np.zeros((len(z), 3))
-        for pose, body in zip(kinematics.poses(z), kinematics.mechanism.bodies, strict=True):
-            m = p[dynamics.layout.body(pose.name)]
-            total += body.count * (m[0] * pose.r_WB + pose.R_WB @ m[1:4])
-        return total
-
-    z, g = best.residual.z[places], np.array(dynamics.robot.gravity)
-    J, along = kinematics.jacobian(z), _differences(moment, z)
-    moments = np.linalg.solve(J.swapaxes(1, 2), along.swapaxes(1, 2)).swapaxes(1, 2)
-    tilts = [-np.einsum("k,skd->ds", np.cross(axis, g), moments) for axis in across(g)]
-    zeros = _differences(torque, q).swapaxes(0, 1)
-    return np.concatenate([zeros, *(column[:, :, None] for column in tilts)], axis=2)
-
-
-def _differences(
-    f: Callable[[np.ndarray], np.ndarray], x: Float[np.ndarray, "samples dof"]
-) -> Float[np.ndarray, "samples values dof"]:
-    """Central differences of values of each sample."""
-    steps = _STEP * np.eye(x.shape[1])
-    return np.stack([(f(x + step) - f(x - step)) / (2 * _STEP) for step in steps], axis=-1)
+    # Slopes at the kept samples are smooth enough to need no filter.
+    kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass
+    places = low_pass.half + low_pass.decimation * kept
+    rates = np.hstack([best.map.rates(rate[places]) for rate in (motion.qd, motion.qdd)])
+    grown, z = grown_torques(dynamics.robot), residual.z[places]
+    slopes, axes = TorqueSlopes(grown, z, rates, p, np.array(g)), across(np.array(g))
+    D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
+    offsets = residual.rows.own(np.ones((dof, len(kept))))
+    columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
+    return Shifts.of(residual.span, columns, tau, dof, len(axes))
