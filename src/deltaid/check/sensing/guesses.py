@@ -29,18 +29,14 @@ _FORCE, _MOMENT = slice(3), slice(3, 6)
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """One map T of what is shown: T y is what it should show, with the misfit Q.
-
-    Attributes:
-        offset: of its origin along its axes [m].
-        other: the sensor whose column it is.
-    """
+    """One map T of what is shown: T y is what it should show, with the misfit Q."""
 
     kind: Kind
     T: Map
     Q: float
+    # of its origin along its axes [m]
     offset: Float[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
-    other: str = ""
+    other: str = ""  # the sensor whose column it is
 
     @property
     def gains(self) -> Float[np.ndarray, " channels"]:

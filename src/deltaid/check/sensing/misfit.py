@@ -42,19 +42,13 @@ class MapFit:
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """One sensor's rows as products, so that a map costs no sample.
-
-    Attributes:
-        signal: of the columns X; shown: of the data y, the same unless exchanged.
-        beside: additional columns, the last ones of X.
-        spread: standard deviation of their coefficients.
-    """
+    """One sensor's rows as products, so that a map costs no sample."""
 
     sheet: Sheet
-    signal: Signal
-    shown: Signal
-    beside: Float[np.ndarray, "channels added samples"] | None = None
-    spread: float = 1.0
+    signal: Signal  # of the columns of θ
+    shown: Signal  # of the data y, the same unless exchanged
+    beside: Float[np.ndarray, "channels added samples"] | None = None  # additional columns
+    spread: float = 1.0  # standard deviation of their coefficients
 
     @cached_property
     def counts(self) -> float:

@@ -31,20 +31,14 @@ Values = Float[np.ndarray, "channels samples"]
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What one sensor shows: y = X θ, θ the robot's parameters and then the sensor's unknowns.
+    """What one sensor shows: y = X θ, θ the robot's parameters and then the sensor's unknowns."""
 
-    Attributes:
-        rows: what it measures of the robot; columns: its columns in the log.
-        X, y: filtered, zero where nothing counts; counts: how far each sample does.
-        raw: y in all rows, unfiltered; NaN where nothing.
-    """
-
-    rows: SensorRows
-    columns: SensorChannels
-    X: Float[np.ndarray, "channels theta samples"]
+    rows: SensorRows  # what it measures of the robot
+    columns: SensorChannels  # in the log
+    X: Float[np.ndarray, "channels theta samples"]  # like y filtered, zero where nothing counts
     y: Values
-    counts: Float[np.ndarray, " samples"]
-    raw: Float[np.ndarray, "channels rows"]
+    counts: Float[np.ndarray, " samples"]  # how far each sample does
+    raw: Float[np.ndarray, "channels rows"]  # y in all rows, unfiltered; NaN where nothing
 
     @property
     def name(self) -> str:
@@ -53,20 +47,14 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """The rows of a recording.
-
-    Attributes:
-        torques: what the drives' torques tell of all the robot's parameters.
-        starts: first samples of stretches without a gap.
-        period: between two samples [s]; row: between two rows of the log [s].
-    """
+    """The rows of a recording."""
 
     dynamics: Dynamics
     signals: tuple[Signal, ...]
-    torques: Information
-    starts: Int[np.ndarray, " stretches"]
-    period: float
-    row: float
+    torques: Information  # what the drives' torques tell of all the robot's parameters
+    starts: Int[np.ndarray, " stretches"]  # first samples of stretches without a gap
+    period: float  # between two samples [s]
+    row: float  # between two rows of the log [s]
 
     @cached_property
     def by_torques(self) -> LinearProblem:

@@ -46,18 +46,13 @@ Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One assignment of columns, and how well a consistent robot explains it.
-
-    Attributes:
-        order: the torque column of each drive.
-        gains: of these, with sign: drive torque = gain · number; ±1, or a gain far from 1.
-        evidence: log evidence before consistency, to choose which to fit.
-    """
+    """One assignment of columns, and how well a consistent robot explains it."""
 
     residual: Residual
-    order: tuple[int, ...]
+    order: tuple[int, ...]  # the torque column of each drive
+    # with sign: drive torque = gain · number; ±1, or a gain far from 1
     gains: Float[np.ndarray, " drives"]
-    evidence: float = 0.0
+    evidence: float = 0.0  # before consistency (a logarithm), to choose which to fit
 
     @property
     def map(self) -> Map:
@@ -197,11 +192,8 @@ def residuals(
 def tried(
     dynamics: Dynamics, motion: Motion, maps: Iterable[Map], *, as_is: bool = False
 ) -> Iterator[Candidate]:
-    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close.
-
-    Args:
-        as_is: whether torque columns keep their order.
-    """
+    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
+    `as_is`, torque columns keep their order."""
     for solved in residuals(dynamics, motion, maps):
         dof = len(solved.still)
         patterns, in_order, values = Patterns.all_of(dof), np.arange(dof), solved.evidences.copy()

@@ -39,15 +39,11 @@ INERTIA, VISCOUS = 0, 2
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A recording under the columns that explain it best.
-
-    Attributes:
-        motion: the stretch that was evaluated.
-        good: hypotheses that explain it equally well, simplest first; none if no loops close.
-    """
+    """A recording under the columns that explain it best."""
 
     evidence: Evidence
-    motion: Motion
+    motion: Motion  # the stretch that was evaluated
+    # hypotheses that explain it equally well, simplest first; none if no loops close
     good: tuple[Candidate, ...]
 
     @cached_property
@@ -190,11 +186,8 @@ def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterab
     """The unit of a position, a factor, that makes a drive's components agree best with the prior.
 
     1 where the torque's scale, or nothing, explains them as well. Angles too large by a factor make
-    inertia and viscous friction too small by it, and Coulomb friction stays.
-
-    Args:
-        pace: the drive's largest speed over the largest one that is described; 0 where none is.
-        units: those that it may be in.
+    inertia and viscous friction too small by it, and Coulomb friction stays. `pace` is the drive's
+    largest speed over the largest one that is described; 0 where none is.
     """
 
     def odd(logs: np.ndarray, pace: float) -> float:

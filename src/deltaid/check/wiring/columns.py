@@ -4,14 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.check.wiring.case import (
-    DOUBTFUL_SCALE,
-    INERTIA,
-    WRONG_SCALE,
-    Case,
-    in_unit,
-    overall,
-)
+from deltaid.check.wiring.case import DOUBTFUL_SCALE, INERTIA, WRONG_SCALE, Case, in_unit, overall
 from deltaid.check.wiring.cures import Values
 from deltaid.check.wiring.residual import Map
 from deltaid.check.wiring.velocity import rates
@@ -23,6 +16,8 @@ from deltaid.recording.mapping import Quantity
 _SURE = 0.08
 # Said where hypotheses explain a recording equally well.
 _UNDECIDED = "the recording does not show which"
+# Thousandths of the unit of torques, of a turning and of a linear drive.
+_MILLI = "mN m", "mN"
 # Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
 _MIRRORED = 0.3
 
@@ -188,9 +183,8 @@ def torque_verdicts(case: Case) -> Iterator[Verdict]:
 
 def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
     """A drive whose torques must be multiplied by `gain` relative to the others."""
-    name, source, entries, unit = case.names[i], case.best.order[i], case.entries, _milli(case, i)
+    source, entries, whose = case.best.order[i], case.entries, f"the torque of {case.names[i]}"
     beside = "the prior says" if rough else "those of the other drives ask for"
-    key, number, whose = "torque-unit", 1 / gain, f"the torque of {name}"
     change: dict[str, object] = {}
     if gain > 1:
         key, number = "gear", gain
@@ -198,35 +192,31 @@ def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verd
         cure = "declare the gear (or lead) of its torque column, exactly"
         change = {} if rough else entries.of_motor("torque", source, gain)
     else:
+        key, number, unit = "torque-unit", 1 / gain, _MILLI[case.linear(i)]
         if 0.8 < 1e3 * gain < 1.25:
             change = entries.in_unit("torque", source, 1e-3)
         cause = f"in another unit, such as {unit} or per mille of a rated torque"
         cause = f"in {unit}" if change else cause
         cure = "declare the unit of its torque column"
-    seen = f"{whose} is {1 / gain:.3g} times what {beside}"
+    seen, cause = f"{whose} is {1 / gain:.3g} times what {beside}", f"{whose} is {cause}"
     proposals = entries.proposal({"torque": {i: change}})
-    cause = f"{whose} is {cause}"
-    return Verdict(key, Grade.WRONG, seen, name, cause, cure, proposals, number)
-
-
-def _milli(case: Case, i: int) -> str:
-    return "mN" if case.linear(i) else "mN m"
+    return Verdict(key, Grade.WRONG, seen, case.names[i], cause, cure, proposals, number)
 
 
 def _all_torques(case: Case, size: float) -> Verdict:
     """Torques of all drives that are `size` times those of the prior."""
-    doubtful, linear, values = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
+    doubtful, linear, changes = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
     if size < 1:
-        cause = "torques are those of the motors, behind a gear"
-        cause += " or spindle" if linear else f" of about {1 / size:.2g}"
+        gear = "a gear or spindle" if linear else f"a gear of about {1 / size:.2g}"
+        cause = f"torques are those of the motors, behind {gear}"
         cause += ", or currents without their torque_constant"
         if doubtful:
             cause = f"a gear is not declared, or the prior is {1 / size:.2g} times too heavy"
         cure = "declare gear (or lead) and torque_constant of the torque columns"
     elif 300 < size < 3000:
-        cause = f"torques are in {_milli(case, 0)}, or in per mille of a rated torque of about 1"
+        cause = f"torques are in {_MILLI[linear]}, or in per mille of a rated torque of about 1"
         order = enumerate(case.best.order)
-        values = {i: case.entries.in_unit("torque", column, 1e-3) for i, column in order}
+        changes = {i: case.entries.in_unit("torque", column, 1e-3) for i, column in order}
         cure = "declare the unit of the torque columns"
     else:
         unit = "N" if linear else "N m"
@@ -239,8 +229,7 @@ def _all_torques(case: Case, size: float) -> Verdict:
             "declare the unit of the torque columns, the rated torque in it, such as "
             "0.0235 N*m for per mille of 23.5 N m"
         )
-    key = "gear" if size < 1 else "torque-unit"
-    grade = Grade.DOUBTFUL if doubtful else Grade.WRONG
+    key, grade = "gear" if size < 1 else "torque-unit", Grade.DOUBTFUL if doubtful else Grade.WRONG
     seen = f"torques are {size:.3g} times those that the prior leads to, in all drives alike"
-    proposals = case.entries.proposal({"torque": values})
+    proposals = case.entries.proposal({"torque": changes})
     return Verdict(key, grade, seen, "", cause, cure, proposals, number=size)

@@ -30,17 +30,11 @@ _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
 
 @dataclass(frozen=True)
 class Consistent:
-    """The fit of a robot that may exist.
+    """The fit of a robot that may exist."""
 
-    Attributes:
-        score: log likelihood and log prior of it.
-        left: share of the torques that it leaves, of each drive alike.
-        distance: d² to the prior; below some 10 where bodies are as described.
-    """
-
-    score: float
-    left: float
-    distance: float
+    score: float  # log likelihood and log prior of it
+    left: float  # share of the torques that it leaves, of each drive alike
+    distance: float  # d² to the prior; below some 10 where bodies are as described
 
 
 IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)

@@ -31,22 +31,16 @@ _SHOWN = 1e-6
 class Shifts:
     """Errors of zeros [rad or m] and of the direction of gravity [rad], from rows.
 
-    Attributes:
-        H: products of their columns, parameters projected out.
-        scores: of each block, (blocks, columns).
-        left: sum of squares without them, parameters projected out.
-        rows: that it is of.
-        drives: number of zeros; two angles of gravity follow, or none without gravity, then each
-            drive's torque offset and gain.
-        angles: 2, or 0.
+    Columns are of the drives' zeros, of two angles of gravity or none without gravity, then of each
+    drive's torque offset and gain.
     """
 
-    H: Float[np.ndarray, "columns columns"]
+    H: Float[np.ndarray, "columns columns"]  # products of columns, parameters projected out
     scores: Float[np.ndarray, "blocks columns"]
-    left: float
-    rows: int
+    left: float  # sum of squares without the columns, parameters projected out
+    rows: int  # that it is of
     drives: int
-    angles: int
+    angles: int  # of gravity, 2 or 0
 
     @classmethod
     def of(

@@ -41,26 +41,18 @@ Values = Float[np.ndarray, "_ _"]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Filtered positions with derivatives and filtered torques of one stretch.
+    """Filtered positions with derivatives and filtered torques of one stretch."""
 
-    Attributes:
-        q, qd, qdd: (samples, drives) as mapped, evenly spaced.
-        load: τ at these samples, which stands for what gears carry.
-        tau: (kept, drives) torques that passed the low-pass, thinned.
-        awake: (kept,) where no drive rests that moves at other times: at rest friction balances
-            any torque. All, if too few would remain.
-        low_pass: from samples to kept ones.
-        recorded: q̇ of columns for it, if there are any.
-    """
-
-    q: Values
-    qd: Values
-    qdd: Values
-    load: Values
-    tau: Values
+    q: Float[np.ndarray, "samples drives"]  # as mapped, evenly spaced
+    qd: Float[np.ndarray, "samples drives"]
+    qdd: Float[np.ndarray, "samples drives"]
+    load: Values  # τ at these samples, which stands for what gears carry
+    tau: Values  # that passed the low-pass, thinned
+    # Where no drive rests that moves at other times: at rest friction balances any torque. All, if
+    # too few would remain.
     awake: Bool[np.ndarray, " kept"]
-    low_pass: LowPass
-    recorded: Values
+    low_pass: LowPass  # from samples to kept ones
+    recorded: Values  # q̇ of columns for it, if there are any
 
     def filtered(self, signals: Float[np.ndarray, "channels samples"]) -> Values:
         """Low-passed and thinned signals: (channels, kept)."""

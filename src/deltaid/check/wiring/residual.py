@@ -68,16 +68,11 @@ class Map:
 
 @dataclass(frozen=True, eq=False)
 class Patterns:
-    """Orders and signs of torque columns: all there are, in a fixed sequence.
-
-    Attributes:
-        orders, signs: (patterns, drives).
-        weights: (patterns, pairs), of the columns of E by drive and torque column.
-    """
+    """Orders and signs of torque columns: all there are, in a fixed sequence."""
 
     orders: Int[np.ndarray, "patterns drives"]
     signs: Float[np.ndarray, "patterns drives"]
-    weights: Float[np.ndarray, "patterns pairs"]
+    weights: Float[np.ndarray, "patterns pairs"]  # of columns of E, by drive and torque column
 
     @classmethod
     @lru_cache
@@ -92,29 +87,19 @@ class Patterns:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """Least squares under one map of the positions.
-
-    Attributes:
-        z: poses of all samples, and the share of them where the loops close, regular and on the
-            branch of most.
-        rows: how samples of drives stand under each other in Y.
-        tau: torques as recorded, of the samples used, a column as in the mapping.
-        columns: parameters that columns of Y stand for; prior: of these.
-        still: drives at rest, whose torques are friction's and determine no sign.
-        keep: which of the kept samples are used.
-    """
+    """Least squares under one map of the positions."""
 
     dynamics: Dynamics
     map: Map
-    z: Float[np.ndarray, "samples dof"]
-    share: float
-    rows: DriveRows
-    tau: Float[np.ndarray, "used dof"]
+    z: Float[np.ndarray, "samples dof"]  # poses
+    share: float  # of samples where the loops close, regular and on the branch of most
+    rows: DriveRows  # how samples of drives stand under each other in Y
+    tau: Float[np.ndarray, "used dof"]  # as recorded, a column as in the mapping
     Y: Float[np.ndarray, "rows columns"]
-    columns: Int[np.ndarray, " columns"]
+    columns: Int[np.ndarray, " columns"]  # parameters that columns of Y stand for
     prior: Float[np.ndarray, " columns"]
-    still: Bool[np.ndarray, " dof"]
-    keep: Bool[np.ndarray, " kept"]
+    still: Bool[np.ndarray, " dof"]  # at rest torques are friction's and determine no sign
+    keep: Bool[np.ndarray, " kept"]  # which of the kept samples are used
 
     @cached_property
     def span(self) -> Span:

@@ -32,22 +32,14 @@ _LEAVE = "leave the velocity columns out: positions are then differentiated"
 
 @dataclass(frozen=True)
 class Rate:
-    """One velocity column compared with the derivatives of all positions.
+    """One velocity column compared with the derivatives of all positions."""
 
-    Attributes:
-        drive: whose column it should be.
-        nearest: drive whose derivative it correlates with best.
-        correlation: with that one's, and `own` with its own's.
-        scale: k, of the nearest.
-        lag: δ behind it [s], with its standard deviation.
-    """
-
-    drive: int
-    nearest: int
-    correlation: float
-    own: float
-    scale: float
-    lag: float
+    drive: int  # whose column it should be
+    nearest: int  # drive whose derivative it correlates with best
+    correlation: float  # with that one's
+    own: float  # correlation with its own's
+    scale: float  # k, of the nearest
+    lag: float  # δ behind it [s]
     lag_std: float
 
     @property
