@@ -74,13 +74,8 @@ def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
 def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
     """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
     rows, signal = misfit.sheet, misfit.signal
-    units = [[channel.unit for channel in other.rows.channels] for other in rows.signals]
-    own = units[rows.signals.index(signal)]
-    others = tuple(
-        other
-        for other, unit in zip(rows.signals, units, strict=True)
-        if other is not signal and unit == own and len(own) == 1
-    )
+    alike = [other for other in rows.signals if other.units == signal.units]
+    others = [other for other in alike if other is not signal and len(other.units) == 1]
     guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
     rest = misfit.unexplained(as_mapped)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES

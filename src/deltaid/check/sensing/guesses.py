@@ -1,6 +1,6 @@
 """Possible errors of a sensor's columns: maps that would correct them, best first."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations, product
 from typing import Literal
@@ -54,7 +54,7 @@ class Guess:
         return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
 
 
-def best_guess(misfit: Misfit, others: tuple[Signal, ...]) -> Guess:
+def best_guess(misfit: Misfit, others: Sequence[Signal]) -> Guess:
     """The guess of least misfit, penalized by its freedom."""
     guesses = [Guess(kind, T, misfit.of(T).Q) for kind, T in _maps(misfit)]
     for signal in others:

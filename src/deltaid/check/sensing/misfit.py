@@ -80,7 +80,7 @@ class Misfit:
     @cached_property
     def groups(self) -> list[list[int]]:
         """Channels that measure the same: forces, and moments."""
-        units = [channel.unit for channel in self.signal.rows.channels]
+        units = self.signal.units
         return [[k for k, unit in enumerate(units) if unit == kind] for kind in sorted(set(units))]
 
     @cached_property

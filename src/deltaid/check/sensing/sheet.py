@@ -44,6 +44,10 @@ class Signal:
     def name(self) -> str:
         return self.rows.name
 
+    @property
+    def units(self) -> list[str]:
+        return [channel.unit for channel in self.rows.channels]
+
 
 @dataclass(frozen=True, eq=False)
 class Sheet:

@@ -4,7 +4,7 @@ A scale common to all drives is judged by the ratio of torques to the prior's al
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -91,11 +91,9 @@ class Case:
     @property
     def untied(self) -> list[int]:
         """Drives that no limb ties to others; a telescope's if its torque goes with its motion."""
-        last = len(self.names) - 1
-        if last == 0:
-            return [0]
-        turns = self.evidence.robot.telescope is not None and bool(self.best.loose[last])
-        return [last] if turns and self.best.along[last] > _GOES else []
+        last, robot = len(self.names) - 1, self.evidence.robot
+        turns = robot.telescope is not None and self.best.loose[last]
+        return [last] if last == 0 or (turns and self.best.along[last] > _GOES) else []
 
     @cached_property
     def units(self) -> dict[int, float]:
@@ -105,22 +103,20 @@ class Case:
 
     def _beyond(self, i: int) -> float:
         """Largest ratio of a drive's speed or range to the described one."""
-        robot, scale = self.evidence.robot, abs(self.best.map.scale[i])
+        robot, beyond = self.evidence.robot, 0.0
         limits = robot.drive_limits.get(self.names[i])
-        top = limits.top_speed if limits else None
-        fast = scale * float(np.abs(self.motion.qd[:, i]).max()) / top if top else 0.0
-        if len(self.names) > 1 or not self.linear(i):
-            return fast
-        _, half = robot.within(0.0)
-        return max(fast, scale * float(np.ptp(self.motion.q[:, i]) / (2 * half[0])))
+        if limits is not None and limits.top_speed:
+            beyond = float(np.abs(self.motion.qd[:, i]).max()) / limits.top_speed
+        if len(self.names) == 1 and self.linear(i):
+            _, half = robot.within(0.0)
+            beyond = max(beyond, float(np.ptp(self.motion.q[:, i]) / (2 * half[0])))
+        return abs(self.best.map.scale[i]) * beyond
 
     @property
     def map(self) -> Map:
         """Of the positions, with these units."""
-        map = self.best.map
-        for i, unit in self.units.items():
-            map = map.times(unit, [i])
-        return map
+        scale = [factor * self.units.get(i, 1.0) for i, factor in enumerate(self.best.map.scale)]
+        return replace(self.best.map, scale=tuple(scale))
 
     def linear(self, drive: int) -> bool:
         return self.evidence.robot.is_linear(self.names[drive])

@@ -34,30 +34,28 @@ class Entries:
     """Entries of a mapping for each drive's columns, and corrected ones."""
 
     def __init__(self, evidence: Evidence) -> None:
-        self._evidence = evidence
-        robot = evidence.robot
+        self._evidence, robot = evidence, evidence.robot
         self._linear = [robot.is_linear(drive) for drive in robot.drives]
 
-    def of(self, quantity: Quantity, drive: int) -> DriveColumn:
-        """The entry of a drive, its default where there is none."""
+    def entry(self, quantity: Quantity, drive: int) -> DriveColumn:
+        """That of a drive, its default where there is none."""
         columns = getattr(self._evidence.mapping, quantity, None)
         if isinstance(columns, AllDrives):
-            return columns.entries(len(self._linear), quantity)[drive]
+            columns = columns.entries(len(self._linear), quantity)
         if columns is not None:
             return columns[drive]
-        name, units = self.name(quantity, drive), self._evidence.table.units
-        unit = units.get(name, si_unit(quantity, linear=self._linear[drive]))
-        return DriveColumn(column=name, unit=unit)
+        name, unit = self.name(quantity, drive), si_unit(quantity, linear=self._linear[drive])
+        return DriveColumn(column=name, unit=self._evidence.table.units.get(name, unit))
 
     def name(self, quantity: Quantity, drive: int) -> str:
         return getattr(self._evidence.columns, quantity)[drive].column
 
     def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
-        return {"sign": -self.of(quantity, drive).sign}
+        return {"sign": -self.entry(quantity, drive).sign}
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
         """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
-        now = self.of(quantity, drive).unit
+        now = self.entry(quantity, drive).unit
         for (unit, by), name in _UNITS.items():
             if unit == now and abs(by / factor - 1) < 1e-6:
                 return {"unit": name}
@@ -68,17 +66,17 @@ class Entries:
         slower = 1 / factor if quantity == "torque" else factor
         if self._linear[drive]:
             return {"unit": si_unit(quantity, linear=False), "lead": rounded(2 * np.pi * slower)}
-        return {"gear": rounded(self.of(quantity, drive).gear / slower)}
+        return {"gear": rounded(self.entry(quantity, drive).gear / slower)}
 
     def moved(self, quantity: Quantity, drive: int, source: int) -> dict[str, object]:
         """All that another drive's entry says."""
-        own, moved_entry = (self.of(quantity, i).model_dump() for i in (drive, source))
+        own, moved_entry = (self.entry(quantity, i).model_dump() for i in (drive, source))
         return {key: value for key, value in moved_entry.items() if value != own[key]}
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
         scale = self._evidence.columns.position[drive].scale
-        return {"zero": float(f"{self.of('position', drive).zero - shift / scale:.6g}")}
+        return {"zero": float(f"{self.entry('position', drive).zero - shift / scale:.6g}")}
 
     def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
         """New values of entries, by quantity, drive and key, as changes of the mapping."""
@@ -91,7 +89,7 @@ class Entries:
                 continue
             for key in dict.fromkeys(key for _, key, _ in entries):
                 new = [
-                    drives.get(i, {}).get(key, getattr(self.of(quantity, i), key))
+                    drives.get(i, {}).get(key, getattr(self.entry(quantity, i), key))
                     for i in range(len(self._linear))
                 ]
                 plural = "columns" if key == "column" else key
