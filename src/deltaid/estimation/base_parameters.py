@@ -105,7 +105,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     columns, norms, scaled = information.columns[shown], norms[shown], Y[:, shown] / norms[shown]
     is_robots = columns < len(layout.names) - layout.added
     rank = Span.of(scaled[:, is_robots]).rank
-    chosen = sorted(_representatives(scaled, columns, layout))
+    chosen = _representatives(scaled, columns, layout)
     of_robot = int(np.sum(is_robots[chosen]))
     if of_robot != rank:
         raise IdentificationError(
@@ -117,11 +117,13 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, others], rcond=None)
     # A coefficient counts by what it does to the torque, so in scaled columns.
     counts, K = np.abs(K) > _NEGLIGIBLE, K * norms[others] / norms[chosen, None]
+    order = np.argsort(chosen)
     groups = (
         BaseGroup(
-            representative, dict(zip(columns[others[at]].tolist(), row[at].tolist(), strict=True))
+            int(columns[chosen[k]]),
+            dict(zip(columns[others[at]].tolist(), row[at].tolist(), strict=True)),
         )
-        for representative, at, row in zip(columns[chosen].tolist(), counts, K, strict=True)
+        for k, at, row in zip(order, counts[order], K[order], strict=True)
     )
     return BaseParameters(
         layout=layout,

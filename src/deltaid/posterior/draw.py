@@ -33,9 +33,11 @@ _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
 _MODELS = 8000
 _ENDS = (0.025, 0.975)
 
-# Draws, chains and quantities.
 Draws = Float[np.ndarray, "draws chains quantities"]
+Halves = Float[np.ndarray, "length halves quantities"]
 Each = Float[np.ndarray, " quantities"]
+OfParameters = Float[np.ndarray, " parameters"]
+Walked = tuple[Float[np.ndarray, "draws chains n"], OfParameters, OfParameters]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -80,7 +82,7 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
     return Samples(model, robot, p, size, factor, seed, limb_tolerance)
 
 
-def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Each]:
+def _settled(chains: Chains, draws: int, model: Model) -> Walked:
     """Draws of chains that have forgotten where they began, their effective number and R̂."""
     y, size, factor = _walked(chains, draws, _BETWEEN)
     for k in range(1, _LONGER + 1):
@@ -102,7 +104,7 @@ def _settled(chains: Chains, draws: int, model: Model) -> tuple[Draws, Each, Eac
     return y, size, factor
 
 
-def _walked(chains: Chains, draws: int, between: int) -> tuple[Draws, Each, Each]:
+def _walked(chains: Chains, draws: int, between: int) -> Walked:
     """Draws of all chains, with rounds before each; effective number of draws and R̂ of every
     parameter, all draws and 1 for fixed ones."""
     walked = []
@@ -166,14 +168,14 @@ def effective_size(draws: Draws) -> Each:
     return length * chains / time
 
 
-def _spread(z: Draws) -> Each:
+def _spread(z: Halves) -> Each:
     """By how much halves together spread more than each."""
     length = len(z)
     within, between = z.var(axis=0, ddof=1).mean(axis=0), z.mean(axis=0).var(axis=0, ddof=1)
     return np.sqrt((length - 1) / length + between / within)
 
 
-def _scores(draws: Draws) -> Draws:
+def _scores(draws: Draws) -> Halves:
     """Normal scores of the ranks of all draws, chains split in halves."""
     half = len(draws) // 2
     halves = np.concatenate([draws[:half], draws[-half:]], axis=1)
