@@ -29,7 +29,12 @@ def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
     return ("position", "velocity") if as_mapped and unscaled else ("position",)
 
 
-def position_verdicts(case: Case) -> Iterator[Verdict]:
+def column_verdicts(case: Case) -> tuple[Verdict, ...]:
+    """Those on positions and torques, in the order of what rests on what."""
+    return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
+
+
+def _positions(case: Case) -> Iterator[Verdict]:
     """Units and gears of positions."""
     scale = np.abs(case.best.map.scale).tolist()
     for factor in dict.fromkeys(scale):
@@ -73,7 +78,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
     )
 
 
-def sign_verdicts(case: Case) -> Iterator[Verdict]:
+def _signs(case: Case) -> Iterator[Verdict]:
     """Columns that count the other way."""
     best, n = case.best, len(case.names)
     angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
@@ -130,7 +135,7 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
     )
 
 
-def order_verdicts(case: Case) -> Iterator[Verdict]:
+def _order(case: Case) -> Iterator[Verdict]:
     """Columns that belong to other drives."""
     n, torque, position = len(case.names), case.best.order, case.best.map.order
     in_order = tuple(range(n))
@@ -162,7 +167,7 @@ def order_verdicts(case: Case) -> Iterator[Verdict]:
     yield Verdict("drive-order", Grade.WRONG, seen, case.whose(moved), cause, cure, proposals)
 
 
-def torque_verdicts(case: Case) -> Iterator[Verdict]:
+def _torques(case: Case) -> Iterator[Verdict]:
     """The scale of torques: gears, units and currents, of one drive or of all."""
     best, ratios = case.best, case.ratios.copy()
     for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():

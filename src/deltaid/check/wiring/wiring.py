@@ -15,12 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.check.evidence import Evidence, forget
 from deltaid.check.wiring.case import Case, overall
-from deltaid.check.wiring.columns import (
-    order_verdicts,
-    position_verdicts,
-    sign_verdicts,
-    torque_verdicts,
-)
+from deltaid.check.wiring.columns import column_verdicts
 from deltaid.check.wiring.motion import motion
 from deltaid.check.wiring.search import explained, together
 from deltaid.check.wiring.velocity import velocity_verdicts
@@ -80,7 +75,7 @@ def checked_wirings(
         goods = together(records[0].dynamics, motions, goods)
         cases |= {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
         clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
-        common = _of_columns(clearest)
+        common = column_verdicts(clearest)
     each = [_of_recording(cases[k], common) if k in cases else () for k in range(len(records))]
     return common or (), each
 
@@ -110,16 +105,11 @@ def _correlations(numbers: np.ndarray) -> np.ndarray:
     return unit.T @ unit
 
 
-def _of_columns(case: Case) -> tuple[Verdict, ...]:
-    families = position_verdicts, sign_verdicts, order_verdicts, torque_verdicts
-    return tuple(verdict for family in families for verdict in family(case))
-
-
 def _of_recording(case: Case, common: tuple[Verdict, ...] | None) -> tuple[Verdict, ...]:
     """Those on its columns, unless they are common to several, on zeros and on velocities."""
     if not case.good:
         return (_out_of_reach(case.evidence),)
-    verdicts = list(_of_columns(case) if common is None else common)
+    verdicts = list(column_verdicts(case) if common is None else common)
     senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
     if case.best.closes and not verdicts and senseless:
         verdicts.append(_senseless(case))
