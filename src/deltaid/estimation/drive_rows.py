@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.span import Columns, Span
+from deltaid.estimation.span import DEPENDENT, Columns, Span, lengths
 
 # Stretches of time of a recording whose scatter gives covariances.
 STRETCHES = 40
@@ -36,7 +36,9 @@ class DriveRows:
         """Rows over the RMS residual of each drive's torques by its own columns."""
         noise = []
         for columns, right in zip(A, b, strict=True):
-            residual = Span.of(columns[:, np.any(columns != 0, axis=0)]).without(right)
+            active = columns[:, np.any(columns != 0, axis=0)]
+            active = active / lengths(active)
+            residual = right - active @ np.linalg.lstsq(active, right, rcond=DEPENDENT)[0]
             floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
             noise.append(max(float(np.sqrt(np.mean(residual**2))), floor))
         return cls(np.array(noise), b.shape[1])
