@@ -108,12 +108,17 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
             return np.inf
         return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
+    def curvature(lam: Float[np.ndarray, " n"]) -> Matrix:
+        """Also where there is no covariance: SciPy asks for it before it rejects a step."""
+        square = covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0
+        return square + _MISSED * one
+
     solution = minimize(
         value,
         np.zeros(len(V)),
         method="trust-exact",
         jac=lambda lam: ratio - np.diag(covariance(lam)) + _MISSED * lam,
-        hess=lambda lam: covariance(lam) ** 2 + _MISSED * one,
+        hess=curvature,
         options={"gtol": _AGREE, "maxiter": _STEPS, "max_trust_radius": _FAR},
     )
     return level * covariance(solution.x) * np.outer(size, size)
