@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import block_diag
 
 from deltaid.dynamics.parameters import (
     ParameterLayout,
@@ -128,10 +127,16 @@ def build_reduction(
     added = (parameter for group, _ in additions for parameter in group)
     layout = ParameterLayout((*layout.parameters, *added), layout.bodies)
     firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)]).tolist()
+    # SciPy's block_diag would take longer to load than all that `deltaid base` computes.
+    A, row = np.zeros((len(layout.names), firsts[-1])), 0
+    for part, first in zip(parts, firsts, strict=False):
+        height, width = part.A.shape
+        A[row : row + height, first : first + width] = part.A
+        row += height
     return Reduction(
         layout=layout,
         variables=tuple(variable for part in parts for variable in part.variables),
-        A=block_diag(*(part.A for part in parts)),
+        A=A,
         p_0=np.concatenate([part.p_0 for part in parts]),
         blocks=tuple(
             block.moved(first)

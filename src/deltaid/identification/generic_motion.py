@@ -1,19 +1,24 @@
 """The base parameters of a robot as any generic motion determines them; no recording is needed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
-from deltaid.estimation.additions import extended
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.information import chunks_of_drives, collect, condense, entries_at
-from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
+from deltaid.estimation.information import (
+    Columns,
+    chunks_of_drives,
+    collect,
+    condense,
+    entries_at,
+)
 from deltaid.motion.random_motion import random_motion
-from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
 
 _SAMPLES = 2000
@@ -25,7 +30,7 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
     Raises:
         KinematicsError: the description's limits leave no room for a motion.
     """
-    return _base(dynamics, seed)
+    return _base(dynamics, seed, dynamics)
 
 
 def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
@@ -33,15 +38,26 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
 
     Sensors' own unknowns count as unknown; their rows are of the size of torques' rows.
     """
-    sensors = [SensorColumns(dynamics, rows, PRIOR_SPREAD) for rows in all_sensor_rows(dynamics)]
-    return _base(dynamics, seed, sensors, weighings(dynamics.robot))
+    known, found = weighings(dynamics.robot), all_sensor_rows(dynamics)
+    if not known and not found:
+        return random_motion_base(dynamics, seed)
+    # Slow to load, and seldom needed.
+    from deltaid.estimation.additions import extended
+    from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
+
+    sensors = [SensorColumns(dynamics, rows, PRIOR_SPREAD) for rows in found]
+    rows = MeasuredRows(extended(dynamics, sensors), known)
+    added = (parameter for sensor in sensors for parameter in sensor.parameters)
+    return _base(dynamics, seed, rows, found, known, added)
 
 
 def _base(
     dynamics: Dynamics,
     seed: int,
-    sensors: Sequence[SensorColumns] = (),
-    known: tuple[Weighing, ...] = (),
+    rows: Columns,
+    sensors: Sequence[SensorRows] = (),
+    known: Sequence[Weighing] = (),
+    added: Iterable[Parameter] = (),
 ) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, _SAMPLES))
@@ -49,21 +65,18 @@ def _base(
     load = np.zeros_like(z)
     if dynamics.robot.load_drives:
         load = dynamics.carried(z, qd, qdd, prior_parameters(dynamics.robot))
-    rows, entries = MeasuredRows(extended(dynamics, sensors), known), []
+    entries = [entries_at(dynamics, z, qd, qdd, load)]
     for sensor in sensors:
         # Whatever it shows: its pose and gain are determined by something that is not constant.
-        shape = len(sensor.rows.channels), _SAMPLES
-        reading = np.random.default_rng(0).standard_normal(shape)
-        entries.append(sensor.rows.entries(z, qd, qdd, reading))
-    values = np.vstack([entries_at(dynamics, z, qd, qdd, load), *entries])
+        reading = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
+        entries.append(sensor.entries(z, qd, qdd, reading))
     y = np.zeros((rows.dof, _SAMPLES))
-    chunks = chunks_of_drives(rows, values, y)
+    chunks = chunks_of_drives(rows, np.vstack(entries), y)
     condensed = condense(chunks, y, np.ones_like(y))
-    information = collect(rows, [condensed], "samples", rows.dof - rows.drives)
+    information = collect(rows, [condensed], "samples", rows.dof - dynamics.dof)
     if known:
         facts = [np.append(fact.over(information.columns), 0.0) for fact in known]
         information = replace(information, facts=np.array(facts))
-    added = (parameter for sensor in sensors for parameter in sensor.parameters)
     layout = dynamics.layout
     return base_parameters(
         information, ParameterLayout((*layout.parameters, *added), layout.bodies)
