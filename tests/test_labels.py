@@ -184,6 +184,31 @@ def test_the_entropic_metric_with_a_widened_prior_is_certified(contradicted) -> 
     assert result.model.value("S.Ixx") > 0.01
 
 
+@pytest.mark.parametrize(("name", "is_small"), [("S.Ixx", True), ("P.Izz", False)])
+def test_moments_have_log_normal_priors_no_surer_than_bodies_are_symmetric(
+    case, name: str, is_small: bool
+) -> None:
+    result, p = case
+    parameter, body, names = found(result.model, name), name[:-4], result.model.layout.names
+    assert parameter.determined_by == "prior"
+    moments = [p[names.index(f"{body}.{axis}")] for axis in ("Ixx", "Iyy", "Izz")]
+    least = 0.3 * 0.5 * sum(moments) / parameter.prior  # m ℓ² = tr Σ
+    assert (least > 1) == is_small
+    factor = np.exp(1.959964 * np.sqrt(np.log(1 + (0.5 * max(1.0, least)) ** 2)))
+    assert parameter.high == pytest.approx(parameter.prior * factor, rel=1e-6)
+    assert parameter.low == pytest.approx(parameter.prior / factor, rel=1e-6)
+    assert origin(parameter) == f"prior, × or ÷ {float(f'{factor:.2g}'):g}"
+
+
+def test_a_spread_that_is_stated_is_taken_at_its_word() -> None:
+    robot, p = load_robot(ROBOT), prior_parameters(load_robot(ROBOT))
+    bodies = robot.bodies | {"S": robot.bodies["S"].changed(spread={"Ixx": 0.1})}
+    result = identify(robot.changed(bodies=bodies), recorded(p, 0), settings=PLAIN)
+    parameter = found(result.model, "S.Ixx")
+    assert parameter.high is not None
+    assert parameter.high / parameter.prior == pytest.approx(1.216, abs=0.002)
+
+
 def random_evidence(rng: np.random.Generator) -> Evidence:
     """Four base parameters of five entries, the third of which is far from its prior."""
     rows = np.vstack([np.eye(5), 0.3 * rng.normal(size=(1, 5))])

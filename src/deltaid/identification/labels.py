@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import inverse
 from deltaid.identification.consistent_range import ConsistentRanges
@@ -22,6 +23,10 @@ _FELL = 1e-3
 # Measured values have decided what they leave more than this share of open.
 _MOSTLY = 0.5
 _ROUNDING = 1e-9
+# How far a body may be from the symmetry of its description: its centre as a share of its radius of
+# gyration, its inertias as one of its mass times that squared.
+_ASYMMETRY = 0.3
+_MOMENTS = ("Ixx", "Iyy", "Izz")
 # Half the width of a 95 % interval in standard deviations.
 REACH = 1.959963984540054
 
@@ -51,6 +56,13 @@ class Labels:
         self._held_std = spread * scale
         # The deviation of a prior that is wide enough for a value of this size.
         self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
+        self._least_std = np.zeros(len(scale))  # of a prior that symmetry makes small
+        stated = stated_spreads(problem.dynamics.robot)
+        for body in reduction.layout.bodies:
+            part = reduction.layout.body(body)
+            size = _ASYMMETRY * inertia_size(reduction.p_reg[part])
+            plain = [name not in stated for name in reduction.layout.names[part]]
+            self._least_std[part] = np.where(plain, spread * size, 0.0)
 
     def of(self, i: int) -> Label:
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
@@ -106,7 +118,12 @@ class Labels:
         return around
 
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
-        prior, std = float(self._reduction.p_reg[i]), float(std)
+        """The prior's own interval. A moment of inertia, positive and of a size that is known at
+        most roughly, is log-normal."""
+        prior, std = float(self._reduction.p_reg[i]), max(float(std), float(self._least_std[i]))
+        if prior > 0 and self._parameters[i].symbol in _MOMENTS:
+            factor = float(np.exp(REACH * np.sqrt(np.log1p((std / prior) ** 2))))
+            return Label(by, std, prior / factor, prior * factor)
         return Label(by, std, prior - REACH * std, prior + REACH * std)
 
     def _at_edge(self, i: int) -> bool:

@@ -83,6 +83,9 @@ def origin(parameter: "Parameter") -> str:
         case "limit":
             return "at the limit of consistency"
         case "prior" if parameter.high is not None and parameter.prior:
+            if parameter.low and parameter.name.endswith(("Ixx", "Iyy", "Izz")):
+                factor = float(f"{parameter.high / parameter.prior:.2g}")
+                return f"prior, × or ÷ {factor:g}"
             reach = (parameter.high - parameter.prior) / abs(parameter.prior)
             return f"prior ± {percent(reach)}"
         case _:
