@@ -1,0 +1,175 @@
+"""How large the package is, room by room, and which numbers stand in it.
+
+    python benchmarks/house.py [--constants]
+
+Counts statements (nodes of `ast.stmt`), lines, files, folders, scalar constants of modules and what
+`docs/` names beside them: words of the documents, lines of tests and benchmarks. Leaves
+`tables/house.md`. With `--constants` it lists every scalar constant instead, with its place, its
+value and the comment that gives its reason, and then those that several modules define.
+"""
+
+import argparse
+import ast
+import re
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from _table import leave
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "deltaid"
+HEAD = ("room", "files", "lines", "statements", "constants")
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of a module: `value` as written, `reason` the comment above or beside it."""
+
+    path: Path
+    line: int
+    name: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of the package, parsed."""
+
+    path: Path
+    lines: list[str]
+    tree: ast.Module
+
+    @property
+    def room(self) -> str:
+        """First folder below the package, or `.`."""
+        parts = self.path.relative_to(PACKAGE).parts
+        return parts[0] if len(parts) > 1 else "."
+
+    @property
+    def statements(self) -> int:
+        """Nodes of `ast.stmt`."""
+        return sum(isinstance(node, ast.stmt) for node in ast.walk(self.tree))
+
+    def constants(self) -> Iterator[Constant]:
+        """Names of the module that hold one number."""
+        for node in self.tree.body:
+            match node:
+                case ast.Assign(targets=[ast.Name(name)], value=value):
+                    pass
+                case ast.AnnAssign(target=ast.Name(name), value=ast.expr() as value):
+                    pass
+                case _:
+                    continue
+            if is_number(value):
+                yield Constant(
+                    self.path, node.lineno, name, ast.unparse(value), self._reason(node.lineno)
+                )
+
+    def _reason(self, line: int) -> str:
+        """The comment beside a line and the block of comments above it."""
+        above = line - 1
+        while above and self.lines[above - 1].startswith("#"):
+            above -= 1
+        _, _, beside = self.lines[line - 1].partition("#")
+        comments = [text.lstrip("# ") for text in self.lines[above : line - 1]]
+        return " ".join([*comments, beside.strip()]).strip()
+
+
+def is_number(value: ast.expr) -> bool:
+    """Whether an expression is made of numbers alone."""
+    match value:
+        case ast.Constant(value=int() | float() as number):
+            return not isinstance(number, bool)
+        case ast.UnaryOp(operand=operand):
+            return is_number(operand)
+        case ast.BinOp(left=left, right=right):
+            return is_number(left) and is_number(right)
+    return False
+
+
+def sources() -> list[Source]:
+    """All files of the package."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py"))}
+    return [Source(path, text.splitlines(), ast.parse(text)) for path, text in texts.items()]
+
+
+def rooms(files: list[Source]) -> list[tuple[object, ...]]:
+    """Rows of the table, the largest room first, and their sum."""
+    by_room = defaultdict[str, list[Source]](list)
+    for file in files:
+        by_room[file.room].append(file)
+    ordered = sorted(by_room, key=lambda room: -sum(file.statements for file in by_room[room]))
+    return [sizes(room, by_room[room]) for room in ordered] + [sizes("all", files)]
+
+
+def sizes(name: str, files: list[Source]) -> tuple[object, ...]:
+    """One row of the table."""
+    return (
+        name,
+        len(files),
+        sum(len(file.lines) for file in files),
+        sum(file.statements for file in files),
+        sum(1 for file in files for _ in file.constants()),
+    )
+
+
+def note(files: list[Source]) -> str:
+    """What stands above the table."""
+    folders = sum(path.is_dir() and any(path.glob("*.py")) for path in PACKAGE.rglob("*"))
+    short = sum(len(file.lines) < 60 for file in files)
+    classes = Counter(node.name for file in files for node in ast.walk(file.tree)
+                      if isinstance(node, ast.ClassDef))  # fmt: skip
+    repeated = sum(count > 1 for count in classes.values())
+    words = sum(len(re.findall(r"\S+", path.read_text(encoding="utf-8")))
+                for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])  # fmt: skip
+    lines = {
+        part: sum(len(path.read_text(encoding="utf-8").splitlines())
+                  for path in (ROOT / part).rglob("*.py"))
+        for part in ("tests", "benchmarks")
+    }  # fmt: skip
+    return (
+        f"{folders} folders, {short} files below 60 lines, {repeated} names of classes used more "
+        f"than once; {words:,} words in `docs/` and README; {lines['tests']:,} lines of tests, "
+        f"{lines['benchmarks']:,} of benchmarks."
+    )
+
+
+def defined_twice(constants: list[Constant]) -> Mapping[str, list[Constant]]:
+    """Constants of one name and value in several modules."""
+    same = defaultdict[str, list[Constant]](list)
+    for constant in constants:
+        same[f"{constant.name} = {constant.value}"].append(constant)
+    return {key: found for key, found in same.items() if len(found) > 1}
+
+
+def list_constants(files: list[Source]) -> None:
+    """Print every constant, then those that stand in several modules."""
+    constants = [constant for file in files for constant in file.constants()]
+    for constant in constants:
+        place = f"{constant.path.relative_to(PACKAGE)}:{constant.line}"
+        print(f"{place}: {constant.name} = {constant.value}  # {constant.reason or '(no reason)'}")
+    unexplained = sum(not constant.reason for constant in constants)
+    print(f"\n{len(constants)} constants, {unexplained} without a reason")
+    for key, same in defined_twice(constants).items():
+        print(f"{key}: {', '.join(str(each.path.relative_to(PACKAGE)) for each in same)}")
+
+
+def main() -> int:
+    """Count, and write the table or list the constants."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--constants", action="store_true", help="list them instead")
+    given = parser.parse_args()
+    files = sources()
+    if given.constants:
+        list_constants(files)
+    else:
+        leave(HEAD, rooms(files), note(files))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
