@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.export.c_code import CCode
-from deltaid.export.precision import DOUBLE, Precision
+from deltaid.exports.c_code import CCode
+from deltaid.exports.precision import DOUBLE, Precision
 
 # Processor time [µs], and what reading it takes.
 _HEAD = """

@@ -35,11 +35,11 @@ from _mujoco_bare import bare
 from _timing import machine
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.export.c_code import c_code
-from deltaid.export.mjcf import mjcf
-from deltaid.export.precision import DOUBLE, SINGLE, Precision
-from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.urdf import urdf
+from deltaid.exports.c_code import c_code
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from _timing import machine
 
-from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import own_compiler
+from deltaid.exports.fmu import fmu
+from deltaid.exports.fmu_binaries import own_compiler
 from deltaid.model.model import load
 
 ROBOTS = ("irb360-6-1600", "clavel-delta3", "h4", "par4-linear")

@@ -44,7 +44,7 @@ from regressor import random_motion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.export.mjcf import mjcf
+from deltaid.exports.mjcf import mjcf
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription

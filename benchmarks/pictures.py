@@ -21,7 +21,7 @@ from playwright import sync_api
 sys.path.insert(0, str(Path(__file__).parent))
 from terminal_svg import Shown, recorded_terminal
 
-from deltaid.export.mjcf import mjcf
+from deltaid.exports.mjcf import mjcf
 from deltaid.model.model import load
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -28,7 +28,7 @@ import numpy as np
 import polars as pl
 from _table import leave
 
-from deltaid.check.identified import identify
+from deltaid.checks.identified import identify
 from deltaid.errors import DeltaidError
 from deltaid.kernel.target import VARIABLE
 from deltaid.recording.mapping import ColumnMapping

@@ -25,9 +25,9 @@ import numpy as np
 from _table import leave
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.export.c_code import c_code
-from deltaid.export.digits import Care
-from deltaid.export.precision import SINGLE
+from deltaid.exports.c_code import c_code
+from deltaid.exports.digits import Care
+from deltaid.exports.precision import SINGLE
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot

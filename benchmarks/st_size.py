@@ -8,10 +8,10 @@ variables of a function are on the stack while it runs, those of a function bloc
 
 import sys
 
-from deltaid.export.options import FURTHER
-from deltaid.export.precision import DOUBLE, SINGLE, Precision
-from deltaid.export.st_units import Unit, Variable
-from deltaid.export.structured_text import plc_program
+from deltaid.exports.options import FURTHER
+from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.st_units import Unit, Variable
+from deltaid.exports.structured_text import plc_program
 from deltaid.model.model import load
 
 

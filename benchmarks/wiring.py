@@ -23,9 +23,9 @@ import numpy as np
 import polars as pl
 from _table import leave
 
-from deltaid.check.evidence import evidence
-from deltaid.check.verdicts import changes, mended
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.checks.evidence import evidence
+from deltaid.checks.verdicts import changes, mended
+from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapping import ColumnMapping

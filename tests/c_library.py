@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.export.c_code import c_code
-from deltaid.export.precision import DOUBLE, Precision
+from deltaid.exports.c_code import c_code
+from deltaid.exports.precision import DOUBLE, Precision
 from deltaid.model.model import Model
 from exports import CC, model, states
 from support import assert_close

@@ -31,7 +31,7 @@ from unittest.mock import patch
 
 from deltaid.cli import output
 from deltaid.cli.app import main
-from deltaid.export import fmu_binaries
+from deltaid.exports import fmu_binaries
 
 ROOT = Path(__file__).resolve().parents[1]
 SKIPPED = "…"

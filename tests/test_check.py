@@ -7,11 +7,11 @@ import pytest
 
 import deltaid
 from checked import Data, moved, of, scaled, written
-from deltaid.check.evidence import evidence
-from deltaid.check.information import checked_information
-from deltaid.check.lengths import checked_lengths
-from deltaid.check.run import of_robot, verdicts
-from deltaid.check.verdicts import as_written, changes, mended
+from deltaid.checks.evidence import evidence
+from deltaid.checks.information import checked_information
+from deltaid.checks.lengths import checked_lengths
+from deltaid.checks.run import of_robot, verdicts
+from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from sweeps import swept

@@ -11,8 +11,8 @@ import pytest
 import deltaid
 from checked import moved, scaled, written
 from command import run
-from deltaid.check.evidence import evidence
-from deltaid.check.verdicts import KEYS, as_written, mended
+from deltaid.checks.evidence import evidence
+from deltaid.checks.verdicts import KEYS, as_written, mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.opening import open_log
@@ -111,7 +111,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
             Proposal("robot", (("friction.drive1.coulomb", 6.0),)),
         ),
     )  # fmt: skip
-    monkeypatch.setattr("deltaid.check.run.of_recording", lambda *_: (wrong,))
+    monkeypatch.setattr("deltaid.checks.run.of_recording", lambda *_: (wrong,))
     outcome = run("check", "clavel-delta3", log, "--write", tmp_path / "fixed.yaml")
     assert outcome.code == 4
     mapping = deltaid.load_mapping(tmp_path / "fixed-columns.yaml")
@@ -129,7 +129,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
 
 CODE = "\n".join(
     path.read_text(encoding="utf-8")
-    for room in ("check", "effects") for path in (ROOT / "src/deltaid" / room).rglob("*.py")
+    for room in ("checks", "effects") for path in (ROOT / "src/deltaid" / room).rglob("*.py")
 )  # fmt: skip
 
 

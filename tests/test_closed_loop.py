@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from deltaid.check.closed_loop import checked_feedback, shaken
-from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.identified import identify
+from deltaid.checks.closed_loop import checked_feedback, shaken
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.identified import identify
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import tuned
 from deltaid.control.tracking import Drives, track

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from deltaid.check.run import of_robot
+from deltaid.checks.run import of_robot
 from deltaid.drafting.backwards import answers, kind_of
 from deltaid.drafting.draft import GIVEN, Draft
 from deltaid.drafting.drafts import description, doubts

@@ -17,7 +17,7 @@ from deltaid.excitation.motion_file import sample_run
 from deltaid.excitation.optimize import largest_use, optimise, random_start
 from deltaid.excitation.options import CriterionName
 from deltaid.excitation.run import plan_run
-from deltaid.export.options import TargetName
+from deltaid.exports.options import TargetName
 from deltaid.model.options import Method
 from deltaid.robot.load import load_robot
 

@@ -15,8 +15,8 @@ import pytest
 from c_library import FURTHER, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR, assert_same, build
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
-from deltaid.export.c_code import c_code
-from deltaid.export.straight_line import Array, straight_line
+from deltaid.exports.c_code import c_code
+from deltaid.exports.straight_line import Array, straight_line
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model

@@ -11,12 +11,12 @@ import pytest
 from c_library import BAD_INPUT, COMPILERS, FURTHER, OK, WARNINGS, Library, build
 from c_library import written as written_to
 from deltaid.errors import DeltaidError
-from deltaid.export.c_code import c_code
-from deltaid.export.files import write_export
-from deltaid.export.mjcf import mjcf
-from deltaid.export.options import FURTHER as NAMES
-from deltaid.export.precision import DOUBLE, SINGLE, Precision
-from deltaid.export.urdf import urdf
+from deltaid.exports.c_code import c_code
+from deltaid.exports.files import write_export
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.options import FURTHER as NAMES
+from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.urdf import urdf
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model

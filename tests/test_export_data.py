@@ -16,13 +16,13 @@ from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
-from deltaid.export import fmu_binaries
-from deltaid.export.casadi_function import casadi_file
-from deltaid.export.files import TARGETS, output_path, write_export
-from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import Compiler
-from deltaid.export.mjcf import mjcf
-from deltaid.export.urdf import urdf
+from deltaid.exports import fmu_binaries
+from deltaid.exports.casadi_function import casadi_file
+from deltaid.exports.files import TARGETS, output_path, write_export
+from deltaid.exports.fmu import fmu
+from deltaid.exports.fmu_binaries import Compiler
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.body_inertia import body_inertia, why_not_physical

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from deltaid.control.simulation import integrate
-from deltaid.export.files import write_export
-from deltaid.export.mjcf import mjcf
-from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.urdf import urdf
+from deltaid.exports.files import write_export
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from exports import subject
 from sessions import ROOT

@@ -13,9 +13,9 @@ from fmpy.fmi2 import FMU2Model
 from fmpy.validation import validate_fmu
 
 from command import run
-from deltaid.export import fmu_binaries
-from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import Compiler
+from deltaid.exports import fmu_binaries
+from deltaid.exports.fmu import fmu
+from deltaid.exports.fmu_binaries import Compiler
 from deltaid.model.model import Model
 from exports import compiled, every_friction_term, model, needs_compiler, states, subject
 from support import assert_close

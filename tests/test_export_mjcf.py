@@ -13,8 +13,8 @@ from composed import Make
 from deltaid.control.simulation import integrate
 from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
-from deltaid.export.mjcf import mjcf
-from deltaid.export.spanning_tree import spanning_tree
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import (

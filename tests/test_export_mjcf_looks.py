@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from composed import Make
-from deltaid.export.mjcf import mjcf
+from deltaid.exports.mjcf import mjcf
 from deltaid.forces.constraint_forces import ConstraintForces
 from exports import COMPOSED, model, states, subject, the, title, tree_motion
 from test_export_mjcf import Simulation

@@ -12,9 +12,9 @@ import pytest
 from c_library import BAD_INPUT, OK, Library, build
 from command import refused, run
 from deltaid.errors import DeltaidError
-from deltaid.export.files import Written, write_export
-from deltaid.export.precision import DOUBLE, SINGLE, Precision
-from deltaid.export.structured_text import structured_text
+from deltaid.exports.files import Written, write_export
+from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.layout import Field
@@ -146,7 +146,7 @@ def test_what_the_command_says_of_the_cycle(
         taken.append(online)
         return Written((), ())
 
-    monkeypatch.setattr("deltaid.export.files.write_export", take)
+    monkeypatch.setattr("deltaid.exports.files.write_export", take)
     asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--with", "online")
     for options in ([], ["--rate", "1000"], ["--rate", "100", "--payload-max", "2"],
                     ["--false-alarms", "5"]):  # fmt: skip

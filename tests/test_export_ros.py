@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from deltaid.export.files import write_export
-from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.urdf import PLACEHOLDER, urdf
+from deltaid.exports.files import write_export
+from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.urdf import PLACEHOLDER, urdf
 from exports import model, states, subject, tree_motion
 from support import assert_close
 from sweeps import swept

@@ -13,8 +13,8 @@ import pytest
 from command import refused, run
 from composed import Make
 from deltaid.errors import DeltaidError
-from deltaid.export.files import write_export
-from deltaid.export.urdf import urdf
+from deltaid.exports.files import write_export
+from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from deltaid.sensors.weighings import roll_pitch_yaw

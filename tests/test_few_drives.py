@@ -8,8 +8,8 @@ import pytest
 
 from command import run
 from deltaid import load_mapping, load_robot, use_mechanism
-from deltaid.check.evidence import evidence
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.checks.evidence import evidence
+from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from command import run
-from deltaid.export import fmu_binaries
-from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import SYSTEMS, Compiler, System, found_compiler, universal
+from deltaid.exports import fmu_binaries
+from deltaid.exports.fmu import fmu
+from deltaid.exports.fmu_binaries import SYSTEMS, Compiler, System, found_compiler, universal
 from exports import needs_compiler, subject
 
 needs_zig = pytest.mark.skipif(

@@ -12,7 +12,7 @@ import pytest
 import deltaid
 from composed import Make
 from deltaid.errors import KinematicsError
-from deltaid.export.jax_functions import JaxFunctions
+from deltaid.exports.jax_functions import JaxFunctions
 from deltaid.robot.load import load_robot
 from exports import COMPOSED, disturbed, model, states, subject, the, title
 from sessions import ROOT
@@ -179,7 +179,7 @@ def test_arrays_that_are_no_sample_are_told(delta: JaxFunctions) -> None:
 
 @pytest.mark.slow
 def test_every_operation_of_a_kernel() -> None:
-    from deltaid.export.jax_graph import _OPERATIONS, as_jax
+    from deltaid.exports.jax_graph import _OPERATIONS, as_jax
 
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     one = [

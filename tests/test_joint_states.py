@@ -11,8 +11,8 @@ import pytest
 
 from composed import Make
 from deltaid.errors import DeltaidError
-from deltaid.export.mjcf import mjcf
-from deltaid.export.urdf import urdf
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.urdf import urdf
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.tree_joints import passive_joints
 from deltaid.mechanism.user_code import use_mechanism

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from deltaid.export.looks import Ball, Box, Rod, Shape, shapes, strut_radius, thickness
-from deltaid.export.spanning_tree import spanning_tree
-from deltaid.export.tree import Tree
-from deltaid.export.urdf import urdf
+from deltaid.exports.looks import Ball, Box, Rod, Shape, shapes, strut_radius, thickness
+from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.tree import Tree
+from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import disturbed, states, subject, tree_motion

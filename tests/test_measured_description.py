@@ -2,7 +2,7 @@
 
 import pytest
 
-from deltaid.check.run import of_robot
+from deltaid.checks.run import of_robot
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription

@@ -9,8 +9,8 @@ import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
-from deltaid.export.precision import DOUBLE
-from deltaid.export.structured_text import structured_text
+from deltaid.exports.precision import DOUBLE
+from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import Model, load
 from deltaid.online.found import Watched
 from deltaid.online.layout import Field, Layout

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 
 import deltaid
-from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.proposals import HeldOut, held_out, proved, unharmed
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.proposals import HeldOut, held_out, proved, unharmed
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from drives import case
 from identified import identified, simulated

@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.check.evidence import evidence
-from deltaid.check.residual import checked_residual
+from deltaid.checks.evidence import evidence
+from deltaid.checks.residual import checked_residual
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
 from sweeps import swept

@@ -110,7 +110,7 @@ def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) 
 def test_a_folder_that_fails_leaves_nothing(
     model: IdentifiedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deltaid.export import ensemble
+    from deltaid.exports import ensemble
 
     written, plain = list[str](), ensemble.mjcf
 

@@ -12,12 +12,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.check.evidence import evidence
-from deltaid.check.identified import identify
-from deltaid.check.run import verdicts
-from deltaid.check.sensing.misfit import Misfit
-from deltaid.check.sensors import checked_sensors
-from deltaid.check.verdicts import changes, mended
+from deltaid.checks.evidence import evidence
+from deltaid.checks.identified import identify
+from deltaid.checks.run import verdicts
+from deltaid.checks.sensing.misfit import Misfit
+from deltaid.checks.sensors import checked_sensors
+from deltaid.checks.verdicts import changes, mended
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings

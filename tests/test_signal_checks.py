@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 from scipy import signal
 
-from deltaid.check.evidence import evidence
-from deltaid.check.signal import checked_signals
+from deltaid.checks.evidence import evidence
+from deltaid.checks.signal import checked_signals
 from deltaid.estimation.spectra import bandwidth, density, step_of, white_noise
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from c_library import FURTHER, OK, WARNINGS, Library, build
-from deltaid.export.digits import Care, Part
-from deltaid.export.fill import rendered
-from deltaid.export.pairs import pairs_of_c, split
-from deltaid.export.precision import SINGLE
-from deltaid.export.straight_line import Array, straight_line
+from deltaid.exports.digits import Care, Part
+from deltaid.exports.fill import rendered
+from deltaid.exports.pairs import pairs_of_c, split
+from deltaid.exports.precision import SINGLE
+from deltaid.exports.straight_line import Array, straight_line
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.online.pose import pose

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from command import run
-from deltaid.check.identified import Judged
-from deltaid.check.verdicts import Verdicts
+from deltaid.checks.identified import Judged
+from deltaid.checks.verdicts import Verdicts
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import deltaid
-from deltaid.export import fmu_binaries
-from deltaid.export.fmu import fmu
+from deltaid.exports import fmu_binaries
+from deltaid.exports.fmu import fmu
 from deltaid.kernel import store
 from deltaid.recording.formats import last_words
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deltaid.check.evidence import evidence
-from deltaid.check.wiring.candidate import Candidate
-from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.residual import Map, Patterns, residual
-from deltaid.check.wiring.search import _likely
-from deltaid.check.wiring.wiring import checked_wiring, checked_wirings
+from deltaid.checks.evidence import evidence
+from deltaid.checks.wiring.candidate import Candidate
+from deltaid.checks.wiring.motion import motion
+from deltaid.checks.wiring.residual import Map, Patterns, residual
+from deltaid.checks.wiring.search import _likely
+from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError

@@ -9,14 +9,14 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
-from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.identified import identify
-from deltaid.check.wiring.homing import BLOCKS, Shifts, shifts
-from deltaid.check.wiring.motion import motion
-from deltaid.check.wiring.residual import residual
-from deltaid.check.wiring.search import explained
-from deltaid.check.wiring.wiring import checked_wiring
-from deltaid.check.wiring.zeros import _good, _verdict, _zero
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.identified import identify
+from deltaid.checks.wiring.homing import BLOCKS, Shifts, shifts
+from deltaid.checks.wiring.motion import motion
+from deltaid.checks.wiring.residual import residual
+from deltaid.checks.wiring.search import explained
+from deltaid.checks.wiring.wiring import checked_wiring
+from deltaid.checks.wiring.zeros import _good, _verdict, _zero
 from deltaid.dynamics.geometry import across
 from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict

@@ -11,9 +11,9 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
-from deltaid.export.fmu import fmu
-from deltaid.export.fmu_binaries import own_compiler
-from deltaid.export.options import FmiVersion
+from deltaid.exports.fmu import fmu
+from deltaid.exports.fmu_binaries import own_compiler
+from deltaid.exports.options import FmiVersion
 from deltaid.model.model import Model
 
 

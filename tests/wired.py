@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import polars as pl
 
-from deltaid.check.evidence import Evidence, evidence
-from deltaid.check.verdicts import changes, mended
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.verdicts import changes, mended
+from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.random_motion import random_motion

@@ -14,17 +14,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from deltaid.check.identified import identify
-    from deltaid.check.run import verdicts
-    from deltaid.check.verdicts import Verdicts
+    from deltaid.checks.identified import identify
+    from deltaid.checks.run import verdicts
+    from deltaid.checks.verdicts import Verdicts
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
     from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
     from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
-    from deltaid.export.files import write_export
-    from deltaid.export.jax_functions import JaxFunctions, jax_functions
+    from deltaid.exports.files import write_export
+    from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -65,7 +65,7 @@ _HOME = {
     "IdentifiedModel": "deltaid.model.record",
     "Load": "deltaid.recording.carried",
     "Model": "deltaid.model.model",
-    "JaxFunctions": "deltaid.export.jax_functions",
+    "JaxFunctions": "deltaid.exports.jax_functions",
     "Kinematics": "deltaid.mechanism.kinematics",
     "LimbGeometry": "deltaid.robot.limbs",
     "Limbs": "deltaid.robot.limbs",
@@ -83,12 +83,12 @@ _HOME = {
     "Settings": "deltaid.model.record",
     "Validation": "deltaid.identification.validation",
     "Verdict": "deltaid.model.verdict",
-    "Verdicts": "deltaid.check.verdicts",
+    "Verdicts": "deltaid.checks.verdicts",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
-    "identify": "deltaid.check.identified",
+    "identify": "deltaid.checks.identified",
     "integrate": "deltaid.control.simulation",
-    "jax_functions": "deltaid.export.jax_functions",
+    "jax_functions": "deltaid.exports.jax_functions",
     "load": "deltaid.model.model",
     "load_offers": "deltaid.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
@@ -98,8 +98,8 @@ _HOME = {
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",
-    "verdicts": "deltaid.check.run",
-    "write_export": "deltaid.export.files",
+    "verdicts": "deltaid.checks.run",
+    "write_export": "deltaid.exports.files",
 }
 
 __all__ = [

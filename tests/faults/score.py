@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from deltaid.check.run import verdicts
+from deltaid.checks.run import verdicts
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot

@@ -10,7 +10,7 @@ import typer
 from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
 
 if TYPE_CHECKING:
-    from deltaid.check.verdicts import Changes, Data, File
+    from deltaid.checks.verdicts import Changes, Data, File
     from deltaid.model.verdict import Verdict
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.report.drawing import Drawing
@@ -48,7 +48,7 @@ def check(
 
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """
-    from deltaid.check.run import verdicts
+    from deltaid.checks.run import verdicts
     from deltaid.cli.output import console, positive, print_json, progress, require_outputs
     from deltaid.files import together
     from deltaid.model.record import Settings
@@ -91,7 +91,7 @@ class Cure:
     @property
     def lines(self) -> str:
         """The changed keys, to paste."""
-        from deltaid.check.verdicts import to_paste
+        from deltaid.checks.verdicts import to_paste
         from deltaid.robot.load import yaml_text
 
         return yaml_text(to_paste(self.data, self.changes))
@@ -104,8 +104,8 @@ def _cures(
     found: "Sequence[Verdict]",
 ) -> tuple[Cure, ...]:
     """Files with what is proposed; of several mappings none, for they differ."""
-    from deltaid.check.evidence import evidence
-    from deltaid.check.verdicts import as_written, changes, files_of, mended
+    from deltaid.checks.evidence import evidence
+    from deltaid.checks.verdicts import as_written, changes, files_of, mended
     from deltaid.cli.output import print_note
     from deltaid.robot.load import described
 
@@ -158,7 +158,7 @@ def _write_report(
     cures: Sequence[Cure],
     path: Path,
 ) -> None:
-    from deltaid.check.verdicts import as_written
+    from deltaid.checks.verdicts import as_written
     from deltaid.report.check import check_page
     from deltaid.report.page import write_page
 
@@ -185,7 +185,7 @@ def _drawn(robot: str) -> "Drawing | None":
 
 def as_dictionary(robot: str, found: "Sequence[Verdict]") -> dict[str, Any]:
     """All verdicts as one JSON object."""
-    from deltaid.check.verdicts import as_written
+    from deltaid.checks.verdicts import as_written
     from deltaid.model.verdict import worst
 
     return {

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.export.options import FURTHER, FmiVersion, TargetName
+from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
 if TYPE_CHECKING:
     from deltaid.model.model import Model
@@ -65,7 +65,7 @@ def export(
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
     from deltaid.cli.output import console, print_warnings, progress
-    from deltaid.export.files import write_export
+    from deltaid.exports.files import write_export
     from deltaid.model.model import load
 
     functions = [name.strip() for name in further.split(",") if name.strip()]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.check.identified import Judged
+    from deltaid.checks.identified import Judged
     from deltaid.factors.record import FactorRecord
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model.model import Model

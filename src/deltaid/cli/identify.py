@@ -96,7 +96,7 @@ def identify(
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
     with uncollected():
-        from deltaid.check.identified import identify as run
+        from deltaid.checks.identified import identify as run
         from deltaid.cli.gathered import (
             are_factor_files,
             identified,

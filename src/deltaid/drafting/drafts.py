@@ -4,9 +4,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from deltaid.check.description import checked_workspace
-from deltaid.check.priors import checked_priors
-from deltaid.check.run import of_robot
+from deltaid.checks.description import checked_workspace
+from deltaid.checks.priors import checked_priors
+from deltaid.checks.run import of_robot
 from deltaid.drafting.draft import Draft
 from deltaid.drafting.questions import Group, asked
 from deltaid.drafting.text import written

@@ -7,8 +7,8 @@ from statistics import median
 
 import numpy as np
 
-from deltaid.check.identified import Judged
-from deltaid.check.verdicts import KEYS, Verdicts
+from deltaid.checks.identified import Judged
+from deltaid.checks.verdicts import KEYS, Verdicts
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError

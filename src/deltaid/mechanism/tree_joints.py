@@ -1,7 +1,7 @@
 """Coordinates of all joints of the robot's tree, the one that MJCF and URDF are written as.
 
 A robot for programs that only know trees is cut where struts hold the platform and where the
-telescope meets it (`export.spanning_tree`, which has bodies, frames and axes). In the closed robot
+telescope meets it (`exports.spanning_tree`, which has bodies, frames and axes). In the closed robot
 each joint's coordinate is a function of z, and these functions stand here:
 
     limbN_swing   strut about the driven body's y: α, less q for an arm, which turns about y as well

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 # Class, by the module that it lives in, and the module here that shows it.
 _KINDS = {
     "model.verdict.Verdict": "verdicts",
-    "check.verdicts.Verdicts": "verdicts",
+    "checks.verdicts.Verdicts": "verdicts",
     "control.simulation.Path": "values",
     "dynamics.dynamics.Dynamics": "robots",
     "dynamics.dynamics.Terms": "values",

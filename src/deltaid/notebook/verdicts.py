@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from deltaid.check.verdicts import Verdicts, files_of
+from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.notebook.card import Card

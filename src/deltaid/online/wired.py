@@ -8,8 +8,8 @@ wrong is refused as there.
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.evidence import evidence
-from deltaid.check.wiring.wiring import checked_wiring
+from deltaid.checks.evidence import evidence
+from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.errors import Doubt, RecordingError
 from deltaid.model.model import Model
 from deltaid.model.verdict import Grade

@@ -8,7 +8,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from deltaid.check.verdicts import mended
+from deltaid.checks.verdicts import mended
 from deltaid.errors import DescriptionError
 from deltaid.robot.load import catalogue, catalogue_text, described_in
 from deltaid.studio.folder import Folder

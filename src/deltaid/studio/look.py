@@ -13,8 +13,8 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.check.evidence import evidence
-from deltaid.check.verdicts import mended
+from deltaid.checks.evidence import evidence
+from deltaid.checks.verdicts import mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.recording.columns import Channel

@@ -1,0 +1,110 @@
+"""Noise of encoders that a controller turns into torques: whether it shakes the drives.
+
+A controller answers an error n of a measured position with the torque −(K + D s) n, which is
+recorded as well. Above the motion's frequencies torque and position then go together, but not as
+torque and motion do: τ = M q̈ has the gain M ω², and the controller's is far below that, as its
+bandwidth is. The torque that goes with such a position is real; it shakes the drive with the speed
+τ / (M ω). Where that is as fast as the motion, friction reverses in samples in which the filtered
+positions do not show it, so friction comes out too small near reversals and inertia takes its part.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+from threadpoolctl import threadpool_limits
+
+from deltaid.checks.evidence import Evidence, Rows
+from deltaid.estimation.spectra import segments
+from deltaid.identification.fit import FittedProblem
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import percent
+from deltaid.recording.recording import Recording
+
+# Rows of a segment of the spectra, and segments at least.
+_LENGTH, _SEGMENTS = 512, 8
+# Windows of the recording whose speeds are evaluated.
+_WINDOWS = 8
+# Band inspected: multiple of the positions' cut-off, and share of the rate.
+_ABOVE, _BELOW = 2.0, 0.4
+# A controller's gain is below this share of M ω².
+_GAIN = 0.5
+# Coherence that many segments do not reach by chance: γ² of independent noise is exponential with
+# mean 1/K, so 7/K lies beyond 0.999.
+_CHANCE = 7.0
+# Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
+# friction by 0.4 %, 2.4 % by 5 %.
+_DOUBTFUL, _WRONG = 0.007, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Shake:
+    """What feedback of noise does to the drives: standard deviations of the speeds that it makes
+    [rad/s or m/s], 0 where there is none, and of the torques that go with noise of the positions
+    [N m or N]; and the share of the samples in which it turns a drive's speed round."""
+
+    speed: Float[np.ndarray, " dof"]
+    torque: Float[np.ndarray, " dof"]
+    reversed: Float[np.ndarray, " dof"]
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
+def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
+    """Verdict on encoder noise that a controller feeds back to the drives; none if undetectable."""
+    recording, fitted = evidence.surveyed, evidence.fitted
+    if not isinstance(recording, Recording) or not isinstance(fitted, FittedProblem):
+        return
+    shake = shaken(evidence.rows, recording, fitted)
+    if shake is None or not shake.speed.any():
+        return
+    worst = int(np.argmax(shake.reversed))
+    drive, share = evidence.robot.drives[worst], float(shake.reversed[worst])
+    key, unit, number = "closed-loop", evidence.robot.drive_units[drive], 100 * share
+    seen = (
+        f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
+        f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
+        f"{percent(share)} of the samples"
+    )
+    if share < _DOUBTFUL:
+        yield Verdict(key, Grade.GOOD, seen, number=number, unit="%")
+        return
+    grade = Grade.WRONG if share > _WRONG else Grade.DOUBTFUL
+    cause = "coarse or noisy positions, differentiated by the controller, shake the drives: "
+    cause += "friction near rest is averaged away, and inertia takes its part"
+    cure = "lower the controller's gains or the cut-off of its speed for this recording, or use "
+    cure += "the motor's encoder; intervals do not hold this"
+    yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+
+
+def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
+    """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
+    rate, dynamics = 1.0 / rows.step, fitted.dynamics
+    if len(rows.q) - 2 < _SEGMENTS * _LENGTH:
+        return None
+    # Second differences keep the motion from leaking upwards; their gain is divided out below.
+    differences = (np.diff(x, 2, axis=0) for x in (rows.q, rows.tau))
+    (frequency, q), (_, tau) = (segments(x, rate, _LENGTH, _LENGTH) for x in differences)
+    low = _ABOVE * (recording.motion_cutoff or recording.log.motion_cutoff or 0.0)
+    band = (frequency > low) & (frequency < _BELOW * rate)
+    if not band.any():
+        return None
+    q, tau, omega = q[:, :, band], tau[:, :, band], 2 * np.pi * frequency[band]
+    gain = (2 * np.sin(0.5 * omega / rate)) ** 4
+    squares = np.abs(q) ** 2, np.abs(tau) ** 2, np.conj(q) * tau
+    qq, tt, qt = (np.mean(square, axis=0) / gain for square in squares)
+    home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
+    answer = np.abs(np.linalg.inv(dynamics.mass_matrix(home, fitted.p)[0]))
+    tiny = np.finfo(float).tiny
+    coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
+    weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)[:, None]
+    torque = np.where(weak & (coherence > _CHANCE / len(q)), coherence * tt, 0.0)
+    speed = np.sqrt(frequency[1] * answer**2 @ np.sum(torque / omega**2, axis=1))
+    windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
+    speeds = np.concatenate([w.qd for w in windows])
+    counted = np.concatenate([w.weights for w in windows]) > 0
+    turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
+    reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
+    return Shake(speed, np.sqrt(frequency[1] * torque.sum(axis=1)), reversed_)

@@ -1,0 +1,218 @@
+"""Parameters that a recording determines, and the motion that would determine the others.
+
+In the base parameters b of any generic motion, rows weighted by each drive's noise σ_i,
+
+    std_k² = ((G + I)⁻¹)_kk,   G = Σ_i F_iᵀ F_i / σ_i²,
+
+is the standard deviation after the recording in units of the prior's: 1 without information. The
+same holds for a motion within the robot's limits (as many samples, same noise), and for both
+together: G adds up. The motion with the least std is the one to record.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.checks.evidence import Evidence
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
+from deltaid.estimation.base_parameters import base_parameters
+from deltaid.estimation.drive_rows import NOISE_FLOOR
+from deltaid.estimation.information import Information, gather_samples, merge
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.gathering import gather_all
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed
+from deltaid.motion.random_motion import random_motion
+
+# A base parameter is identifiable below the first share of the prior's standard deviation, and not
+# identifiable above the second.
+_WELL, _NOT = 0.3, 0.9
+# An excitation is poor when a quarter of the parameters are so many times less certain than after
+# a motion within the robot's limits of the same length.
+_POOR = 6.0
+_SHOWN = 4
+# A drive rests that moves less than this share of its usual range.
+_RESTING = 0.01
+# Noise of torques as a share of their largest.
+_USUAL_NOISE = 0.02
+# Samples and period [s] of motions that a recording is compared with, how much slower the slow one
+# is, and random motions that together are what is usual.
+_SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Certainty:
+    """Standard deviations of the base parameters of a generic motion, as shares of the prior's."""
+
+    names: tuple[str, ...]  # of the parameters that stand for the groups
+    recorded: Float[np.ndarray, " base"]  # after the recording alone
+    usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
+    best: tuple[str, ...]  # words of the motion that narrows each most beside the recording
+
+    def named(self, places: Int[np.ndarray, " some"]) -> str:
+        """The first of some parameters, and how many more there are."""
+        more = f" and {len(places) - _SHOWN} more" if len(places) > _SHOWN else ""
+        return ", ".join(self.names[k] for k in places[:_SHOWN]) + more
+
+    def cure(self, places: Int[np.ndarray, " some"]) -> str:
+        """What to record, most asked for first."""
+        motions = [self.best[k] for k in places]
+        order = sorted(dict.fromkeys(motions), key=lambda words: -motions.count(words))
+        shown = [places[[best == words for best in motions]] for words in order[:2]]
+        texts = [f"{words} (shows {self.named(k)})" for words, k in zip(order, shown, strict=False)]
+        return "also record " + "; and ".join(texts)
+
+
+def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
+    """Verdicts on the information in one recording."""
+    information = information_of(evidence)
+    if information is None:
+        return ()
+    return judged_information(evidence.dynamics, information, [evidence.moved])
+
+
+def information_of(evidence: Evidence) -> Information | None:
+    """Information of a recording, fitted or not; None if it cannot be used."""
+    if isinstance(evidence.surveyed, DeltaidError):
+        return None
+    if isinstance(evidence.fitted, FittedProblem):
+        return evidence.fitted.information
+    try:
+        return merge(gather_all(evidence.dynamics, [evidence.surveyed]).blocks)
+    except IdentificationError:
+        return None
+
+
+def judged_information(
+    dynamics: Dynamics, information: Information, moved: Sequence[Float[np.ndarray, " drives"]]
+) -> tuple[Verdict, ...]:
+    """Verdicts on the information in recordings together.
+
+    Args:
+        moved: how far each drive goes in each of them [rad or m].
+    """
+    try:
+        motions, ranges = _motions(dynamics)
+    except KinematicsError as error:
+        seen = f"no motion within the limits was found to compare with: {error.what}"
+        cause = "the workspace or the limits of the description leave no room"
+        key, grade = "base-parameters", Grade.CANNOT_TELL
+        return (Verdict(key, grade, seen, cause=cause, cure=error.cure),)
+    certainty = _assess(dynamics, information.of_drives, motions)
+    rests = np.max(moved, axis=0) < _RESTING * ranges
+    still = np.array(dynamics.robot.drives)[rests].tolist()
+    return _parameters(certainty), _excitation(certainty, still)
+
+
+def _assess(
+    dynamics: Dynamics, recorded: Information, motions: dict[str, Information]
+) -> _Certainty:
+    """Certainty of the base parameters after a recording and after other motions, torques alone."""
+    usual = next(iter(motions.values()))
+    base = base_parameters(merge(motions.values()), dynamics.layout)
+    prior = np.array([parameter.std for parameter in base.layout.parameters])
+    scale = np.linalg.norm(base.combination() * prior, axis=1)
+    # What no parameters explain of each drive's torque; a usual share of it for one that rests.
+    noise = _USUAL_NOISE * np.maximum(usual.torque_max, np.finfo(float).tiny)
+    for i, (samples, largest) in enumerate(zip(recorded.samples, recorded.torque_max, strict=True)):
+        if samples and largest:
+            rms = np.linalg.norm(recorded.problem_of(i).residual) / np.sqrt(samples)
+            noise[i] = max(float(rms), NOISE_FLOOR * largest)
+    samples = np.where(recorded.samples > 0, recorded.samples, recorded.mean_samples)
+
+    def factor(gathered: Information) -> Float[np.ndarray, "rows base"]:
+        share = samples / np.where(gathered.samples > 0, gathered.samples, samples)
+        columns = np.searchsorted(gathered.columns, base.representatives)
+        return gathered.weighted(share / noise**2)[:, columns] * scale
+
+    own, others = factor(recorded), [factor(motion) for motion in motions.values()]
+    best = np.argmin([_stds(np.vstack([own, added])) for added in others], axis=0)
+    names = tuple(base.layout.names[k] for k in base.representatives)
+    words = list(motions)
+    return _Certainty(names, _stds(own), _stds(others[0]), tuple(words[k] for k in best))
+
+
+def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
+    """√ of the diagonal of (FᵀF + I)⁻¹: what data and a prior of unit size leave open."""
+    s, Vt = np.linalg.svd(np.vstack([F, np.eye(F.shape[1])]), full_matrices=False)[1:]
+    return np.linalg.norm(Vt.T / s, axis=1)
+
+
+def _parameters(certainty: _Certainty) -> Verdict:
+    """Base parameters that the recording determines, and the motion for the others."""
+    share, key, unit = certainty.recorded, "base-parameters", "base parameters"
+    hidden, weak = share > _NOT, (share > _WELL) & (share <= _NOT)
+    well = int(np.sum(share <= _WELL))
+    seen = f"{well} of {len(share)} are identifiable"
+    for grade, members in (("weak", weak), ("not identifiable", hidden)):
+        if members.any():
+            seen += f"; {grade}: {certainty.named(np.flatnonzero(members))}"
+    missed = (share > _WELL) & (certainty.usual < 0.5 * _WELL)
+    lost = np.flatnonzero(missed & hidden)
+    if not lost.size:
+        if not missed.any() and len(share) > well:
+            seen += "; no motion within the limits shows them much better"
+        return Verdict(key, Grade.GOOD, seen, number=float(well), unit=unit)
+    subject, cure = certainty.names[lost[0]], certainty.cure(lost)
+    cause = "the recorded motion does not move what they act on, or not fast enough"
+    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=float(well), unit=unit)
+
+
+def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
+    """Whether the motion is as informative as the robot's limits allow; some drives are still."""
+    ratio, key, unit = certainty.recorded / certainty.usual, "excitation", "times less certain"
+    if still:
+        subject, number, unit = listed(still), float(len(still)), "drives"
+        seen = f"{subject} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded"
+        cause = "a motion of single drives, or none"
+        cure = "record a motion of all drives, such as `deltaid excite` plans"
+    else:
+        number = float(np.quantile(ratio, 0.75, method="higher"))
+        if number <= _POOR:
+            seen = f"standard deviations are {np.median(ratio):.2g} times those of a usual motion "
+            seen += "within limits"
+            return Verdict(key, Grade.GOOD, seen, number=number, unit=unit)
+        weak = np.flatnonzero(ratio >= number)
+        subject, cure = certainty.named(weak), certainty.cure(weak)
+        seen = f"a quarter of the base parameters are at least {number:.2g} times less certain "
+        seen += "than after a motion of the same length that uses the limits"
+        cause = "the motion is slow, or uses little of the workspace"
+    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=number, unit=unit)
+
+
+@lru_cache(maxsize=8)
+def _motions(dynamics: Dynamics) -> tuple[dict[str, Information], Float[np.ndarray, " dof"]]:
+    """The usual motion of all coordinates, as fast as limits allow; then special ones; by the words
+    of a cure that asks for them. And how far the usual one moves each drive [rad or m].
+
+    Raises:
+        KinematicsError: the description's limits leave no room for a motion.
+    """
+    task, kinematics, every = dynamics.robot.task, dynamics.kinematics, range(dynamics.dof)
+    rng, time = np.random.default_rng(0), np.linspace(0.0, _PERIOD, _SAMPLES)
+    runs = [random_motion(kinematics, rng, period=_PERIOD) for _ in range(_USUAL)]
+    states = [run.evaluate(time) for run in runs]
+    z, zd, zdd = (np.concatenate(parts) for parts in zip(*states, strict=True))
+    # Which coordinates move, and how fast; the others rest in the middle.
+    moving: dict[str, tuple[Sequence[int], float]] = {
+        "motions of all drives as fast as the limits allow": (every, 1.0),
+        "a slow motion through poses all over the workspace": (every, 1 / _SLOWER),
+    }
+    if len(task.axes) > 1:
+        names = "fast strokes along x", "fast strokes along y", "fast strokes up and down"
+        moving |= {names[axis]: ([k], 1.0) for k, axis in enumerate(task.axes)}
+    if task.turn is not None and task.axes:
+        moving["fast turns of the tool while the platform rests"] = [task.turn], 1.0
+    motions = dict[str, Information]()
+    for words, (chosen, pace) in moving.items():
+        moves = np.isin(every, chosen)
+        place = np.where(moves, z, kinematics.home)
+        _, qd, qdd = kinematics.drive_motion(place, zd * moves * pace, zdd * moves * pace**2)
+        tau = dynamics.torque(place, qd, qdd, prior_parameters(dynamics.robot))
+        motions[words] = gather_samples(dynamics, place, qd, qdd, tau)
+    return motions, np.ptp(kinematics.inverse(z), axis=0)

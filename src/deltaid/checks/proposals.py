@@ -1,0 +1,256 @@
+"""Proposals refitted: lines of files are proposed only where they explain rows that were held back.
+
+All that verdicts on a recording propose is tried together, then without each: what changes nothing
+for the better is dropped. A verdict stays without its lines, and says that no change of the files
+explains it.
+
+What tells is the torque error of stretches of time that no fit has seen. Rows of 40 stretches are
+fitted by the odd ones and judged by the even ones, and the other way round, so every stretch is
+held out once. Beside the robot's parameters a fit may have columns of what an identification
+corrects unasked, to first order: a lag of every drive, friction as a free curve over its speed, by
+direction, by load and while it warms up, torque constants, gears that wind up. It has those causes
+that make the error smaller beyond chance. What they explain as well, if no more of them are needed,
+is no reason to change a file.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve
+from scipy.special import stdtrit
+from threadpoolctl import threadpool_limits
+
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.verdicts import Verdicts, files_of
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.lag_columns import late
+from deltaid.effects.windings import Windings, free_friction, friction_causes, motors_of
+from deltaid.errors import DeltaidError, RecordingError
+from deltaid.estimation.additions import Addition
+from deltaid.estimation.drive_rows import (
+    STRETCHES,
+    DriveRows,
+    of_own_drives,
+    stretch_starts,
+)
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.span import Columns, Rows, Span, lengths
+from deltaid.estimation.trace_rows import parameters_of
+from deltaid.estimation.traces import Trace
+from deltaid.identification.study import studied_trace
+from deltaid.model.verdict import Grade, Verdict
+
+# Chance makes an error fall or rise by so much once in so many comparisons.
+_CHANCE = 1e-3
+# Errors that differ by less than this share are the same: only the prior judges what made them.
+_SAME = 1e-3
+# Least share of all that explains a recording beside the robot; less may be what columns of first
+# order leave of other causes.
+_SHARE = 0.15
+# What one column explains, as a share of the torques: of the robot, whose columns cancel each
+# other, and of what is corrected, such as a torque constant that is off.
+_OF_ROBOT, _CORRECTED = 10.0, 0.1
+# How far a gear winds up at a drive's largest torque, for differences [rad or m].
+_LITTLE = 1e-4
+_NO_CHANGE = (
+    "no change of the files explains this: with the lines that would correct it, errors of torques "
+    "that were held out do not fall"
+)
+
+# Mean square of each drive's error in each stretch, as a share of the mean square of its torques.
+Squares = Float[np.ndarray, "dof stretches"]
+# Whether the first of two errors speaks for what it was made with.
+_Judge = Callable[["HeldOut", "HeldOut"], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors of a recording's torques where they were held out.
+
+    Attributes:
+        of_causes: the errors beside some of what is corrected unasked.
+        causes: those of it that make errors smaller beyond chance.
+    """
+
+    of_causes: Callable[[tuple[int, ...]], Squares]
+    causes: tuple[int, ...]
+
+    @cached_property
+    def squares(self) -> Squares:
+        """Errors beside these causes."""
+        return self.of_causes(self.causes)
+
+    def same(self, other: "HeldOut") -> bool:
+        """Whether both explain the torques equally well but for rounding."""
+        plain, of_other = (each.of_causes(()).mean(axis=1) for each in (self, other))
+        return bool(np.all(np.abs(plain / of_other - 1.0) < _SAME))
+
+    def as_good(self, other: "HeldOut") -> bool:
+        """Whether its errors are no larger than those of another one, but for chance."""
+        return not _smaller(other.squares, self.squares)
+
+    def better(self, other: "HeldOut") -> bool:
+        """Whether it explains more than another one, or as much with fewer causes.
+
+        More than chance, and more than columns of first order leave of what is corrected unasked.
+        """
+        if len(self.causes) < len(other.causes) and self.as_good(other):
+            return _smaller(self.squares, other.of_causes(self.causes))
+        all_squares = self.squares, other.squares, other.of_causes(())
+        own, others, plain = (squares.mean(axis=1) for squares in all_squares)
+        smaller = np.minimum(own, others)
+        explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
+        return bool(explained > _SHARE * together) and _smaller(self.squares, other.squares)
+
+
+def _smaller(squares: Squares, others: Squares) -> bool:
+    """Whether errors are smaller than others beyond chance: Student's t of the differences between
+    stretches, drives weighted by the smaller of their errors."""
+    gains = (1.0 / np.minimum(squares.mean(axis=1), others.mean(axis=1))) @ (others - squares)
+    clear = float(stdtrit(len(gains) - 1, 1.0 - _CHANCE))
+    return bool(gains.mean() > clear * gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def held_out(record: Evidence) -> HeldOut | None:
+    """The error of a recording as its files describe it; None where it cannot be computed."""
+    setup = record.setup
+    if isinstance(setup, RecordingError):
+        return None
+    trace = studied_trace(record.dynamics, setup.recordings[0], prior_parameters(record.robot))
+    halves = None if trace is None else _halves(trace, setup.additions)
+    if halves is None:
+        return None
+    best, chosen, others = halves.squares(()), list[int](), list(range(len(halves.ends)))
+    while others:
+        trials = [(halves.squares((*chosen, cause)), cause) for cause in others]
+        weights = 1.0 / best.mean(axis=1)
+        least, cause = min(trials, key=lambda trial: float(np.sum(weights @ trial[0])))
+        if not _smaller(least, best):
+            break
+        best = least
+        chosen.append(cause)
+        others.remove(cause)
+    return HeldOut(halves.squares, tuple(chosen))
+
+
+@dataclass(frozen=True, eq=False)
+class _Halves:
+    """Rows of a recording in two halves of its stretches, each fitted and judged by the other."""
+
+    rows: DriveRows
+    columns: Columns  # of unit length: of the robot, then of each cause that is corrected unasked
+    b: Rows  # torques over their noise
+    ends: tuple[int, ...]  # of the robot's columns, and of each cause's but the last
+
+    def squares(self, causes: tuple[int, ...]) -> Squares:
+        """Errors of fits of the robot and some causes, in the half that each has not seen.
+
+        Coefficients are kept to what is possible by a prior that a change of units leaves as it is.
+        """
+        robot, *others = np.split(np.arange(self.columns.shape[1]), self.ends)
+        used = np.concatenate([robot, *(others[cause] for cause in causes)])
+        # Rows have a noise of one, and a column's coefficient is the length of what it explains.
+        prior = np.where(used < len(robot), _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
+        A, left, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
+        for seen in (odd, ~odd):
+            A_seen = A[seen]
+            H = A_seen.T @ A_seen + np.diag(prior**-2.0)
+            x = solve(H, A_seen.T @ self.b[seen], assume_a="pos")
+            left[~seen] = self.b[~seen] - A[~seen] @ x
+        starts = stretch_starts(self.rows.samples)
+        errors, torques = (self.rows.of_drives(rows) ** 2 for rows in (left, self.b))
+        sums = np.add.reduceat(errors, starts, axis=1) / torques.mean(axis=1, keepdims=True)
+        return sums / np.diff(starts, append=self.rows.samples)
+
+
+def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
+    """Rows of a recording with what it is declared to hold; None where they are too few."""
+    log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
+    rows = DriveRows(log.torque_max, trace.torques().shape[1])
+    span = Span.of(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
+    p = parameters_of(dynamics, span, rows.stack(trace.torques()))
+    motors = motors_of(dynamics.robot, p, low_pass.cutoff, low_pass.rate)
+    winding = Windings.modelled(trace, motors, p)
+    trace = winding.trace
+    tau = trace.torques()
+    if tau.shape[1] < STRETCHES:
+        return None
+    friction, steps = free_friction(trace, p), np.diag(_LITTLE / rows.scale)
+    parts = [
+        trace.regressor(declared),
+        late(trace, p),
+        *(friction[:, :, part] for part in friction_causes(dynamics.dof)),
+        of_own_drives(trace.model(p)[:, :, None]),
+        winding.slopes(0 * rows.scale, steps, p),
+    ]
+    A = np.concatenate(parts, axis=2)
+    rows = DriveRows(rows.scale, tau.shape[1]).by_misfit(A, tau)
+    columns, ends = rows.stack(A), np.cumsum([part.shape[2] for part in parts[:-1]])
+    return _Halves(rows, columns / lengths(columns), rows.stack(tau), tuple(ends.tolist()))
+
+
+def proved(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+    """Verdicts on a recording, with those proposals that explain it better than the files do, or
+    that its rows cannot judge."""
+    return _with_useful(record, verdicts, lambda new, old: new.same(old) or new.better(old))
+
+
+def unharmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+    """Verdicts on a description, with those proposals that do not explain a recording worse."""
+    return _with_useful(record, verdicts, HeldOut.as_good)
+
+
+def _with_useful(
+    record: Evidence, verdicts: Sequence[Verdict], judge: _Judge
+) -> tuple[Verdict, ...]:
+    """Verdicts that keep what helps of the proposals that are to be written."""
+    kept, judged = _useful(record, [v for v in verdicts if v.proposals], judge), list[Verdict]()
+    for verdict in verdicts:
+        written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
+        if verdict.proposals and verdict not in kept:  # what it says explains nothing
+            grade = min(verdict.grade, Grade.DOUBTFUL, key=list(Grade).index)
+            verdict = replace(verdict, grade=grade, cause="", cure=_NO_CHANGE, proposals=())
+        elif written != verdict.proposals:
+            verdict = replace(verdict, proposals=written)
+        judged.append(verdict)
+    return tuple(judged)
+
+
+def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> list[Verdict]:
+    """Those whose proposals help beside those of all others that do."""
+    if not proposing:
+        return []
+    kept, files, best = list(proposing), _error(record, ()), _error(record, proposing)
+    while len(kept) > 1:
+        # Of two proposals that exclude each other, the first stays.
+        fewer = ((_error(record, [v for v in kept if v is not last]), last) for last in kept[::-1])
+        spare = next((trial for trial in fewer if not _helps(best, trial[0], judge)), None)
+        if spare is None:
+            break
+        best, dropped = spare
+        kept.remove(dropped)
+    return kept if _helps(best, files, judge) else []
+
+
+def _helps(proposed: HeldOut | None, files: HeldOut | None, judge: _Judge) -> bool:
+    """Whether a proposal is to be kept; where there is an error of one side only, it decides."""
+    if proposed is None or files is None:
+        return proposed is not None or files is None
+    return judge(proposed, files)
+
+
+def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
+    """Of a recording with all that verdicts propose; None where it cannot be read so."""
+    try:
+        if not verdicts:
+            return held_out(record)
+        proposed = Verdicts(verdicts, record.robot, [record.source], [record.mapping])
+        mapping = proposed.cured_columns() if "mapping" in files_of(verdicts) else record.mapping
+        robot = proposed.cured_robot()
+        return held_out(evidence(robot, record.source, mapping, record.settings))
+    except DeltaidError:
+        return None

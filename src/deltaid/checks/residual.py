@@ -1,0 +1,243 @@
+"""Residual torques of the fit: a lag, or the effect that causes them.
+
+The torques of a recording are compared with what any parameters could make of its motion, without
+prior and consistency. A residual beyond chance is assigned to the cause whose columns explain it
+best; the next cause gets the remainder. Nothing is concluded about the cause of what is left then.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from deltaid.checks.evidence import Evidence
+from deltaid.effects.all import effect_of
+from deltaid.effects.effect import Cause, DescribedEffect, causes_of
+from deltaid.effects.lag_columns import UnknownLag
+from deltaid.errors import RecordingError
+from deltaid.estimation.spectra import bandwidth, density
+from deltaid.identification.loads import load_change
+from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
+from deltaid.recording.recording import Recording
+
+# A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
+_MUCH = 0.1
+# Lines are searched above so many times the motion's bandwidth and above so many Hz: below, model
+# errors have lines of their own.
+_ABOVE, _LOWEST = 3.0, 6.0
+# A line stands so many times above its neighbours within a quarter of its frequency, is narrower
+# than a tenth of it, and makes this share of the largest torque.
+_STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
+# Seconds of a spectrum's segment; segments at least.
+_SECONDS, _SEGMENTS = 2.0, 6
+# A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
+_SPOILT = 0.05
+_DECLARE = (
+    "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
+)
+# A smaller lag [s] that biases no inertia by this share is not reported.
+_LARGE, _HARMS = 2e-4, 0.003
+# A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
+# as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
+# near rest interfere.
+_UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
+# Lags of drives differ by more than this at least [ms].
+_APART = 0.3
+# A residual comes in bursts when a tenth of the time has this share of it.
+_BURSTS = 0.7
+_LOOK = "look at the residual over time in the report"
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
+    """Lags, and causes of the residual."""
+    study, recording = evidence.study, evidence.surveyed
+    if study is None or isinstance(recording, RecordingError):
+        return
+    added = () if evidence.problem is None else evidence.problem.additions
+    unknown = any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added)
+    yield _lag(study, unknown=unknown)
+    ringing = _resonance(study)
+    yield ringing
+    for cause in causes_of(study.fit, study.account):
+        effect = effect_of(cause)
+        if isinstance(effect, DescribedEffect):
+            yield _verdict(effect, cause, recording)
+    yield _rest(study, rings=ringing.grade is not Grade.GOOD)
+
+
+def detected_load(study: Study) -> Verdict:
+    """A load that no mapping declares and that has been identified with the robot, by the study of
+    the recording before that."""
+    cause = load_change(study)
+    assert cause is not None
+    effect = effect_of(cause)
+    assert isinstance(effect, DescribedEffect)
+    verdict = _verdict(effect, cause, study.fit.trace.recording)
+    seen = f"{verdict.seen}, and it is identified with the robot"
+    return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
+
+
+def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Verdict:
+    share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
+    subject, drives = effect.subject(cause), cause.fit.drives
+    worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
+    number, unit, seen = effect.seen(cause, subject, share[worst])
+    grade = Grade.WRONG if share[worst] > _MUCH else Grade.DOUBTFUL
+    why, proposals = effect.why(cause), effect.proposals(cause, recording)
+    return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
+
+
+def _lag(study: Study, *, unknown: bool) -> Verdict:
+    """Whether torques and positions are simultaneous; `unknown` if the fit had to leave it open."""
+    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
+    harm, shown = spoilt(study), study.common if study.alike else study.each
+    sizes, halves = np.abs(shown.values), shown.interval
+    clear = sizes > halves * np.where(halves > _WIDE, _CLEAR, 1.0)
+    largest = np.max(sizes, where=clear, initial=0.0)
+    matters = largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS)
+    number = half
+    if study.hidden:
+        number, seen = lag, f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but "
+        seen += "another cause explains more of what that leaves"
+        cause = "a lag beside the causes below, or these alone, which imitate one"
+        cure = "mend the causes below first, and check again"
+    elif study.late and matters:
+        return _significant_lag(study, harm)
+    elif unknown:
+        seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
+        seen += "; none has been put right, and intervals allow for it"
+        cause = "noise that a controller feeds back, or gears that wind up, hide the steps of "
+        cause += "friction that tell a lag best"
+        cure = "give the lag if it is known (--lag), or record with lower gains"
+    elif half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+        seen = f"the lag of torques behind positions is known to ±{half:.2g} ms only"
+        cause = "the motion is too slow, or the torque too noisy, to see it"
+        cure = "record a faster motion with more reversals"
+    else:
+        return Verdict("torque-lag", Grade.GOOD, _agreement(study), number=lag, unit="ms")
+    key, grade = "torque-lag", Grade.CANNOT_TELL
+    return Verdict(key, grade, seen, "", cause, cure, number=number, unit="ms")
+
+
+def _significant_lag(study: Study, harm: Float[np.ndarray, " dof"]) -> Verdict:
+    """The verdict on a lag, by the share by which it spoils each drive's inertia."""
+    drives, worst = study.fit.drives, int(np.argmax(np.abs(harm)))
+    harms = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
+    harms += "too large" if harm[worst] > 0 else "too small"
+    number, odd = 1e3 * float(study.common.values[0]), ""
+    if study.alike:
+        rows, half = 1e-3 * number * study.fit.trace.low_pass.rate, 1e3 * study.common.interval[0]
+        seen = f"torques come {abs(number):.3g} ± {half:.1g} ms {_late(number)} against positions"
+        cause = "torque and position are not of the same instant: a filter in the torque's way, a "
+        cause += "bus cycle, or two clocks"
+        cure = "record both in the same cycle of the controller and without filter, or shift the "
+        cure += f"torque columns by {-rows:+.2g} rows ({-number:+.3g} ms)"
+    else:
+        values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
+        pairs = zip(values, halves, strict=True)
+        lags = [f"{abs(x):.2g} ± {half:.1g} ms {_late(x)}" for x, half in pairs]
+        seen = "torques and positions do not agree in time, and drives differ: "
+        seen += _by_drive(drives, lags)
+        differing = np.abs(values - number) > np.maximum(halves, _APART)
+        odd = "" if differing.all() else listed(np.array(drives)[differing].tolist())
+        cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong "
+        cause += "friction law or torque constant, which a lag imitates"
+        cure = "set the torque filters of all drives alike and record in one cycle; check the "
+        cure += "friction law and torque constant of those that differ"
+        number = float(values[np.argmax(np.abs(values))])
+    grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
+    return Verdict("torque-lag", grade, seen + harms, odd, cause, cure, number=number, unit="ms")
+
+
+def _agreement(study: Study) -> str:
+    """Text for torques and positions that agree in time, after a correction if there was one."""
+    lag = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
+    applied = study.fit.trace.recording.repairs.lag
+    if not any(applied):
+        return f"torques and positions agree in time: {lag}"
+    corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
+    shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
+    return f"torques came {shift} against positions, which has been corrected: {lag} are left"
+
+
+def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
+    """Each drive with its text, if any."""
+    return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
+
+
+def _late(value: float) -> str:
+    return "late" if value > 0 else "early"
+
+
+def _resonance(study: Study) -> Verdict:
+    """The highest line of all drives; drives that show it are named."""
+    trace, drives, residual = study.fit.trace, study.fit.drives, unexplained(study)
+    rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
+    length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
+    frequency, power = density(residual, rate, max(length, 16))
+    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
+    lines = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T])
+    shares = np.sqrt(lines[:, 1]) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+    k = int(np.argmax(shares))
+    if shares[k] < _LEAST:
+        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
+    peak = float(lines[k, 0])
+    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
+    seen = f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
+    subject = "" if same.all() else listed(np.array(drives)[same].tolist())
+    cause = "struts, gears or frame ring there, or the drive's control loop does"
+    cure = "excite less near it and take a --cutoff below it; look for play and loose screws, or "
+    cure += "lower the gain of the control loop"
+    key, grade = "resonance", Grade.DOUBTFUL
+    return Verdict(key, grade, seen, subject, cause, cure, number=peak, unit="Hz")
+
+
+def _line(
+    frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
+) -> tuple[float, float]:
+    """Frequency and power of the most prominent line; zeros if there is none."""
+    inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
+    peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
+    for i in peaks[np.argsort(-power[peaks])]:
+        near = np.abs(frequency / frequency[i] - 1) < _NEAR
+        around = np.sort(power[near])  # np.median's checks take longer
+        level = 0.5 * float(around[(len(around) - 1) // 2] + around[len(around) // 2])
+        if power[i] < max(_STANDS * level, 1e-300):
+            continue
+        high, wide = np.flatnonzero(near & (power > 0.5 * power[i])), _NARROW * frequency[i]
+        if frequency[high[-1]] - frequency[high[0]] > wide + 2 * frequency[1]:
+            continue
+        band = np.abs(frequency - frequency[i]) <= 0.5 * wide + 2 * frequency[1]
+        total = float(np.sum(np.maximum(power[band] - level, 0.0)) * frequency[1])
+        return float(frequency[i]), total
+    return 0.0, 0.0
+
+
+def _rest(study: Study, *, rings: bool) -> Verdict:
+    """What neither parameters nor effects explain, or a resonance does (`rings`), by the drive that
+    has most of it."""
+    every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
+    rest = next((rest for rest in every if rest.is_unexplained), None)
+    if rings or rest is None:
+        seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
+        return Verdict("residual", Grade.GOOD, seen, number=every[0].times, unit="times the noise")
+    drive = study.fit.drives[rest.drive]
+    seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, "
+    cause, cure = "no known effect, and what is corrected may stand for a part of it", _LOOK
+    squares = np.sort(study.fit.rows.of_drives(study.account.left)[rest.drive] ** 2)
+    if rest.follows:
+        seen += f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)"
+    elif squares[-max(len(squares) // 10, 1) :].sum() > _BURSTS * squares.sum():
+        seen += "in short bursts"
+        cause = "knocks: contact with something, backlash that closes, or stops"
+        cure = f"{_LOOK}, and exclude what was no free motion"
+    else:
+        seen += "it varies with neither speed, place, time nor load"
+        cure = f"{_LOOK}; check play and stiffness of the gears"
+    key, number = "residual", 100 * rest.part
+    return Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")

@@ -1,0 +1,236 @@
+"""Whether the signals of a recording are worth a fit: rate, clock, encoders, torque channels."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool
+
+from deltaid.checks.evidence import Evidence
+from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed, percent
+from deltaid.recording.filter import LowPass, design_low_pass
+from deltaid.recording.log import Log
+from deltaid.recording.masks.masks import Reason, kept
+from deltaid.recording.recording import Recording
+
+# Samples per period of the motion's bandwidth: fewer are doubtful, or wrong. Differentiated signals
+# need more, because the filter keeps six hundredths of the rate.
+_DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
+# What the encoder's steps add to the accelerations, as a share of these.
+_ROUGH, _USELESS = 0.1, 1.0
+# Steps of the encoder over a stroke that are too few whatever the filter makes of them.
+_FEW = 250.0
+# A drive rests that moves less than this share of the others' range.
+_AT_LEAST = 0.01
+# Jitter of the stamps that is reported, as a share of the period.
+_JITTER = 0.005
+# Share of the rows on a torque's largest or smallest number, and at rest.
+_CLIPPED, _RESTING = 0.002, 0.2
+# Noise as a share of the largest torque: drives have 0.3 to 3 %. And the share of a channel's power
+# above which it is noise only.
+_NOISY, _NOTHING_ELSE = 0.06, 0.9
+# Step of a torque as a share of its root mean square.
+_COARSE, _BLIND = 0.1, 1.0
+
+_AT_REST: tuple[Reason, ...] = ("standing still", "on brakes", "emergency stop")
+
+
+def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
+    """All verdicts on the signals as they are recorded."""
+    if len(evidence.rows.time) < 2 or evidence.rows.step <= 0:
+        return
+    rate, recording = _rate(evidence), evidence.surveyed
+    yield rate
+    if rate.grade is Grade.WRONG:  # motions that are sampled like this look like noise
+        return
+    if not evidence.columns.velocity:  # positions are differentiated
+        yield from _encoder(evidence)
+    if isinstance(recording, Recording):
+        yield _clock(evidence, recording.log)
+        yield from _saturation(evidence, recording.log)
+        yield _standing(recording.log)
+    if evidence.rows.tau.shape[1]:
+        yield from _torque(evidence)
+
+
+def _rate(evidence: Evidence) -> Verdict:
+    """Samples per period of the motion's bandwidth."""
+    columns, rate = evidence.columns, 1.0 / evidence.rows.step
+    fastest = bandwidth(evidence.rows.q, rate)
+    if fastest == 0:
+        seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
+        return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
+    samples, (doubtful, wrong) = rate / fastest, _TAKEN
+    cause = "the recording is too slow for this motion"
+    if not (columns.velocity and columns.acceleration):
+        doubtful, wrong = _DIFFERENTIATED
+        cause = "the recording is too slow to be differentiated: what is faster than a sixteenth "
+        cause += "of the rate is bent or cut away"
+    seen = f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
+    seen += f"{fastest:.3g} Hz"
+    if samples >= doubtful:
+        return Verdict("rate", Grade.GOOD, seen, number=samples, unit="samples")
+    scale = 10.0 ** np.floor(np.log10(20 * fastest))
+    enough = float(np.ceil(20 * fastest / scale) * scale)  # to one significant digit
+    cure = f"record at {enough:g} Hz or more, or move more slowly"
+    grade = Grade.WRONG if samples < wrong else Grade.DOUBTFUL
+    return Verdict("rate", grade, seen, "", cause, cure, number=samples, unit="samples")
+
+
+def _encoder(evidence: Evidence) -> Iterator[Verdict]:
+    """Quantization noise of positions in the accelerations."""
+    q, drives, low_pass = evidence.rows.q, np.array(evidence.robot.drives), _low_pass(evidence)
+    if low_pass is None:
+        return
+    second = np.zeros((len(low_pass.second) - 1) * low_pass.stride + 1)
+    second[:: low_pass.stride] = low_pass.second
+    response = np.convolve(second, low_pass.response)
+    if len(q) < 2 * len(response):
+        return
+    steps, moves = np.array([step_of(x) for x in q.T]), _moving(evidence)
+    shares, rough = np.zeros(len(steps)), steps / np.sqrt(12) * np.linalg.norm(response)
+    for i in np.flatnonzero(moves):
+        windows = np.lib.stride_tricks.sliding_window_view(q[:, i] - q[:, i].mean(), len(response))
+        size = np.std(windows[:: low_pass.thinned] @ response[::-1])
+        shares[i] = rough[i] / np.sqrt(max(size**2 - rough[i] ** 2, (0.1 * size) ** 2, 1e-300))
+    counts = np.ptp(q, axis=0) / np.maximum(steps, 1e-300)
+    bad = moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
+    worst = int(np.argmax(shares))
+    drive, number, seen = drives[worst], 100 * float(shares[worst]), "positions show no steps"
+    if steps[worst] > 0:
+        seen = (
+            f"steps of {steps[worst]:.2g} {evidence.robot.units(drive).coordinate} make "
+            f"{percent(shares[worst])} of {drive}'s acceleration below {low_pass.cutoff:.3g} Hz"
+        )
+    if not bad.any():
+        yield Verdict("encoder-step", Grade.GOOD, seen, number=number, unit="%")
+        return
+    grade = Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL
+    subject = listed(drives[bad].tolist())
+    cause = "the encoder, or the number format of the log, resolves too little for this motion"
+    cure = "record the motor's encoder with all its digits, move faster, or take a lower --cutoff"
+    yield Verdict("encoder-step", grade, seen, subject, cause, cure, number=number, unit="%")
+
+
+def _low_pass(evidence: Evidence) -> LowPass | None:
+    """The filter of the recording, or one for its motion where it has none."""
+    if isinstance(evidence.surveyed, Recording):
+        return evidence.surveyed.low_pass
+    rate = 1.0 / evidence.rows.step
+    fastest = bandwidth(evidence.rows.q, rate)
+    if fastest == 0:
+        return None
+    return design_low_pass(min(max(2 * fastest, 2e-6 * rate), 0.1 * rate), rate)
+
+
+def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
+    """Drives that do not rest while others of their kind move."""
+    robot, span = evidence.robot, evidence.moved
+    slides = np.array([robot.is_linear(drive) for drive in robot.drives])
+    largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
+    return span > _AT_LEAST * largest
+
+
+def _clock(evidence: Evidence, log: Log) -> Verdict:
+    """Missing, doubled or jittered rows."""
+    clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
+    lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
+    stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
+    twice, scatter = len(clock.extra), clock.jitter / clock.period
+    faults = {
+        f"{lost} rows are missing in {int(np.sum(clock.lost > 0))} places": lost,
+        f"time starts again {restarts} times": restarts,
+        f"{twice} rows are there twice or have no place of their own": twice,
+        f"{stale} rows repeat the one before them while the robot moves": stale,
+        f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
+    }
+    seen = "; ".join(words for words, is_so in faults.items() if is_so)
+    if not seen and clock.steady:
+        uneven = jitter(evidence.rows.q, clock.period) / clock.period
+        if uneven > _JITTER:
+            scatter = uneven
+            seen = f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
+            seen += f"{period} from where their even stamps say"
+    if not seen:
+        seen = f"{clock.rows} rows, one every {period}"
+        return Verdict("clock", Grade.GOOD, seen, number=100 * scatter, unit="%")
+    cause = "the logger or the network did not keep up"
+    if scatter > _JITTER and not (lost or restarts or twice or stale):
+        cause = "stamps are made when rows are written, and not when they are sampled"
+        if clock.even is False or clock.steady:
+            cause = "rows are sampled when the logger gets round to it, not by a clock"
+    cure = "log with the controller's own cycle and its counter as time; meanwhile holes are cut "
+    cure += "out or bridged, and rows put on an even grid"
+    number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
+    return Verdict("clock", Grade.DOUBTFUL, seen, "", cause, cure, number=number, unit="%")
+
+
+def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
+    """Share of each drive's rows that is excluded for some reasons."""
+    masks = [mask for mask in log.masks if mask.reason in reasons]
+    return (1.0 - kept(masks, len(log.columns.position), log.samples)).tolist()
+
+
+def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
+    shares, key = _excluded(log, ("saturated torque",)), "saturation"
+    if max(shares) <= _CLIPPED:
+        seen = "no torque stays on its largest or smallest number"
+        yield Verdict(key, Grade.GOOD, seen, number=100 * max(shares), unit="%")
+    cause = "the drive is at its limit of current, or the channel's range ends there"
+    cure = "raise the channel's range, or move more gently or with less load"
+    for drive, share in zip(evidence.robot.drives, shares, strict=True):
+        if share > _CLIPPED:
+            seen = f"{percent(share)} of {drive}'s rows are on the largest or smallest number of "
+            seen, number = f"{seen}the torque; these are left out", 100 * share
+            yield Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")
+
+
+def _standing(log: Log) -> Verdict:
+    share = min(_excluded(log, _AT_REST))
+    seen = f"the robot rests for {percent(share)} of the time"
+    if share <= _RESTING:
+        return Verdict("standing", Grade.GOOD, seen, number=100 * share, unit="%")
+    seen = f"{seen}; these rows are left out"
+    cause = "at rest friction balances whatever there is, so that torques say nothing"
+    cure = "record a motion without pauses, or more of it"
+    return Verdict("standing", Grade.DOUBTFUL, seen, "", cause, cure, number=100 * share, unit="%")
+
+
+def _torque(evidence: Evidence) -> Iterator[Verdict]:
+    """Noise and steps of the torque channels."""
+    tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
+    largest, spread = np.maximum([np.abs(tau).max(axis=0), tau.std(axis=0)], 1e-300)
+    steps = np.array([step_of(x) for x in tau.T])
+    variance = white_noise(tau) ** 2 - steps**2 / 12
+    noise, coarse = np.sqrt(np.maximum(variance, 0.0)), moves & (steps > _COARSE * spread)
+    shares = (noise / largest).tolist()
+    noisy = np.flatnonzero(moves & (noise / largest > _NOISY) & ~coarse)
+    if not noisy.size:
+        share = shares[int(np.argmax(np.where(moves, shares, 0.0)))]
+        seen = f"at most {percent(share)} of the largest torque"
+        yield Verdict("torque-noise", Grade.GOOD, seen, number=100 * share, unit="%")
+    for i in noisy:
+        key, drive, number = "torque-noise", drives[i], 100 * shares[i]
+        grade, seen = Grade.WRONG, f"{drive}'s torque is noise only"
+        cause = "the channel is not connected, or another signal"
+        cure = "check which signal the column holds"
+        if noise[i] ** 2 <= _NOTHING_ELSE * spread[i] ** 2:
+            grade, seen = Grade.DOUBTFUL, f"{drive}'s torque has noise of {percent(shares[i])} of "
+            seen += "its largest; 0.3 to 3 % is usual"
+            cause = "current ripple or an unshielded sensor, or a motion with little torque"
+            cure = "record the controller's filtered torque and its lag, longer, or a faster motion"
+        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+    shares = (steps / spread).tolist()
+    if not coarse.any():
+        share = max(shares)
+        seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
+        yield Verdict("torque-step", Grade.GOOD, seen, number=100 * share, unit="%")
+    cause = "the channel has too few digits, such as whole per cent of a rated torque"
+    cure = "record it with more digits (per mille, or the current in mA)"
+    for i in np.flatnonzero(coarse):
+        key, drive, number = "torque-step", drives[i], 100 * shares[i]
+        grade = Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL
+        seen = f"{drive}'s torque comes in steps of {steps[i]:.3g} "
+        seen += f"{evidence.robot.units(drive).force}, {percent(shares[i])} of its usual size"
+        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")

@@ -1,0 +1,224 @@
+"""Verdicts as a tuple that knows its robot and recordings, and what they propose for files:
+applied to a description or a mapping, or written as lines to paste."""
+
+import copy
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from deltaid.checks.evidence import Evidence, evidence
+from deltaid.effects.all import EFFECTS
+from deltaid.effects.effect import DescribedEffect
+from deltaid.errors import DeltaidError
+from deltaid.model.verdict import Grade, Verdict, worst
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import Recording
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import (
+    RobotLike,
+    catalogue,
+    described,
+    described_in,
+    holds_a_model,
+    parse,
+    plain_data,
+    read_text,
+    yaml_text,
+)
+from deltaid.shown import Reported, Shown, Tabled
+
+File = Literal["robot", "mapping"]
+Changes = dict[str, object]
+Data = dict[str, Any]
+
+# Every key that a verdict may have, in the order of docs/check.md, by what it is about; those of
+# effects are theirs.
+KEYS = {
+    "the description": (
+        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
+        "workspace-cut", "torque-limit",
+    ),
+    "units and wiring": (
+        "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
+        "drive-order", "homing-or-tilt", "velocity",
+    ),
+    "the signals": (
+        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
+        "resonance", "torque-lag", "closed-loop",
+    ),
+    "the sensors": (
+        "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",
+        "sensor-clipped", "sensor-lag", "sensor-noise", "sensor-residual",
+    ),
+    "the information": ("base-parameters", "excitation"),
+    "the fit": (
+        *dict.fromkeys(effect.key for effect in EFFECTS if isinstance(effect, DescribedEffect)),
+        "residual",
+    ),
+    "what cannot be used": ("refused",),
+}  # fmt: skip
+
+
+class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
+    """Verdicts on a robot and its recordings, in the order of what they look at.
+
+    Attributes:
+        robot: the description; None where the file does not describe a robot.
+        sources: the recordings.
+        mappings: of their columns, as they were given.
+    """
+
+    robot: RobotDescription | None
+    sources: tuple[Path | Recording, ...]
+    mappings: tuple[ColumnMapping | None, ...]
+
+    def __new__(
+        cls,
+        verdicts: Iterable[Verdict] = (),
+        robot: RobotDescription | None = None,
+        sources: Sequence[Path | Recording] = (),
+        mappings: Sequence[ColumnMapping | None] = (),
+    ) -> "Verdicts":
+        """Verdicts and what they are on."""
+        new = super().__new__(cls, verdicts)
+        new.robot, new.sources, new.mappings = robot, tuple(sources), tuple(mappings)
+        return new
+
+    @property
+    def grade(self) -> Grade:
+        """The most severe one."""
+        return worst(self)
+
+    @property
+    def poor(self) -> tuple[Verdict, ...]:
+        """Those that are not good, the most severe first."""
+        order = list(Grade)
+        poor = [verdict for verdict in self if verdict.grade is not Grade.GOOD]
+        return tuple(sorted(poor, key=lambda verdict: -order.index(verdict.grade)))
+
+    @property
+    def cures(self) -> str:
+        """Lines that are proposed for the mapping and for the robot file, to read or to paste."""
+        parts = list[str]()
+        for file in files_of(self):
+            if file == "robot":
+                title, data = "the robot file", as_written(self._described)
+            else:
+                title, data = "the mapping of columns", self._recorded.written_mapping
+            parts.append(f"# into {title}\n{pasted(data, changes(self, file))}")
+        return "\n".join(parts)
+
+    def cured_columns(self) -> ColumnMapping:
+        """The mapping of columns with all that is proposed, to be given as `columns=`.
+
+        Nothing is cured unasked: look at `cures` first.
+
+        Raises:
+            DeltaidError: there is not one recording, whose mapping could be meant.
+        """
+        text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
+        return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
+
+    def cured_robot(self) -> RobotDescription:
+        """The description with all that is proposed.
+
+        Raises:
+            DeltaidError: the file does not describe a robot, or what is proposed does not fit.
+        """
+        if not (proposed := changes(self, "robot")):
+            return self._described
+        text = yaml_text(mended(as_written(self._described), proposed))
+        return described_in(text, "cured robot")
+
+    @property
+    def _described(self) -> RobotDescription:
+        if self.robot is None:
+            raise DeltaidError(
+                "there is no robot to be cured: its file does not describe one",
+                where="verdicts",
+                cure="`deltaid check ROBOT --write FILE` writes a cured file",
+            )
+        return self.robot
+
+    @property
+    def _recorded(self) -> Evidence:
+        if self.robot is None or len(self.sources) != 1:
+            raise DeltaidError(
+                f"a mapping is cured with one recording, and there are {len(self.sources)}",
+                where="verdicts",
+                cure="ask for the verdicts on each recording by itself",
+            )
+        return evidence(self.robot, self.sources[0], self.mappings[0])
+
+
+def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
+    """The files that verdicts propose to change."""
+    named: set[File] = {p.file for verdict in verdicts for p in verdict.proposals}
+    order: tuple[File, ...] = ("robot", "mapping")
+    return tuple(file for file in order if file in named)
+
+
+def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
+    """What all verdicts propose for one file; of two values for one key the first."""
+    proposals = (p for verdict in verdicts for p in verdict.proposals if p.file == file)
+    chosen: Changes = {}
+    for proposal in proposals:
+        chosen |= {key: value for key, value in proposal.changes if key not in chosen}
+    return chosen
+
+
+def as_written(robot: RobotLike) -> Data:
+    """A description as the plain data of its file, even with impossible numbers.
+
+    Raises:
+        DescriptionError: there is no such robot, or its file is no mapping of keys.
+    """
+    if isinstance(robot, str | Path) and str(robot) not in catalogue() and os.path.exists(robot):
+        text = read_text(Path(robot))
+        if not holds_a_model(text):
+            return plain_data(text, str(robot))
+    return described(robot).model_dump(mode="json", exclude_none=True)
+
+
+def mended(data: Data, proposed: Changes) -> Data:
+    """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
+    data = copy.deepcopy(data)
+    for path, value in proposed.items():
+        *parents, last = _steps(path)
+        place: Any = data
+        for step in parents:
+            place = place[step] if isinstance(step, int) else place.setdefault(step, {})
+        if value is None and isinstance(place, dict):
+            place.pop(last, None)
+        else:
+            place[last] = value
+    return data
+
+
+def pasted(data: Data, proposed: Changes) -> str:
+    """What is proposed for plain data, as lines of YAML to paste into its file."""
+    return yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
+
+
+def to_paste(data: Data, proposed: Changes) -> Data:
+    """The changed keys of mended data and nothing else; of a list all, as it is pasted whole."""
+    lines: Data = {}
+    for path in proposed:
+        value: Any = data
+        target = lines
+        for step in _steps(path):
+            if step not in value:
+                break
+            value = value[step]
+            if not isinstance(value, dict):
+                target[step] = value
+                break
+            target = target.setdefault(step, {})
+    return lines
+
+
+def _steps(path: str) -> list[Any]:
+    """'torque[1].sign' as ['torque', 1, 'sign']."""
+    return [int(step) if step.isdigit() else step for step in re.findall(r"[^.\[\]]+", path)]

@@ -1,0 +1,242 @@
+"""One assignment of columns to drives, and how well it explains a recording."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import eigh
+
+from deltaid.checks.wiring.consistent import Posed
+from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.residual import Map, Patterns, Residual, poses, residual
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.estimation.span import Span
+from deltaid.robot.description import RobotDescription
+
+# A gain so far from the others' is no calibration error; least margin that it needs.
+_GAIN, _SHOWN_FAR = 2.5, 3.0
+# Share of the samples whose loops must close, and of the few tried first.
+CLOSED, MOSTLY_CLOSED = 0.98, 0.9
+_FEW = 40
+# A robot within so much of its prior, of which so little is left, and whose torques correlate so
+# with the prior's, is worth no search for units.
+_NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
+# Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
+# of one with factors of positions.
+_SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
+# Hypotheses whose likelihoods are within this factor a row are as good: no noise is white, and no
+# model exact; nor are those within this logarithm of likelihoods.
+_AS_GOOD, _CERTAIN = 1.1, 10.0
+# With a larger residual than this a hypothesis must halve that of the mapping.
+_DOUBTED = 0.03
+# Correlation of residuals of drives that hang together.
+_TIED = 0.25
+# Patterns of one map that are judged.
+_JUDGED = 4
+
+# Units that numbers may really be in, by the factor to the joint's own.
+TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
+SLIDING = {1e-3: "millimetres", 1e3: "metres"}
+
+# A map of positions, the torque column of each drive, and gains of these.
+Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One assignment of columns, and how well a consistent robot explains it."""
+
+    residual: Residual
+    order: tuple[int, ...]  # the torque column of each drive
+    # with sign: drive torque = gain · number; ±1, or a gain far from 1
+    gains: Float[np.ndarray, " drives"]
+    evidence: float = 0.0  # before consistency (a logarithm), to choose which to fit
+
+    @property
+    def map(self) -> Map:
+        return self.residual.map
+
+    @property
+    def key(self) -> Assignment:
+        """What it assigns; gains that are not ±1 by their size."""
+        return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
+
+    @cached_property
+    def columns(self) -> Float[np.ndarray, "rows drives"]:
+        """The torque column of each drive, as weighted rows."""
+        return self.residual.rows.own(self.residual.tau[:, list(self.order)].T)
+
+    @property
+    def torques(self) -> Float[np.ndarray, " rows"]:
+        return self.columns @ self.gains
+
+    @cached_property
+    def left_by_any(self) -> Float[np.ndarray, "drives drives"]:
+        """S: the gains u leave uᵀS u of the torques if parameters may be any."""
+        rest = self.residual.span.without(self.columns)
+        return rest.T @ rest
+
+    @cached_property
+    def posed(self) -> Posed:
+        """Its torques, to be fitted by a robot that may exist."""
+        tau = (self.residual.tau[:, list(self.order)] * self.gains).T
+        return Posed.of(self.residual, tau)
+
+    @property
+    def score(self) -> float:
+        """Log likelihood; samples without poses count as not explained."""
+        return self.posed.fit.score
+
+    @property
+    def left(self) -> float:
+        """Share of the torques that no parameters explain, raised by samples that do not close."""
+        return (1 + 3 * (1 - self.residual.share)) * self.posed.fit.left
+
+    @cached_property
+    def loose(self) -> Bool[np.ndarray, " drives"]:
+        """Drives with undetermined gain: their residual correlates with no other's. Limbs that
+        share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
+        S = self.left_by_any
+        size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
+        return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
+
+    @property
+    def along(self) -> Float[np.ndarray, " drives"]:
+        """Correlation of each drive's torque with that of the prior."""
+        return np.sign(self.gains) * self.residual.along[np.arange(len(self.order)), self.order]
+
+    @property
+    def closes(self) -> bool:
+        """Whether the loops close along the recording."""
+        return self.residual.share >= CLOSED
+
+    @property
+    def clear(self) -> bool:
+        """Whether units need no search."""
+        fit = self.posed.fit
+        near = self._goes_along(_ALONG, _ALONG_LOOSE) and fit.distance < _NEAR
+        return near and self.closes and self.left < LITTLE
+
+    @property
+    def sensible(self) -> bool:
+        """Whether torques correlate with the motion at all; a drive that no other is tied to has
+        its sign from the prior."""
+        along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
+        return self._goes_along(along, 0.0) and self.left < left
+
+    def _goes_along(self, tied: float, loose: float) -> bool:
+        """Whether each moving drive's torque correlates so much with that of the prior."""
+        along = self.along > np.where(self.loose, loose, tied)
+        return bool(np.all(along[~self.residual.still]))
+
+    @property
+    def changes(self) -> int:
+        """Number of columns that differ from the mapping."""
+        orders = (*enumerate(self.map.order), *enumerate(self.order))
+        moved = sum(drive != column for drive, column in orders)
+        return moved + _distinct(np.array(self.map.scale)) + _distinct(self.gains)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether positions are in no unit that has a name."""
+        return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
+
+    def beats(self, as_mapped: "Candidate") -> bool:
+        """Whether its residual rules out the columns as mapped."""
+        if self is as_mapped:
+            return True
+        if self.left > _DOUBTED and as_mapped.left < 2 * self.left:
+            return False
+        return not as_mapped.as_likely_as(self)
+
+    def as_likely_as(self, best: "Candidate") -> bool:
+        """Whether noise, or what no model has, explains the difference to the best."""
+        return best.score - self.score < as_good(len(best.residual.Y))
+
+
+def as_good(rows: int) -> float:
+    """Difference of log likelihoods of so many rows that decides nothing."""
+    return max(_CERTAIN, rows * float(np.log(_AS_GOOD)))
+
+
+def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
+    """Drives with a factor, or 1 where all have the same."""
+    odd = int(np.sum(factors != 1))
+    return 1 if odd == len(factors) and np.ptp(factors) == 0 else odd
+
+
+def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
+    """Units that a drive's positions may be in, by factor."""
+    return SLIDING if robot.is_linear(robot.drives[drive]) else TURNING
+
+
+def closed_share(dynamics: Dynamics, motion: Motion, map: Map) -> float:
+    """Share of samples whose loops close, estimated from a few."""
+    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
+
+
+def residuals(
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
+) -> Iterator[Residual]:
+    """Least squares under maps whose loops close at a share of the samples."""
+    for map in maps:
+        if closed_share(dynamics, motion, map) >= least:
+            solved = residual(dynamics, motion, map)
+            if solved is not None:
+                yield solved
+
+
+def tried(
+    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], *, as_is: bool = False
+) -> Iterator[Candidate]:
+    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
+    `as_is`, torque columns keep their order."""
+    for solved in residuals(dynamics, motion, maps):
+        dof = len(solved.still)
+        patterns, in_order, values = Patterns.all_of(dof), np.arange(dof), solved.evidences.copy()
+        # At rest friction balances any torque: neither sign nor order shows.
+        unmoved = (patterns.orders != in_order) | (patterns.signs < 0)
+        values[np.any(unmoved[:, solved.still], axis=1)] = -np.inf
+        if as_is:
+            values[np.any(patterns.orders != in_order, axis=1)] = -np.inf
+        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
+        for k in ranked[np.isfinite(values[ranked])]:
+            order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
+            yield Candidate(solved, order, patterns.signs[k], evidence)
+        if not as_is and (far := _far_gains(solved)) is not None:
+            yield far
+
+
+def _far_gains(residual: Residual) -> Candidate | None:
+    """Torque columns in their order, some of them in another unit than those of the others."""
+    as_is = Candidate(residual, tuple(range(len(residual.still))), np.ones(len(residual.still)))
+    tied = np.flatnonzero(~as_is.loose & ~residual.still)
+    if len(tied) < 2:
+        return None
+    squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
+    values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
+    if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
+        return None
+    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
+    u = u / np.median(np.abs(u))
+    far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
+    if not np.any(far):
+        return None
+    gains = np.ones(len(residual.still))
+    gains[tied] = np.where(far, u, np.sign(u))
+    # A large gain must add no weight; else an unexplained drive is only weighted less.
+    by = np.repeat(np.abs(gains), residual.rows.samples)
+    better = _share(residual.span, as_is.columns @ np.sign(gains))
+    better /= _share(Span.of(residual.Y / by[:, None]), as_is.columns @ gains / by)
+    if better < _SHOWN_FAR:
+        return None
+    evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
+    return Candidate(residual, as_is.order, gains, evidence)
+
+
+def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
+    """Residual as a share of the torques' root mean square."""
+    return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))

@@ -1,0 +1,208 @@
+"""A recording under the columns that explain it best, the input of all verdicts on wiring.
+
+A scale common to all drives is judged by the ratio of torques to the prior's alone.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.checks.evidence import Evidence
+from deltaid.checks.wiring.candidate import Candidate, named_units
+from deltaid.checks.wiring.cures import Entries
+from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.residual import Map
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.signs import row_at_home
+from deltaid.model.words import listed, percent
+
+# Torques so many times larger or smaller than the prior's are in another unit, or may be.
+WRONG_SCALE, DOUBTFUL_SCALE = 4.0, 2.5
+# Correlation with the prior's torque of a drive whose own scale is worth asking for.
+_GOES = 0.6
+# Below the first share of a drive's largest torque a component is too small to be compared, as
+# expected or as estimated: next to bodies described far too heavy, friction looks small. For an
+# untied drive, and for expected torques at least, the second.
+_SMALL, _SMALLEST = 0.1, 0.003
+# Cost of an additional explanation, in natural logarithms of ratios.
+_MORE = 0.3
+# Where friction asks for so little of the usual factor's logarithm, or the rest, that is no unit.
+_AGREED = 0.5
+# A speed at which only Coulomb friction acts, as a share of the usual one.
+_CREEP = 1e-6
+# Components: inertia, gravity, viscous and Coulomb friction.
+INERTIA, VISCOUS = 0, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A recording under the columns that explain it best."""
+
+    evidence: Evidence
+    motion: Motion  # the stretch that was evaluated
+    # hypotheses that explain it equally well, simplest first; none if no loops close
+    good: tuple[Candidate, ...]
+
+    @cached_property
+    def entries(self) -> Entries:
+        """Of the mapping."""
+        return Entries(self.evidence)
+
+    @property
+    def best(self) -> Candidate:
+        return self.good[0]
+
+    @property
+    def rivals(self) -> tuple[Candidate, ...]:
+        """The best one and others that are as simple, of which the recording shows no better."""
+        return tuple(other for other in self.good if other.changes == self.best.changes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.evidence.robot.drives
+
+    @property
+    def along(self) -> float:
+        """Least correlation of a moving drive's torque with that of the prior."""
+        return float(self.best.along[~self.best.residual.still].min(initial=1.0))
+
+    @cached_property
+    def ratios(self) -> Float[np.ndarray, "drives components"]:
+        """Torques of inertia, gravity, viscous and Coulomb friction, estimated over those of the
+        prior; NaN for components that are small."""
+        best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
+        residual = best.residual
+        p = residual.span.coefficients(best.torques)
+        rates = [best.map.rates(rate) for rate in (motion.qd, motion.qdd)]
+        speed, acceleration = (np.sqrt(np.mean(rate**2, axis=0)) for rate in rates)
+        out = np.full((dynamics.dof, 4), np.nan)
+        for i in range(dynamics.dof):
+            rows = _components(dynamics, i, speed[i], acceleration[i])[:, residual.columns]
+            estimated, expected = rows @ p, rows @ residual.prior
+            share = _SMALLEST if best.loose[i] else _SMALL
+            both = _large(estimated, _SMALL) & _large(expected, _SMALLEST)
+            large = _large(expected, share) | both
+            out[i, large] = estimated[large] / expected[large]
+        return out
+
+    @property
+    def untied(self) -> list[int]:
+        """Drives that no limb ties to others; a telescope's if its torque goes with its motion."""
+        last, robot = len(self.names) - 1, self.evidence.robot
+        turns = robot.telescope is not None and self.best.loose[last]
+        return [last] if last == 0 or (turns and self.best.along[last] > _GOES) else []
+
+    @cached_property
+    def units(self) -> dict[int, float]:
+        """Unit factors of untied drives, which only the prior determines."""
+        factors = {i: _unit_of(self.ratios[i], self._beyond(i), self.named(i)) for i in self.untied}
+        return {i: unit for i, unit in factors.items() if unit != 1}
+
+    def _beyond(self, i: int) -> float:
+        """Largest ratio of a drive's speed or range to the described one."""
+        robot, beyond = self.evidence.robot, 0.0
+        limits = robot.drive_limits.get(self.names[i])
+        if limits is not None and limits.top_speed:
+            beyond = float(np.abs(self.motion.qd[:, i]).max()) / limits.top_speed
+        if len(self.names) == 1 and self.linear(i):
+            _, half = robot.within(0.0)
+            beyond = max(beyond, float(np.ptp(self.motion.q[:, i]) / (2 * half[0])))
+        return abs(self.best.map.scale[i]) * beyond
+
+    @property
+    def map(self) -> Map:
+        """Of the positions, with these units."""
+        scale = [factor * self.units.get(i, 1.0) for i, factor in enumerate(self.best.map.scale)]
+        return replace(self.best.map, scale=tuple(scale))
+
+    def linear(self, drive: int) -> bool:
+        return self.evidence.robot.is_linear(self.names[drive])
+
+    def named(self, drive: int) -> dict[float, str]:
+        """Units that its positions may be in, by factor."""
+        return named_units(self.evidence.robot, drive)
+
+    def whose(self, drives: list[int]) -> str:
+        """A subject: empty for all drives."""
+        return "" if len(drives) == len(self.names) else ", ".join(self.names[i] for i in drives)
+
+    def all_or(self, drives: list[int]) -> str:
+        """The drives in a sentence."""
+        every = len(drives) == len(self.names) > 1
+        return "all drives" if every else listed([self.names[i] for i in drives])
+
+    @property
+    def fits(self) -> str:
+        """How well the best hypothesis explains the recording."""
+        return f"leaves {percent(self.best.left)} of the torques unexplained"
+
+    def of_motors(self, factor: float) -> bool:
+        """Whether torques are too small by the gear that positions are too large by."""
+        size = overall(self.ratios)
+        return size < 1 / DOUBTFUL_SCALE and 0.25 < size / factor < 4
+
+
+def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
+    """Components above a share of the largest."""
+    return np.abs(torques) > share * np.abs(torques).max()
+
+
+def _components(
+    dynamics: Dynamics, i: int, speed: float, acceleration: float
+) -> Float[np.ndarray, "4 parameters"]:
+    """Rows c with c p = torque of drive i at home."""
+    zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
+    speeds = [sign * size * e for size in (speed, _CREEP * speed) for sign in (1.0, -1.0)]
+    forth, back, creep, creep_back = (row_at_home(dynamics, i, qd, zero) for qd in speeds)
+    friction, coulomb = 0.5 * (forth - back), 0.5 * (creep - creep_back)  # Coriolis is even
+    still = row_at_home(dynamics, i, zero, zero)
+    inertia = row_at_home(dynamics, i, zero, e) - still
+    return np.stack([acceleration * inertia, still, friction - coulomb, coulomb])
+
+
+def overall(ratios: Float[np.ndarray, "..."]) -> float:
+    """The median ratio: a prior is hardly wrong by one factor in most of its components.
+
+    Friction and the other components must agree: the ratio nearer to 1 is taken, and 1 where they
+    lie on different sides.
+    """
+    parts = ratios[..., :VISCOUS], ratios[..., VISCOUS:]
+    logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
+    usual = float(np.median(_logs(ratios)))
+    if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
+        return float(np.exp(usual))
+    least = min(logs, key=abs)
+    return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
+
+
+def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
+    """The unit of a position, a factor, that makes a drive's components agree best with the prior.
+
+    1 where the torque's scale, or nothing, explains them as well. Angles too large by a factor make
+    inertia and viscous friction too small by it, and Coulomb friction stays. `pace` is the drive's
+    largest speed over the largest one that is described; 0 where none is.
+    """
+
+    def odd(logs: np.ndarray, pace: float) -> float:
+        return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
+
+    usual = _logs(ratio)
+    oddness = {1.0: min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)}
+    for unit in units:
+        oddness[unit] = odd(_logs(in_unit(ratio, unit)), pace * unit) + _MORE
+    return min(oddness, key=lambda unit: oddness[unit])
+
+
+def in_unit(ratios: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:
+    """The ratios where a position is in another unit."""
+    out = ratios.copy()
+    out[..., [INERTIA, VISCOUS]] /= unit
+    return out
+
+
+def _logs(ratios: np.ndarray) -> np.ndarray:
+    positive = ratios[ratios > 0]  # a wrong sign is noise, or reported by sign checks
+    return np.log(positive) if positive.size else np.zeros(1)

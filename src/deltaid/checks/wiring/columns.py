@@ -1,0 +1,240 @@
+"""Verdicts on columns of positions and torques: units, gears, signs, order, scale."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from deltaid.checks.wiring.case import DOUBTFUL_SCALE, INERTIA, WRONG_SCALE, Case, in_unit, overall
+from deltaid.checks.wiring.cures import Values
+from deltaid.checks.wiring.residual import Map
+from deltaid.checks.wiring.velocity import rates
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.words import listed
+from deltaid.recording.mapping import Quantity
+
+# With a larger residual share of the torques, a factor of positions is doubtful.
+_SURE = 0.08
+# Said where hypotheses explain a recording equally well.
+_UNDECIDED = "the recording does not show which"
+# Thousandths of the unit of torques, of a turning and of a linear drive.
+_MILLI = "mN m", "mN"
+# Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
+_MIRRORED = 0.3
+
+
+def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
+    """Positions, and velocities that are their derivatives as mapped."""
+    as_mapped = rates(case.motion, Map.identity(len(case.names)))
+    unscaled = all(0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
+    return ("position", "velocity") if as_mapped and unscaled else ("position",)
+
+
+def column_verdicts(case: Case) -> tuple[Verdict, ...]:
+    """Those on positions and torques, in the order of what rests on what."""
+    return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
+
+
+def _positions(case: Case) -> Iterator[Verdict]:
+    """Units and gears of positions."""
+    scale = np.abs(case.best.map.scale).tolist()
+    for factor in dict.fromkeys(scale):
+        if factor != 1:
+            yield _scaled(case, [i for i, f in enumerate(scale) if f == factor], factor)
+    for i, unit in case.units.items():
+        if scale[i] == 1:
+            yield _scaled(case, [i], unit)
+
+
+def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
+    """Positions that must be multiplied by a factor."""
+    entries, best, whose = case.entries, case.best, case.all_or(drives)
+    name, ratio = case.named(drives[0]).get(factor), 1 / factor
+    change = entries.of_motor if name is None else entries.in_unit
+    changes: dict[Quantity, Values] = {
+        quantity: {i: change(quantity, best.map.order[i], factor) for i in drives}
+        for quantity in _follow(case, drives)
+    }
+    cause, cure = f"in {name}", f"declare the unit of the position columns: {name}"
+    if name is None:
+        gear = f"a gear of about {ratio:.3g}"
+        if case.linear(drives[0]):
+            gear = f"a lead of about {1e3 * 2 * np.pi * factor:.3g} mm per revolution"
+        cause = f"those of the motor, behind {gear}"
+        cure = "declare the gear (or lead) of the position columns, exactly"
+        if case.of_motors(factor):
+            cause += ", and so are the torques"
+            cure = "declare the gear (or lead) of position and torque columns, exactly"
+            changes["torque"] = {i: change("torque", best.order[i], ratio) for i in drives}
+    return Verdict(
+        "gear" if name is None else "angle-unit",
+        Grade.WRONG if best.left < _SURE else Grade.DOUBTFUL,
+        f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
+        f"{case.fits}",
+        case.whose(drives),
+        f"positions of {whose} are {cause}",
+        cure,
+        entries.proposal(changes) if best.left < _SURE else (),
+        number=factor,
+    )
+
+
+def _signs(case: Case) -> Iterator[Verdict]:
+    """Columns that count the other way."""
+    best, n = case.best, len(case.names)
+    angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
+    if n == 1 and not angles.size and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+        # No loop determines a lone drive's sign, and gravity may be even: negative inertia does.
+        yield _angle_sign(case, 0)
+    if len(torques) == n > 1 and not angles.size:
+        yield _torque_sign(case, torques.tolist())
+        return
+    for i in np.union1d(angles, torques).tolist():
+        ways = dict.fromkeys((c.map.scale[i] < 0, bool(c.gains[i] < 0)) for c in case.rivals)
+        for angle, torque in ways:
+            if angle:
+                yield _angle_sign(case, i, both=torque, sure=len(ways) == 1)
+            elif torque:
+                yield _torque_sign(case, [i], sure=len(ways) == 1)
+
+
+def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
+    """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
+    name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
+    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
+    cause, columns = f"the angle of {name} counts the other way", "position"
+    if both:
+        cause, columns = f"{name} counts the other way, in angle and torque", "position and torque"
+        changes["torque"] = {i: turned("torque", i)}
+    return Verdict(
+        "angle-sign",
+        Grade.WRONG if sure else Grade.DOUBTFUL,
+        f"only with the other sign of {name} its motion goes with the loops and torques; that "
+        f"{case.fits}",
+        name,
+        cause if sure else f"{cause}, or another sign is wrong; {_UNDECIDED}",
+        f"turn the sign of its {columns} column",
+        case.entries.proposal(changes) if sure else (),
+    )
+
+
+def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
+    order, whose, entries = case.best.order, case.all_or(drives), case.entries
+    against = float(-case.best.along[drives].min())
+    changes: Values = {i: entries.turned("torque", order[i]) for i in drives} if sure else {}
+    instead = "" if sure else f", or the angle does; {_UNDECIDED}"
+    return Verdict(
+        "torque-sign",
+        Grade.WRONG if sure else Grade.DOUBTFUL,
+        f"the torque of {whose} works against the motion: its correlation with the prior's is "
+        f"{against:.2g}; with the other sign the model {case.fits}",
+        case.whose(drives),
+        f"the torque of {whose} counts the other way{instead}",
+        "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
+        entries.proposal({"torque": changes}),
+        number=against,
+    )
+
+
+def _order(case: Case) -> Iterator[Verdict]:
+    """Columns that belong to other drives."""
+    n, torque, position = len(case.names), case.best.order, case.best.map.order
+    in_order = tuple(range(n))
+    moved = [i for i in range(n) if torque[i] != i or position[i] != i]
+    if not moved:
+        return
+    order: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
+    order["torque"] = torque
+    changes: dict[Quantity, Values] = {
+        quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(columns)}
+        for quantity, columns in order.items()
+    }
+    given, quantities, instead = position, "positions", "torques"
+    if position == in_order:
+        given, quantities, instead = torque, "torques", "positions"
+    elif torque == position:
+        quantities = "positions and torques together"
+    columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
+    cause = f"the {quantities} are in another order than the drives: {columns}"
+    # Limbs that are alike have no names: what the recording shows is which torque belongs to which
+    # position, and positions and torques that moved together are named as they are.
+    others = {(other.map.order, other.order) for other in case.rivals}
+    sure = all(positions == torques for positions, torques in others) or len(others) == 1
+    if not sure:
+        cause += f", or the {instead} are; {_UNDECIDED}"
+    seen = f"torques and motion belong together only in another order, which {case.fits}"
+    cure = "map the columns in the order of the drives"
+    proposals = case.entries.proposal(changes) if sure else ()
+    yield Verdict("drive-order", Grade.WRONG, seen, case.whose(moved), cause, cure, proposals)
+
+
+def _torques(case: Case) -> Iterator[Verdict]:
+    """The scale of torques: gears, units and currents, of one drive or of all."""
+    best, ratios = case.best, case.ratios.copy()
+    for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
+        yield _one_torque(case, i, float(abs(best.gains[i])))
+    for i, unit in case.units.items():
+        ratios[i] = in_unit(ratios[i], unit)
+    size = overall(ratios[~best.loose] if not best.loose.all() else ratios)
+    if best.map.scaled and case.of_motors(abs(best.map.scale[best.map.scaled[0]])):
+        return
+    common = max(size, 1 / size) > DOUBTFUL_SCALE
+    if common:
+        yield _all_torques(case, size)
+    for i in case.untied:
+        ratio = overall(case.ratios[i])
+        if i not in case.units and not common and max(ratio, 1 / ratio) > WRONG_SCALE:
+            yield _one_torque(case, i, 1 / ratio, rough=True)
+
+
+def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
+    """A drive whose torques must be multiplied by `gain` relative to the others."""
+    source, entries, whose = case.best.order[i], case.entries, f"the torque of {case.names[i]}"
+    beside = "the prior says" if rough else "those of the other drives ask for"
+    change: dict[str, object] = {}
+    if gain > 1:
+        key, number = "gear", gain
+        cause = f"that of the motor, behind a gear of about {gain:.3g}"
+        cure = "declare the gear (or lead) of its torque column, exactly"
+        change = {} if rough else entries.of_motor("torque", source, gain)
+    else:
+        key, number, unit = "torque-unit", 1 / gain, _MILLI[case.linear(i)]
+        if 0.8 < 1e3 * gain < 1.25:
+            change = entries.in_unit("torque", source, 1e-3)
+        cause = f"in another unit, such as {unit} or per mille of a rated torque"
+        cause = f"in {unit}" if change else cause
+        cure = "declare the unit of its torque column"
+    seen, cause = f"{whose} is {1 / gain:.3g} times what {beside}", f"{whose} is {cause}"
+    proposals = entries.proposal({"torque": {i: change}})
+    return Verdict(key, Grade.WRONG, seen, case.names[i], cause, cure, proposals, number)
+
+
+def _all_torques(case: Case, size: float) -> Verdict:
+    """Torques of all drives that are `size` times those of the prior."""
+    doubtful, linear, changes = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
+    if size < 1:
+        gear = "a gear or spindle" if linear else f"a gear of about {1 / size:.2g}"
+        cause = f"torques are those of the motors, behind {gear}"
+        cause += ", or currents without their torque_constant"
+        if doubtful:
+            cause = f"a gear is not declared, or the prior is {1 / size:.2g} times too heavy"
+        cure = "declare gear (or lead) and torque_constant of the torque columns"
+    elif 300 < size < 3000:
+        cause = f"torques are in {_MILLI[linear]}, or in per mille of a rated torque of about 1"
+        order = enumerate(case.best.order)
+        changes = {i: case.entries.in_unit("torque", column, 1e-3) for i, column in order}
+        cure = "declare the unit of the torque columns"
+    else:
+        unit = "N" if linear else "N m"
+        cause = f"torques are in per mille of a rated torque of about {1000 / size:.2g} {unit}"
+        if 70 < size < 300:
+            cause += ", in per cent of one ten times smaller, or in N cm"
+        if doubtful:
+            cause += f", or the prior is {size:.2g} times too light"
+        cure = (
+            "declare the unit of the torque columns, the rated torque in it, such as "
+            "0.0235 N*m for per mille of 23.5 N m"
+        )
+    key, grade = "gear" if size < 1 else "torque-unit", Grade.DOUBTFUL if doubtful else Grade.WRONG
+    seen = f"torques are {size:.3g} times those that the prior leads to, in all drives alike"
+    proposals = case.entries.proposal({"torque": changes})
+    return Verdict(key, grade, seen, "", cause, cure, proposals, number=size)

@@ -1,0 +1,250 @@
+"""Hypotheses about columns of positions and torques, and which of them explain a recording.
+
+A hypothesis is a map of the position columns: another sign, order or unit, or positions of motors
+behind gears that are not declared, by the factor that explains the torques best.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain, permutations, product
+
+import numpy as np
+from jaxtyping import Bool
+
+from deltaid.checks.wiring.candidate import (
+    CLOSED,
+    LITTLE,
+    MOSTLY_CLOSED,
+    SLIDING,
+    Assignment,
+    Candidate,
+    as_good,
+    closed_share,
+    named_units,
+    residuals,
+    tried,
+)
+from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.residual import Map, residual
+from deltaid.dynamics.dynamics import Dynamics
+
+# Least share of samples with closed loops for the mapping itself to be evaluated.
+_EVALUATED = 0.3
+# Samples that hypotheses are tried on, those that are fitted, and those that are fitted again on
+# all samples.
+_SAMPLES, _FITTED, _DECIDED = 120, 16, 6
+# Range of factors of motor positions, factors whose loops are tried, and points of the grid.
+_SMALLEST, _LARGEST, _CLOSING, _GRID = 1 / 3000, 1 / 1.5, 48, 16
+# The longest lead of a linear drive [m per rad]: half a metre per revolution.
+_LONGEST = 0.5 / (2 * np.pi)
+# How far units with a name are from the best factor, and the step that this is refined by.
+_NAMED, _FINE = (0.7, 1.4), 1.04
+
+
+def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candidate, ...]:
+    """The hypotheses that explain a recording as well as the best one, simplest first.
+
+    The first is the mapping itself where none is clearly better; none if no loops close.
+
+    Args:
+        fine: to decide.
+        coarse: a part of it, to search.
+    """
+    identity = Map.identity(dynamics.dof)
+    mapped = [
+        Candidate(solved, identity.order, np.ones(dynamics.dof))
+        for solved in residuals(dynamics, fine, [identity], least=_EVALUATED)
+    ]
+    likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
+    if likely is None:
+        return tuple(mapped)
+    examined = [
+        Candidate(solved, trial.order, trial.gains)
+        for map in dict.fromkeys(trial.map for trial in likely)
+        for solved in residuals(dynamics, fine, [map])
+        for trial in likely
+        if trial.map == map
+    ]
+    keys = [own.key for own in mapped]
+    examined = [c for c in examined if c.key not in keys and c.sensible] + mapped
+    best = max(examined, key=lambda trial: trial.score, default=None)
+    good = [trial for trial in examined if best is not None and trial.as_likely_as(best)]
+    for own in mapped:
+        if own.residual.share >= MOSTLY_CLOSED:
+            good = [trial for trial in good if trial.beats(own)] or [own]
+    return tuple(sorted(good, key=_complexity))
+
+
+def _searched(
+    dynamics: Dynamics, fine: Motion, coarse: Motion, *, settled: bool
+) -> list[Candidate] | None:
+    """The likeliest hypotheses by a part of a recording, simplest first; where units need no search
+    (`settled`), None if none is likelier than the mapping itself."""
+    wirings = _wirings(dynamics) if settled else chain(_wirings(dynamics), _in_units(dynamics))
+    maps = (map for map in wirings if _decidable(map, fine.moves))
+    trials = _likely(tried(dynamics, coarse, maps))
+    if settled:
+        own = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
+        if not trials or trials[0].evidence - own < as_good(len(trials[0].residual.Y)):
+            return None
+    trials = _ranked(dynamics, trials)
+    if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
+        trials = _ranked(dynamics, [*trials, *_of_motors(dynamics, coarse)])
+        if trials and trials[0].map.scaled:
+            trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
+    return sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
+
+
+def together(
+    dynamics: Dynamics, motions: Sequence[Motion], each: Sequence[tuple[Candidate, ...]]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """The hypotheses that explain several recordings of one wiring as well as the best one, for
+    each recording: log likelihoods add.
+
+    Args:
+        each: the hypotheses that explain each recording by itself.
+    """
+    if all(good[0].changes == 0 for good in each):
+        return tuple(each)
+    identity = Map.identity(dynamics.dof)
+    keys = dict.fromkeys(candidate.key for good in each for candidate in good)
+    keys[identity, identity.order, identity.scale] = None
+    trials: dict[Assignment, list[Candidate | None]] = {key: [] for key in keys}
+    for motion in motions:
+        solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
+        for key, own in trials.items():
+            under, (_, order, gains) = solved[key[0]], key
+            own.append(under and Candidate(under, order, np.array(gains)))
+    posed = {key: [c for c in own if c is not None] for key, own in trials.items()}
+    scores = {key: sum(c.score for c in own) for key, own in posed.items()}
+    best = max(scores, key=lambda key: scores[key])
+    margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
+    good = [key for key in keys if scores[best] - scores[key] < margin]
+    good.sort(key=lambda key: min(map(_complexity, posed[key])))
+    return tuple(tuple(filter(None, own)) for own in zip(*(trials[k] for k in good), strict=True))
+
+
+def _complexity(candidate: Candidate) -> tuple[int, bool, bool]:
+    return candidate.changes, candidate.unnamed, candidate.map != Map.identity(len(candidate.order))
+
+
+def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
+    """Whether it changes columns that move: at rest sign, unit and drive are undetermined."""
+    moved = [a != i or f != 1 for i, (a, f) in enumerate(zip(map.order, map.scale, strict=True))]
+    changed = np.flatnonzero(moved)
+    alone = changed[~moves[changed]]
+    return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
+
+
+def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Those that are worth a fit of a consistent robot, likeliest first.
+
+    Limbs that are alike make several assignments equal: of those that are as good as the best, the
+    simplest are fitted.
+    """
+    ranked = sorted(candidates, key=lambda candidate: -candidate.evidence)
+    if not ranked:
+        return []
+    least = ranked[0].evidence - as_good(len(ranked[0].residual.Y))
+    first = [trial for trial in ranked if trial.evidence > least]
+    fitted = [*sorted(first, key=_complexity), *ranked[len(first) :]][:_FITTED]
+    return sorted(fitted, key=lambda candidate: -candidate.evidence)
+
+
+def _ranked(dynamics: Dynamics, candidates: Collection[Candidate]) -> list[Candidate]:
+    """By likelihood, without those that cannot be as likely as the best whatever masses are: these
+    need no fit of a consistent robot."""
+    margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
+    for trial in sorted(candidates, key=lambda candidate: -candidate.posed.highest):
+        if trial.posed.highest < best - margin:
+            break
+        best = max(best, trial.score)
+    fitted = (trial for trial in candidates if trial.posed.highest >= best - margin)
+    return sorted(fitted, key=lambda candidate: -candidate.score)
+
+
+def _wirings(dynamics: Dynamics) -> Iterator[Map]:
+    """As mapped, with other signs, and in another order."""
+    identity = Map.identity(dynamics.dof)
+    for signs in product((1.0, -1.0), repeat=dynamics.dof):
+        yield replace(identity, scale=signs)
+    for order in permutations(identity.order):
+        if order != identity.order:
+            yield replace(identity, order=order)
+
+
+def _in_units(dynamics: Dynamics) -> Iterator[Map]:
+    """As mapped in other units."""
+    for drives in _groups(dynamics):
+        for factor in named_units(dynamics.robot, drives[0]):
+            yield Map.identity(dynamics.dof).times(factor, drives)
+
+
+def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
+    """Drives that may share a fault: all of a kind, or each alone except a telescope's, whose loops
+    determine no unit."""
+    linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
+    for kind in sorted(set(linear)):
+        same = [i for i, slides in enumerate(linear) if slides == kind]
+        if len(same) > 1:
+            yield same
+    yield from ([i] for i in range(dynamics.dof if dynamics.robot.telescope is None else 3))
+
+
+def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
+    """Positions of motors, by the factor that explains the torques best."""
+    for drives in _groups(dynamics):
+        best = _best_factor(dynamics, motion, drives)
+        if best is not None:
+            yield best
+            if best.clear:
+                return
+
+
+def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
+    """The factor of these drives' positions; None where no loops close, or beyond any lead."""
+    identity = Map.identity(dynamics.dof)
+    longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
+    grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING)
+    maps = {float(factor): identity.times(float(factor), drives) for factor in grid}
+    closing = [f for f, map in maps.items() if closed_share(dynamics, motion, map) >= CLOSED]
+    if not closing:
+        return None
+    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _GRID)
+    trials = (identity.times(float(factor), drives) for factor in grid)
+    rough = next(iter(_likely(tried(dynamics, motion, trials, as_is=True))), None)
+    if rough is None:
+        return None
+    best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
+    return None if abs(best.map.scale[drives[0]]) > longest else best
+
+
+def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:
+    """The same drives in a unit that has a name, and by the best factor near the rough one."""
+    drives = rough.map.scaled
+    best = _narrowed(dynamics, motion, rough, _FINE)
+    yield best
+    factor = abs(best.map.scale[drives[0]])
+    signs = replace(rough.map, scale=tuple(float(s) for s in np.sign(rough.map.scale)))
+    units = named_units(dynamics.robot, drives[0])
+    near = [unit for unit in units if _NAMED[0] < unit / factor < _NAMED[1]]
+    yield from tried(dynamics, motion, [signs.times(unit, drives) for unit in near])
+
+
+def _narrowed(dynamics: Dynamics, motion: Motion, best: Candidate, step: float) -> Candidate:
+    """The best factor of the scaled positions, from a rough one, by parabolas."""
+
+    def times(by: float) -> Candidate | None:
+        map = best.map.times(by, best.map.scaled)
+        return next(tried(dynamics, motion, [map], as_is=True), None)
+
+    for _ in range(3):
+        trials = [times(1 / step), times(step)]
+        lower, higher = (np.inf if trial is None else -trial.evidence for trial in trials)
+        bend = lower + higher + 2 * best.evidence
+        if np.isfinite(bend) and bend > 0:
+            shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
+            trials.append(times(step**shift))
+        best = _likely([best, *filter(None, trials)])[0]
+        step = float(np.sqrt(step))
+    return best

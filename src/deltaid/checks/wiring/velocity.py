@@ -1,0 +1,185 @@
+"""Whether recorded velocities are the derivatives of recorded positions: scale, drive, lag.
+
+Both pass the same low-pass, d = q̇ of the positions and v the column, and v = k (d − δ ḋ) is fitted
+by least squares: k is its scale, δ its lag. The scatter between blocks of time says how certain.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from deltaid.checks.wiring.case import Case
+from deltaid.checks.wiring.cures import Values
+from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.residual import Map
+from deltaid.model.verdict import Grade, Verdict
+
+_BLOCKS = 16
+# A drive that moves less than this share of the liveliest one is not judged.
+_RESTS = 1e-6
+# Correlation above which a column is some drive's velocity, and by which another's goes better.
+_TOGETHER, _BETTER = 0.9, 0.05
+# A scale so far from 1 is another unit, wrong, doubtful; it has a unit's name if it is so near.
+_UNIT, _WRONG, _DOUBTFUL, _NAMED = 2.2, 1.2, 1.02, 0.05
+# A lag [s] is doubtful beyond this, this share of a sample and so many standard deviations.
+_LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.05, 6.0
+_TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
+            np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
+_SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
+_LEAVE = "leave the velocity columns out: positions are then differentiated"
+
+
+@dataclass(frozen=True)
+class Rate:
+    """One velocity column compared with the derivatives of all positions."""
+
+    drive: int  # whose column it should be
+    nearest: int  # drive whose derivative it correlates with best
+    correlation: float  # with that one's
+    own: float  # correlation with its own's
+    scale: float  # k, of the nearest
+    lag: float  # δ behind it [s]
+    lag_std: float
+
+    @property
+    def right(self) -> bool:
+        """Whether it is the velocity of its own drive, as it is."""
+        return self.own > _TOGETHER and 1 / _WRONG < self.scale < _WRONG
+
+
+def rates(motion: Motion, map: Map) -> list[Rate]:
+    """Every recorded velocity column of a drive that moves."""
+    d, dd, v = map.rates(motion.qd), map.rates(motion.qdd), motion.recorded
+    size, out = np.linalg.norm(d, axis=0), list[Rate]()
+    norm = np.outer(size, np.linalg.norm(v, axis=0))
+    together = np.abs(d.T @ v) / np.where(norm > 0, norm, np.inf)
+    moving = size > _RESTS * size.max()
+    together[~moving] = 0.0
+    for i in range(v.shape[1]):
+        if not moving[i] or np.ptp(v[:, i]) == 0:
+            continue
+        nearest = int(np.argmax(together[:, i]))
+        A = np.column_stack([d[:, nearest], dd[:, nearest]])
+        inverse = np.linalg.pinv(A)
+        k, b = (float(value) for value in inverse @ v[:, i])
+        # Influence of each residual on b; those of a block of time may be correlated.
+        influence = inverse[1] * (v[:, i] - A @ (k, b))
+        blocks = np.array([part.sum() for part in np.array_split(influence, _BLOCKS)])
+        std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
+        correlation, own = float(together[nearest, i]), float(together[i, i])
+        out.append(Rate(i, nearest, correlation, own, k, -b / k, std / abs(k)))
+    return out
+
+
+def velocity_verdicts(case: Case) -> Iterator[Verdict]:
+    """One verdict a cause; a good one if there is none."""
+    map, names = case.map, case.names
+    identity, recorded = Map.identity(len(names)), rates(case.motion, map)
+    if recorded and map != identity:  # what matches positions as mapped is corrected with them
+        right = {rate.drive for rate in rates(case.motion, identity) if rate.right}
+        recorded = [rate for rate in recorded if rate.drive not in right]
+    swapped = [
+        rate
+        for rate in recorded
+        if rate.nearest != rate.drive and rate.correlation > max(_TOGETHER, rate.own + _BETTER)
+    ]
+    if swapped:
+        yield _order(case, swapped)
+        return
+    lost = [rate for rate in recorded if rate.own <= _TOGETHER]
+    matched = [rate for rate in recorded if rate.own > _TOGETHER]
+    groups: dict[tuple[str, bool], list[Rate]] = {}
+    for rate in matched:
+        if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL:
+            units = (_SLIDING if case.linear(rate.drive) else _TURNING).items()
+            named = (u for factor, u in units if abs(abs(rate.scale) / factor - 1) < _NAMED)
+            groups.setdefault((next(named, ""), rate.scale < 0), []).append(rate)
+    for (name, reversed_), group in groups.items():
+        yield _scale(case, group, name, reversed_=reversed_)
+    for rate in lost:
+        seen = f"the velocity column of {names[rate.drive]} goes with no drive's changes of "
+        seen += f"position (correlation {rate.correlation:.2g})"
+        cause = "the column is of another signal, or very noisy"
+        drive, number = names[rate.drive], rate.correlation
+        yield Verdict("velocity", Grade.DOUBTFUL, seen, drive, cause, _LEAVE, number=number)
+    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step) if recorded else 0.0
+    late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
+    if late and not lost:
+        yield _late(case, late)
+    if recorded and not groups and not lost and not late:
+        latest = max(recorded, key=lambda rate: abs(rate.lag))
+        seen = (
+            f"recorded velocities are the derivatives of the positions: within "
+            f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and "
+            f"{1e3 * abs(latest.lag):.2g} ms in time"
+        )
+        yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * latest.lag, unit="ms")
+
+
+def _order(case: Case, swapped: list[Rate]) -> Verdict:
+    entries, weakest = case.entries, min(rate.correlation for rate in swapped)
+    pairs = ", ".join(
+        f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
+        for rate in swapped
+    )
+    moved = {rate.nearest: entries.moved("velocity", rate.nearest, rate.drive) for rate in swapped}
+    return Verdict(
+        "velocity",
+        Grade.WRONG,
+        f"velocity columns go with the changes of other drives' positions, by correlations of at "
+        f"least {weakest:.3f}: {pairs}",
+        case.whose([rate.drive for rate in swapped]),
+        "velocity columns are in another order than the position columns",
+        "map the velocity columns in the order of the drives",
+        entries.proposal({"velocity": moved}),
+        number=weakest,
+    )
+
+
+def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
+    """Of drives whose velocities are in one unit, or in none that has a name."""
+    scale = float(np.median([rate.scale for rate in scaled]))
+    size = float(np.median([abs(rate.scale) for rate in scaled]))
+    far, entries = max(size, 1 / size) > _UNIT, case.entries
+    whose = case.whose([rate.drive for rate in scaled])
+    whom = f" of {whose}" if whose else ""
+    factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
+    changes: Values = {}
+    for rate in scaled:
+        i = rate.drive
+        changes[i] = entries.turned("velocity", i) if reversed_ else {}
+        if name:
+            changes[i] |= entries.in_unit("velocity", i, 1 / factor)
+        elif far:
+            changes[i] |= entries.of_motor("velocity", i, 1 / abs(rate.scale))
+    cause = f"velocities{whom} have a wrong scale, or those of another time"
+    cure = "declare unit, sign and gear of the velocity columns"
+    if name:
+        cause = f"velocities{whom} are in {name}"
+    elif far:
+        cause = f"velocities{whom} are in another unit, or those of a motor behind a gear"
+    elif not reversed_:
+        cure = _LEAVE
+    if reversed_:
+        cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
+    key = "velocity-unit" if name or far else "velocity"
+    grade = Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
+    seen = f"velocities{whom} are {scale:.4g} times the rate at which positions change"
+    proposals = entries.proposal({"velocity": changes})
+    return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
+
+
+def _late(case: Case, late: list[Rate]) -> Verdict:
+    latest = max(late, key=lambda rate: abs(rate.lag))
+    return Verdict(
+        "velocity",
+        Grade.DOUBTFUL,
+        f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
+        f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions",
+        case.whose([rate.drive for rate in late]),
+        "the drive smooths its velocity, or logs it at another time than its position",
+        f"{_LEAVE} without delay",
+        number=1e3 * latest.lag,
+        unit="ms",
+    )

@@ -1,0 +1,155 @@
+"""Units, gears, signs, order and zeros of columns: which of them explain a recording.
+
+All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how large
+is the least-squares residual (`residual`, `search`)? The best one is the `case` of all verdicts
+(`columns`); a scale common to all torques is judged by the prior.
+Zeros and gravity are judged by their own columns (`homing`, `zeros`), velocities by the derivatives
+of positions (`velocity`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from deltaid.checks.evidence import Evidence, forget
+from deltaid.checks.wiring.case import Case, overall
+from deltaid.checks.wiring.columns import column_verdicts
+from deltaid.checks.wiring.motion import motion
+from deltaid.checks.wiring.search import explained, together
+from deltaid.checks.wiring.velocity import velocity_verdicts
+from deltaid.checks.wiring.zeros import zero_verdicts
+from deltaid.errors import RecordingError
+from deltaid.estimation.span import lengths
+from deltaid.model.verdict import Grade, Verdict, worst
+
+# Largest residual share of the torques for correct columns.
+_EXPLAINED = 0.5
+# Correlation with the prior's torque below which the column is another signal.
+_SENSELESS = 0.2
+# Part of the stretch to search on, if it has so many samples.
+_FEW, _FEWEST = 150, 40
+_PART = {"longest": 6.0, "oversampled": 10.0}
+# Columns of numbers with so little of their own are one signal; positions that differ by so much
+# are of drives that move unlike each other, whose torques must differ.
+_COPIED, _UNLIKE = 1e-9, 1e-5
+
+
+def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
+    """Verdicts on the mapping of positions, velocities and torques.
+
+    Empty where the recording is too short to be filtered.
+
+    Raises:
+        RecordingError: the torque of a drive is a copy of another's, times a factor, though the two
+            drives move in different ways.
+    """
+    return checked_wirings([evidence])[1][0]
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
+def checked_wirings(
+    records: Sequence[Evidence],
+) -> tuple[tuple[Verdict, ...], list[tuple[Verdict, ...]]]:
+    """Verdicts on columns that several recordings share, and those on each recording.
+
+    Recordings whose columns have one mapping are judged together: one verdict for all of them.
+    Errors as of `checked_wiring`.
+    """
+    cases = dict[int, Case]()
+    for k, record in enumerate(records):
+        _refuse_copies(record)
+        fine = motion(record.rows)
+        if fine is not None and len(fine.tau) >= _FEWEST:
+            part = motion(record.rows, **_PART)
+            coarse = fine if part is None or len(part.tau) < _FEW else part
+            cases[k] = Case(record, fine, explained(record.dynamics, fine, coarse))
+        if len(records) > 1:
+            forget(record)
+    shown = {k: case for k, case in cases.items() if case.good}
+    drives = [case.evidence.columns.drives for case in shown.values()]
+    common = None
+    if len(drives) > 1 and all(columns == drives[0] for columns in drives):
+        motions, goods = zip(*((case.motion, case.good) for case in shown.values()), strict=True)
+        goods = together(records[0].dynamics, motions, goods)
+        cases |= {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
+        clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
+        common = column_verdicts(clearest)
+    each = [_of_recording(cases[k], common) if k in cases else () for k in range(len(records))]
+    return common or (), each
+
+
+def _refuse_copies(evidence: Evidence) -> None:
+    rows, names = evidence.rows, evidence.robot.drives
+    if rows.tau.shape[1] != len(names) or rows.q.shape[1] != len(names):
+        return
+    finite = np.isfinite(np.hstack([rows.q, rows.tau])).all(axis=1)
+    moves, alike = (_correlations(numbers[finite]) for numbers in (rows.q, rows.tau))
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        if alike[i, j] ** 2 > 1 - _COPIED and moves[i, j] ** 2 < 1 - _UNLIKE:
+            columns = [evidence.columns.torque[k].column for k in (i, j)]
+            raise RecordingError(
+                f"the torques of {names[i]} and {names[j]} are one signal: column "
+                f"'{columns[0]}' and column '{columns[1]}' repeat each other in every row, and "
+                "the drives move unlike each other",
+                where=str(evidence.table.path),
+                cure="map each drive's own torque; if only one of them was recorded, record again",
+            )
+
+
+def _correlations(numbers: np.ndarray) -> np.ndarray:
+    """Of columns; 0 with those that do not change."""
+    centred = numbers - numbers.mean(axis=0) if len(numbers) else numbers
+    unit = centred / lengths(centred)
+    return unit.T @ unit
+
+
+def _of_recording(case: Case, common: tuple[Verdict, ...] | None) -> tuple[Verdict, ...]:
+    """Those on its columns, unless they are common to several, on zeros and on velocities."""
+    if not case.good:
+        return (_out_of_reach(case.evidence),)
+    verdicts = list(column_verdicts(case) if common is None else common)
+    senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
+    if case.best.closes and not verdicts and senseless:
+        verdicts.append(_senseless(case))
+    if worst(verdicts) is not Grade.WRONG:
+        verdicts += zero_verdicts(case)
+    verdicts += velocity_verdicts(case)
+    if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
+        seen = (
+            f"the loops close, torques go with the motion of their drives ({case.along:.2g} is the "
+            f"least correlation with those of the prior) and are {overall(case.ratios):.2g} times "
+            "those"
+        )
+        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
+    return tuple(verdicts if common is None else verdicts[len(common) :])
+
+
+def _senseless(case: Case) -> Verdict:
+    i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
+    return Verdict(
+        "drive-order",
+        Grade.CANNOT_TELL,
+        f"the torque of {case.names[i]} hardly goes with its motion: its correlation with the "
+        f"prior's is {case.best.along[i]:.2g}, and no unit, sign or order explains the torques",
+        subject=case.names[i],
+        cause="the columns are of other signals, the drive hardly moves, or the prior is far off",
+        cure="check by name which signals the torque columns hold",
+        number=float(case.best.along[i]),
+    )
+
+
+def _out_of_reach(evidence: Evidence) -> Verdict:
+    linear = [evidence.robot.is_linear(drive) for drive in evidence.robot.drives]
+    units = "millimetres" if all(linear) else "degrees" if not any(linear) else "degrees or mm"
+    return Verdict(
+        "homing-or-tilt",
+        Grade.WRONG,
+        "the loops do not close along the recording, whatever is tried: neither numbers in "
+        f"{units}, nor positions of the motor behind a gear, nor another sign of a drive, nor "
+        "another order of the drives makes them close",
+        cause="lengths of the description that are not the robot's, or zeros of several drives",
+        cure="check the lengths, and where the drives have their zero (rotary: arm horizontal and "
+        "outwards, positive = down)",
+    )

@@ -1,0 +1,266 @@
+"""Exports as files: which target has which files, written whole or not at all."""
+
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal, get_args
+
+from deltaid.errors import DeltaidError, unknown
+from deltaid.exports.arrays import npz_file
+from deltaid.exports.c_code import c_code
+from deltaid.exports.casadi_function import casadi_file
+from deltaid.exports.fmu import fmu
+from deltaid.exports.mjcf import mjcf
+from deltaid.exports.online_cycle import NO_CONTACT
+from deltaid.exports.options import FmiVersion, TargetName
+from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.structured_text import plc_program
+from deltaid.exports.urdf import urdf
+from deltaid.files import require_writable, together, write_bytes
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.online.settings import OnlineSettings
+from deltaid.progress import Progress, Watch, watched
+from deltaid.robot.body_inertia import why_not_physical
+
+
+@dataclass(frozen=True)
+class Export:
+    """A model in some target's form.
+
+    Attributes:
+        parts: content by the end of the file's name; the first one is what is asked for.
+        warnings: what the target takes differently.
+    """
+
+    parts: Mapping[str, str | bytes]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Written:
+    """Files of an export, and what the target takes differently."""
+
+    paths: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a user chooses of a target that leaves a choice.
+
+    Attributes:
+        single: whether code is in single precision.
+        functions: names of further functions of code.
+        online: of the function of that name.
+        fmi: version of the standard, of a unit.
+        progress: called with each stage of what takes long.
+    """
+
+    single: bool = False
+    functions: tuple[str, ...] = ()
+    online: OnlineSettings = field(default_factory=OnlineSettings)
+    fmi: FmiVersion = "2"
+    progress: Progress = lambda _: None
+
+    @property
+    def precision(self) -> Precision:
+        """Of the numbers of code."""
+        return SINGLE if self.single else DOUBLE
+
+    def warnings(self, subject: Model) -> tuple[str, ...]:
+        """What further functions cannot tell of this robot."""
+        notes = []
+        if "constraint-forces" in self.functions:
+            notes.append(ConstraintForces(subject.robot).note)
+        if "online" in self.functions and subject.identified is None:
+            notes.append(NO_CONTACT)
+        return tuple(note for note in notes if note)
+
+
+Kind = Literal["code", "unit", "model"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One form of a model.
+
+    Attributes:
+        suffixes: ends of the names of its files, the one asked for first.
+        build: its content for a subject, the name of the file without its end, and choices.
+        kind: which choices there are: precision and functions of code, the version of a unit.
+        addition: what follows the robot's name in a file's name that was not given.
+        longest: letters of the robot's name there, at most.
+    """
+
+    suffixes: tuple[str, ...]
+    build: Callable[[Model, str, Choices], Export]
+    kind: Kind = "model"
+    addition: str = ""
+    longest: int = 30
+
+    def require(self, name: str, choices: Choices) -> None:
+        """Refuse choices that this target does not have.
+
+        Raises:
+            DeltaidError: there is one.
+        """
+        option = "--single" if choices.single else "--with"
+        if (choices.single or choices.functions) and self.kind != "code":
+            raise DeltaidError(
+                f"precision and further functions are of code, and {name} is none",
+                where=option,
+                cure=f"leave it out, or choose {' or '.join(_of_kind('code'))}",
+            )
+        if choices.fmi != "2" and self.kind != "unit":
+            raise DeltaidError(
+                f"FMI is of units, and {name} is none",
+                where="--fmi",
+                cure=f"leave it out, or choose {' or '.join(_of_kind('unit'))}",
+            )
+
+
+def _c(subject: Model, stem: str, choices: Choices) -> Export:
+    found = c_code(subject, stem, choices.precision, choices.functions, choices.online)
+    return Export({".c": found.source, ".h": found.header}, choices.warnings(subject))
+
+
+def _st(subject: Model, stem: str, choices: Choices) -> Export:
+    program = plc_program(subject, stem, choices.precision, choices.functions, choices.online)
+    return Export({".st": program.text, ".plcopen.xml": program.xml}, choices.warnings(subject))
+
+
+def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Export:
+    unit = fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
+    return Export({".fmu": unit.content}, unit.warnings)
+
+
+def _casadi(subject: Model, stem: str, choices: Choices) -> Export:
+    return Export({".casadi": casadi_file(subject)})
+
+
+def _mjcf(subject: Model, stem: str, choices: Choices) -> Export:
+    return Export({".xml": mjcf(subject)})
+
+
+def _npz(subject: Model, stem: str, choices: Choices) -> Export:
+    return Export({".npz": npz_file(subject)})
+
+
+def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
+    found = urdf(subject)
+    return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
+
+
+TARGETS: Mapping[TargetName, Target] = {
+    "c": Target((".c", ".h"), _c, "code"),
+    "st": Target((".st", ".plcopen.xml"), _st, "code", longest=20),
+    "fmu": Target((".fmu",), partial(_unit, forward=True), "unit"),
+    "fmu-inverse": Target((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
+    "casadi": Target((".casadi",), _casadi),
+    "mjcf": Target((".xml",), _mjcf),
+    "urdf": Target((".urdf", ".loops.json"), _urdf),
+    "npz": Target((".npz",), _npz),
+}
+
+
+def _of_kind(kind: Kind) -> list[TargetName]:
+    return [name for name, target in TARGETS.items() if target.kind == kind]
+
+
+def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
+    """The file to write, where a folder may be given: one that is there, or a name with a slash.
+
+    Raises:
+        DeltaidError: there is no name, or it has another end than the target's.
+    """
+    if not str(output).strip():
+        cure = "give a file, or a folder with a slash at its end; ./ is this one"
+        raise DeltaidError("is an empty name", where="--output", cure=cure)
+    suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
+    folder, output = str(output).endswith(("/", os.sep)), Path(output)
+    if folder or output.is_dir():
+        return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
+    if output.suffix.lower() != suffix:
+        raise DeltaidError(
+            f"must end in {suffix} for --to {target}, or be a folder",
+            where=str(output),
+            cure=f"a folder that is not there yet ends in a slash: {output}/",
+        )
+    return output
+
+
+def _named_after(robot: str, longest: int) -> str:
+    """A name that code may begin with: letters, digits and single _, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+    name = name if name[0].isalpha() else f"robot_{name}"
+    return name[:longest].rstrip("_")
+
+
+def write_export(
+    model: ModelLike,
+    target: TargetName,
+    output: str | Path,
+    inputs: tuple[Path, ...] = (),
+    *,
+    single: bool = False,
+    functions: Sequence[str] = (),
+    online: OnlineSettings | None = None,
+    fmi: str | int = "2",
+    progress: Watch = None,
+) -> Written:
+    """Write a model in some target's form, all files or none.
+
+    Args:
+        model: a model or a robot, by value, name or file.
+        output: a file, or a folder for a file named after the robot; the name of a folder that
+            is not there yet ends in a slash.
+        inputs: files that must not be overwritten.
+        single: code in single precision (float, REAL).
+        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
+            `online`; a list, or words with commas between them.
+        online: what the function of that name is made for; 1000 cycles a second if None.
+        fmi: version of the standard, of a unit.
+        progress: a function that is told what is being done; True and False show it or not.
+
+    Raises:
+        DeltaidError: there is no such target or function, it cannot hold the model, or a file
+            cannot be written.
+    """
+    if target not in TARGETS:
+        raise unknown(target, TARGETS, "target", "write_export")
+    form = TARGETS[target]
+    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
+    if str(fmi) not in versions:
+        raise unknown(fmi, versions, "version of FMI", "write_export")
+    names = functions.split(",") if isinstance(functions, str) else functions
+    further = tuple(name.strip() for name in names if name.strip())
+    choices = Choices(single, further, online or OnlineSettings(), versions[str(fmi)])
+    form.require(target, choices)
+    subject = load(model)
+    require_physical(subject)
+    path = output_path(target, subject.robot.name, output)
+    paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
+    for part in paths:
+        require_writable(part, inputs)
+    with watched(progress, "export") as say:
+        export = form.build(subject, path.stem, replace(choices, progress=say))
+    with together():
+        for part, content in zip(paths, export.parts.values(), strict=True):
+            write_bytes(part, content if isinstance(content, bytes) else content.encode())
+    return Written(paths, export.warnings)
+
+
+def require_physical(model: Model) -> None:
+    """Refuse bodies that the target's own reader would refuse."""
+    for name in model.layout.bodies:
+        reason = why_not_physical(model.body(name))
+        if reason:
+            raise DeltaidError(
+                f"body {name} cannot be exported: {reason}",
+                where=model.source,
+                cure="identify the model again; its result is always consistent",
+            )

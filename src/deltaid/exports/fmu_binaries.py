@@ -1,0 +1,226 @@
+"""Libraries of a functional mock-up unit for the systems that it may run on.
+
+Zig's compiler, a wheel, has in it what it takes to link for other systems; so with it one export
+serves all of them, and on Linux even systems much older than this one. Any other compiler makes the
+library of this machine.
+
+FMI 2 names folders after x86 only and takes all others from FMI 3. A Mac of either kind looks
+into `darwin64`, depending on the tool, so there lies a library with the code for both.
+"""
+
+import os
+import platform
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from deltaid.errors import Doubt
+from deltaid.exports.options import FmiVersion
+from deltaid.parallel import ordered
+from deltaid.progress import Progress
+
+# No fused multiply-add, so that processors agree in all but what `math.h` has.
+_OPTIONS = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
+# Zig finds undefined behaviour by traps, and a stack of some kilobytes needs no probe on Windows.
+_OF_ZIG = ("-fno-sanitize=undefined", "-mno-stack-arg-probe")
+# Compiling all of a system's start-up code would take Zig a minute, and a library needs none of it:
+# on Windows an entry point that does nothing stands in its place.
+_START_ON_WINDOWS = """
+int __stdcall DllMainCRTStartup(void *library, unsigned long reason, void *reserved)
+{
+    (void)library;
+    (void)reason;
+    (void)reserved;
+    return 1;
+}
+"""
+_OF_WINDOWS = tuple(f"-lapi-ms-win-crt-{x}-l1-1-0" for x in ("math", "private", "string", "heap"))
+
+
+@dataclass(frozen=True)
+class System:
+    """One kind of machine.
+
+    Attributes:
+        name: in words.
+        folder: of its library in FMI 3; in FMI 2 `folder_2`, where that has a name of its own.
+        suffix: of its libraries.
+        target: what Zig calls it, with the oldest C library that it is to run with.
+        needs: libraries that are there on all such machines.
+    """
+
+    name: str
+    folder: str
+    suffix: str
+    target: str
+    needs: tuple[str, ...]
+    folder_2: str = ""
+
+
+SYSTEMS = (
+    System(
+        "Linux x86-64", "x86_64-linux", ".so", "x86_64-linux-gnu.2.17", ("-lm", "-lc"), "linux64"
+    ),
+    System("Windows x86-64", "x86_64-windows", ".dll", "x86_64-windows-gnu", _OF_WINDOWS, "win64"),
+    System("macOS x86-64", "x86_64-darwin", ".dylib", "x86_64-macos", ("-lSystem",), "darwin64"),
+    System("macOS ARM", "aarch64-darwin", ".dylib", "aarch64-macos", ("-lSystem",)),
+    System("Linux ARM", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-lm", "-lc")),
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """Something that makes libraries.
+
+    Attributes:
+        command: how it begins.
+        systems: what it compiles for.
+        is_zig: whether it compiles for any of them, and has to be told for which.
+    """
+
+    command: tuple[str, ...]
+    systems: tuple[System, ...]
+    is_zig: bool = False
+
+    def library(self, system: System, name: str, sources: Mapping[str, str]) -> bytes:
+        """A shared library of C files.
+
+        Raises:
+            OSError: it did not compile; with the compiler's first line.
+        """
+        library = f"{name}{system.suffix}"
+        with tempfile.TemporaryDirectory() as folder:
+            work = Path(folder)
+            files = dict(sources)
+            if self.is_zig and system.suffix == ".dll":
+                files["windows-start.c"] = _START_ON_WINDOWS
+            for path, text in files.items():
+                (work / path).write_text(text, encoding="utf-8")
+            files = [path for path in files if path.endswith(".c")]
+            if not self.is_zig:
+                self._run(work, *_OPTIONS, "-shared", "-o", library, *files, "-lm")
+                return (work / library).read_bytes()
+            target, objects = ("-target", system.target), [f"{path}.o" for path in files]
+            for path, made in zip(files, objects, strict=True):
+                self._run(work, "-c", *target, *_OPTIONS, *_OF_ZIG, "-o", made, path)
+            own_name = f"-Wl,-install_name,@rpath/{library}"
+            link = ["-shared", "-nostdlib", "-s", *([own_name] if "macos" in system.target else [])]
+            self._run(work, *target, *link, "-o", library, *objects, *system.needs)
+            return (work / library).read_bytes()
+
+    def _run(self, work: Path, *arguments: str) -> None:
+        done = subprocess.run(
+            [*self.command, *arguments],
+            cwd=work,
+            env=os.environ | {"SOURCE_DATE_EPOCH": "315532800"},  # that of files in the unit
+            capture_output=True,
+            check=False,
+        )
+        if done.returncode:
+            words = done.stderr.decode(errors="replace").strip().split("\n", 1)[0]
+            raise OSError(words[:200] or f"code {done.returncode}")
+
+
+def found_compiler() -> Compiler | None:
+    """Zig for all systems; else this machine's own compiler; None where there is neither."""
+    if find_spec("ziglang") is not None:
+        return Compiler((sys.executable, "-m", "ziglang", "cc"), SYSTEMS, is_zig=True)
+    return own_compiler()
+
+
+def own_compiler() -> Compiler | None:
+    """The compiler of this machine, for this machine."""
+    command = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    return None if command is None else Compiler((command,), _this_machine())
+
+
+def _this_machine() -> tuple[System, ...]:
+    kind = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
+    return tuple(s for s in SYSTEMS if s.folder == f"{kind}-{sys.platform}")
+
+
+def binaries(
+    name: str,
+    sources: Mapping[str, str],
+    version: FmiVersion,
+    compiler: Compiler | None,
+    progress: Progress,
+) -> tuple[dict[str, bytes], str]:
+    """Libraries by their path in the unit, and a warning that names systems without one."""
+    if compiler is None:
+        return {}, _missing(SYSTEMS, (), "no C compiler was found (Zig, cc, gcc or clang)")
+    if not compiler.systems:
+        return {}, _missing(SYSTEMS, (), "binaries for this machine are not known to FMI")
+    made: dict[System, bytes] = {}
+    failed = ""
+
+    def attempt(system: System) -> bytes | str:
+        try:
+            return compiler.library(system, name, sources)
+        except OSError as error:
+            return str(error)
+
+    results, total = ordered(attempt, compiler.systems), len(compiler.systems)
+    for k, system in enumerate(compiler.systems, start=1):
+        progress(f"compiling {k} of {total}, {system.name}")
+        result = next(results)
+        if isinstance(result, bytes):
+            made[system] = result
+        else:
+            failed = failed or f"{Path(compiler.command[0]).name} failed ({result})"
+    missing = tuple(system for system in SYSTEMS if system not in made)
+    return _placed(name, made, version), _missing(missing, tuple(made), failed)
+
+
+def _placed(name: str, made: Mapping[System, bytes], version: FmiVersion) -> dict[str, bytes]:
+    """Libraries by path; what FMI 2 calls darwin64 holds the code for both kinds of Macs."""
+    found = {
+        f"binaries/{(system.folder_2 if version == '2' else '') or system.folder}/"
+        f"{name}{system.suffix}": library
+        for system, library in made.items()
+    }
+    macs = [library for system, library in made.items() if system.suffix == ".dylib"]
+    if version == "2" and macs:
+        found[f"binaries/darwin64/{name}.dylib"] = universal(macs) if macs[1:] else macs[0]
+    return found
+
+
+def universal(libraries: Sequence[bytes]) -> bytes:
+    """One Mach-O file with the code for several processors.
+
+    A head of big-endian words: a magic number, how many; for each processor its kind and subkind,
+    which each library begins with, offset, size, and the power of two that offsets are aligned to.
+    """
+    power = 14  # pages of 16 KiB, as ARM has them
+    offset, head, body = 1 << power, struct.pack(">II", 0xCAFEBABE, len(libraries)), b""
+    for library in libraries:
+        kind, subkind = struct.unpack_from("<II", library, 4)
+        head += struct.pack(">IIIII", kind, subkind, offset + len(body), len(library), power)
+        body += library + bytes(-len(library) % (1 << power))
+    return head + bytes(offset - len(head)) + body
+
+
+def _missing(missing: Sequence[System], made: Sequence[System], why: str) -> str:
+    """A sentence on systems whose library is not there, empty if all are."""
+    if not missing:
+        return ""
+    seen = "the unit holds sources only"
+    if made:
+        seen = (
+            f"the unit runs as it is on {_names(made)}, and from its sources on {_names(missing)}"
+        )
+    cure = (
+        "let the importing tool compile them, as `fmpy compile` does, or export again with Zig's "
+        "compiler"
+    )
+    return Doubt(seen, cause=why, cure=f"{cure} (pip install ziglang)")
+
+
+def _names(systems: Sequence[System]) -> str:
+    return ", ".join(system.name for system in systems)

@@ -1,0 +1,161 @@
+"""What an exported function is, whatever language it is written in.
+
+C and structured text are both made from a table of these (`model_functions`,
+`further_functions`): a function more is one entry more. Every function returns a status, and
+leaves its outputs alone unless that is OK.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from deltaid.exports.digits import Part
+from deltaid.exports.straight_line import Array
+from deltaid.online.layout import Layout
+
+# What functions return, by name: number and meaning.
+STATUSES: Mapping[str, tuple[int, str]] = {
+    "OK": (0, ""),
+    "NOT_CLOSED": (1, "no pose closes the loops, or it is too far from the start"),
+    "OTHER_MODE": (2, "a limb is in its other working mode, or beyond a singularity"),
+    "OUT_OF_REACH": (3, "a limb cannot reach the pose"),
+    "SINGULAR": (4, "z is singular or out of reach, so a result is no finite number"),
+    "BAD_INPUT": (5, "an input is NaN or infinite"),
+}
+
+
+@dataclass(frozen=True)
+class Output:
+    """A result.
+
+    Attributes:
+        name: of the argument.
+        value: its expression; a matrix is written row by row.
+        entries: what each entry is, where that is not plain: name and unit.
+    """
+
+    name: str
+    value: ca.SX
+    entries: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return self.value.numel()
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Numbers that must all be above a bound for the outputs to mean something.
+
+    Attributes:
+        value: the numbers.
+        bound: which they must exceed.
+        status: what is returned where one does not, or is NaN.
+    """
+
+    value: ca.SX
+    bound: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Newton:
+    """The output is found by x ← x − step(x, inputs), from what it holds before.
+
+    Attributes:
+        x: symbols of the output.
+        gap: what must vanish [m, rad].
+        step: Φ_x⁻¹ Φ.
+        steps: of them at most.
+        last: gap from which one more step is the last.
+        closed: gap at which it counts as found.
+    """
+
+    x: ca.SX
+    gap: ca.SX
+    step: ca.SX
+    steps: int
+    last: float
+    closed: float
+
+    @property
+    def both(self) -> ca.SX:
+        """Gaps, then steps, in one column."""
+        return ca.vertcat(self.gap, self.step)
+
+    @property
+    def parts(self) -> list[Part]:
+        """Of these: a step may be off by what the output may be off by."""
+        return [Part(self.gap.numel(), None), Part(self.x.numel(), "x")]
+
+
+@dataclass(frozen=True)
+class ExportedFunction:
+    """One function of an export.
+
+    Attributes:
+        name: without the prefix.
+        doc: what it computes, for the header; lines below 90 characters.
+        inputs: with their symbols; the table of parameters is in scope and no argument.
+        outputs: functions of the inputs. With `newton`, of x and the inputs.
+        demands: checked in their order.
+        newton: how the only output is found, where no formula has it.
+        unfit: status where an output is not finite.
+        after: name of a function of z that is called with the pose found from q first; such a
+            function has no outputs of its own here.
+        closing: whether that function takes q beside z.
+    """
+
+    name: str
+    doc: str
+    inputs: tuple[Array, ...]
+    outputs: tuple[Output, ...]
+    demands: tuple[Demand, ...] = ()
+    newton: Newton | None = None
+    unfit: str = "SINGULAR"
+    after: str = ""
+    closing: bool = False
+
+    @property
+    def arguments(self) -> tuple[Array, ...]:
+        """Inputs that are arguments."""
+        return tuple(array for array in self.inputs if not array.is_table)
+
+    @property
+    def parts(self) -> list[Part]:
+        """The outputs as parts of `everything`."""
+        return [Part(output.size) for output in self.outputs]
+
+    @property
+    def everything(self) -> ca.SX:
+        """Outputs, each row by row, then what is demanded, in one column."""
+        outputs = [ca.vec(ca.densify(output.value).T) for output in self.outputs]
+        return ca.vertcat(*outputs, *[demand.value for demand in self.demands])
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedCycle:
+    """A function that is called once a cycle and keeps a state of named fields.
+
+    Attributes:
+        name: without the prefix.
+        doc: what it does, for the header.
+        state, inputs, outputs: fields; each of the three is a struct.
+        x, u: state and inputs, symbols.
+        following, y: next state and outputs, whose last number is 0 where the cycle was good.
+        spoilt, spoilt_y: next state and outputs where an input is no finite number.
+    """
+
+    name: str
+    doc: str
+    state: Layout
+    inputs: Layout
+    outputs: Layout
+    x: ca.SX
+    u: ca.SX
+    following: ca.SX
+    y: ca.SX
+    spoilt: ca.SX
+    spoilt_y: ca.SX

@@ -1,0 +1,169 @@
+"""The functions that every export of code has: kinematics, inverse and forward dynamics, (1).
+
+Everything is computed from task coordinates z, which forward kinematics finds once a cycle; so a
+controller that needs torque, mass matrix and gravity pays for the loops only once.
+"""
+
+import casadi as ca
+import numpy as np
+
+from deltaid.dynamics.equations import Equations
+from deltaid.dynamics.load_friction import carried, losses
+from deltaid.dynamics.task_dynamics import cholesky_solve
+from deltaid.exports.functions import Demand, ExportedFunction, Newton, Output
+from deltaid.exports.parameter_table import ParameterTable
+from deltaid.exports.precision import SINGLE, Precision
+from deltaid.exports.straight_line import Array
+from deltaid.mechanism.mechanism import Mechanism
+from deltaid.model.model import Model
+
+# Newton's method halves the error's logarithm; from a start that is some millimetres away four
+# steps do, and what has not arrived after this many is far away or has no solution.
+_NEWTON_STEPS = 20
+
+
+def model_functions(
+    subject: Model, table: ParameterTable, precision: Precision
+) -> list[ExportedFunction]:
+    """Kinematics, then dynamics; what calls another one stands behind it."""
+    return [*_kinematics(subject, precision), *_dynamics(subject, table, precision)]
+
+
+def _kinematics(subject: Model, precision: Precision) -> list[ExportedFunction]:
+    m = subject.dynamics.kinematics.mechanism
+    reach = Demand(m.reach, precision.closed, "OUT_OF_REACH")
+    inverse = ExportedFunction(
+        "inverse_kinematics",
+        "q(z).",
+        (Array("z", m.z),),
+        (Output("q", m.q),),
+        (reach,),
+    )
+    return [inverse, _forward(subject, precision)]
+
+
+def _forward(subject: Model, precision: Precision) -> ExportedFunction:
+    m = subject.dynamics.kinematics.mechanism
+    name, q = "forward_kinematics", Array("q", m.q_symbols)
+    if m.forward is not None:
+        form = m.forward
+        return ExportedFunction(
+            name,
+            "z(q) in closed form; what z holds before does not matter.",
+            (q,),
+            (Output("z", form.z),),
+            (
+                Demand(form.margin, 0.0, "NOT_CLOSED"),
+                Demand(form.modes, -precision.mode, "OTHER_MODE"),
+            ),
+            unfit="NOT_CLOSED",
+        )
+    slope = ca.jacobian(m.closure, m.z)
+    q_home = ca.Function("q", [m.z], [m.q])(subject.home)
+    at_home = ca.Function("d", [m.z, m.q_symbols], [ca.det(slope)])(subject.home, q_home)
+    side = float(np.sign(float(at_home)))
+    step = ca.inv_minor(slope) @ m.closure
+    return ExportedFunction(
+        name,
+        f"z(q) by Newton's method, {_NEWTON_STEPS} steps at most. z holds a pose nearby before, "
+        "such as that of the last cycle or home.",
+        (q,),
+        (Output("z", m.z),),
+        (
+            Demand(side * ca.det(slope), 0.0, "OTHER_MODE"),
+            Demand(m.modes, -precision.mode, "OTHER_MODE"),
+        ),
+        Newton(m.z, m.closure, step, _NEWTON_STEPS, precision.last, precision.closed),
+        unfit="NOT_CLOSED",
+    )
+
+
+def _dynamics(
+    subject: Model, table: ParameterTable, precision: Precision
+) -> list[ExportedFunction]:
+    e: Equations = subject.dynamics.equations
+    z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
+    tau = Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
+    losing = " (but for losses that depend on load)" if subject.robot.load_drives else ""
+    mechanism = subject.dynamics.kinematics.mechanism
+    q, single = Array("q", mechanism.q_symbols), precision is SINGLE
+
+    def function(
+        name: str, doc: str, inputs: tuple[Array, ...], out: str, value: ca.SX
+    ) -> ExportedFunction:
+        value = ca.substitute([value], [e.p], [table.p])[0]
+        return ExportedFunction(name, doc, (*inputs, table.array), (Output(out, value),))
+
+    closing = [
+        function(
+            "inverse_dynamics_near",
+            "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
+            "singularities takes more digits of torques than it has.",
+            (z, q, qd, qdd),
+            "tau",
+            ca.substitute(e.torque, e.z, closed(mechanism)),
+        )
+    ]
+    return [
+        function(
+            "inverse_dynamics_at", "tau(z, qd, qdd), from the pose.", (z, qd, qdd), "tau", e.torque
+        ),
+        *(closing if single else []),
+        ExportedFunction(
+            "inverse_dynamics",
+            "tau(q, qd, qdd), by way of z as in forward_kinematics.",
+            (q, qd, qdd),
+            (),
+            after="inverse_dynamics_near" if single else "inverse_dynamics_at",
+            closing=single,
+        ),
+        function(
+            "forward_dynamics",
+            "qdd(z, qd, tau): M qdd = tau - C qd - g - f, by Cholesky. Friction is as at speed "
+            "qd, so a drive at rest has none; who integrates this must treat the zero of a speed.",
+            (z, qd, tau),
+            "qdd",
+            acceleration(subject, e, tau.symbols),
+        ),
+        function("jacobian", "J = dq/dz, row by row: qd = J zd.", (z,), "J", e.J),
+        function("mass_matrix", "M, symmetric.", (z,), "M", e.M),
+        function(
+            "bias",
+            f"h = C qd + g + f: gravity, velocity forces, springs, friction{losing}.",
+            (z, qd),
+            "h",
+            bias(subject, e),
+        ),
+        function("gravity", "g: gravity and springs.", (z,), "g", e.g),
+    ]
+
+
+def closed(mechanism: Mechanism) -> ca.SX:
+    """z with what is left of closing its loops for q taken off, to first order: Newton's step."""
+    slope = ca.jacobian(mechanism.closure, mechanism.z)
+    return mechanism.z - ca.inv_minor(slope) @ mechanism.closure
+
+
+def bias(subject: Model, e: Equations) -> ca.SX:
+    """C q̇ + g + f as the torque without acceleration and without losses that depend on load."""
+    names, p = subject.dynamics.layout.names, ca.SX(e.p)
+    for drive in subject.robot.load_drives:
+        p[names.index(f"load.{drive}")] = 0
+    return ca.substitute([e.torque], [e.qdd, e.p], [ca.SX.zeros(e.qdd.numel()), p])[0]
+
+
+def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
+    """q̈(z, q̇, τ, p): M q̈ = τ − C q̇ − g − f by Cholesky's method.
+
+    In one piece with all that M and the forces share; NaN where M is not positive definite.
+    Friction that depends on load takes its share of what gears carry.
+    """
+    robot = subject.robot
+    losing = [robot.drives.index(drive) for drive in robot.load_drives]
+    right = ca.horzcat(tau - bias(subject, e), ca.SX.eye(tau.numel())[:, losing])
+    responses = cholesky_solve(e.M, right)
+    if not losing:
+        return responses
+    qdd, G = responses[:, 0], responses[:, 1:]
+    x = carried(robot, tau, e.qd, qdd, e.p)
+    return qdd - G @ losses(robot, x, G, e.qd, e.p)

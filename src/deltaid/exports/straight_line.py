@@ -1,0 +1,292 @@
+"""A CasADi SX graph as straight-line statements: no loop, no call but those of math.h.
+
+The graph's instruction list works on numbered slots, and so does the code: `w17 = w3*w4;`. Slots
+are few hundred local numbers, so a function needs a small, fixed stack and has no state. What needs
+more digits than a float has is the sum of two, `w17` and the rest `r17` (`digits`). How a statement
+looks is a dialect's; C's is here, that of structured text beside it.
+"""
+
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltaid.exports.digits import Care, Part
+from deltaid.exports.precision import DOUBLE, Precision
+from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
+
+_INFIX = {
+    ca.OP_ADD: "+",
+    ca.OP_SUB: "-",
+    ca.OP_MUL: "*",
+    ca.OP_DIV: "/",
+}
+_COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+_CALLED = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_FABS: "fabs",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+    ca.OP_COPYSIGN: "copysign",
+    **LIBM_UNARY,
+    **LIBM_BINARY,
+}
+# Functions of templates/pairs.c.jinja; what is subtracted is added with the other sign.
+_PAIRED = {
+    ca.OP_ADD: "pair_sum({a}, {r}, {b}, {s}",
+    ca.OP_SUB: "pair_sum({a}, {r}, -{b}, -{s}",
+    ca.OP_MUL: "pair_product({a}, {r}, {b}, {s}",
+    ca.OP_SQ: "pair_product({a}, {r}, {a}, {r}",
+    ca.OP_DIV: "pair_quotient({a}, {r}, {b}, {s}",
+    ca.OP_INV: "pair_quotient({one}, {a}, {r}",
+    ca.OP_SQRT: "pair_root({a}, {r}",
+    ca.OP_SIN: "pair_sine({a}, {r}",
+    ca.OP_COS: "pair_cosine({a}, {r}",
+}
+
+
+@dataclass(frozen=True)
+class Array:
+    """An input of a function: its name and its symbols. A table is no argument, but in scope."""
+
+    name: str
+    symbols: ca.SX
+    is_table: bool = False
+
+
+SIGN = "(double)(({a} > 0.0) - ({a} < 0.0))"
+
+
+class Dialect(ABC):
+    """How a language writes the steps of a graph; values are texts."""
+
+    @abstractmethod
+    def number(self, x: float) -> str:
+        """A constant."""
+
+    @abstractmethod
+    def set(self, target: str, text: str) -> list[str]:
+        """The statements by which a variable gets a value."""
+
+    @abstractmethod
+    def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
+        """The statements by which a variable gets the result of an operation.
+
+        Args:
+            needed: whether the result matters whatever the graph's choices are.
+        """
+
+    @abstractmethod
+    def doubled(
+        self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
+    ) -> list[str]:
+        """The same for a result that is the sum of two numbers, as operands may be."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A graph as statements.
+
+    Attributes:
+        lines: the statements.
+        used: names of the inputs that they read.
+        slots: variables that they write.
+    """
+
+    lines: list[str]
+    used: set[str]
+    slots: list[str]
+
+
+def body(
+    inputs: Sequence[Array],
+    out: str,
+    expression: ca.SX,
+    dialect: Dialect,
+    care: Care | None = None,
+    parts: Sequence[Part] = (),
+) -> Body:
+    """Statements that compute a column of expressions, in the order of CasADi's instructions.
+
+    Args:
+        care: what decides which steps need twice the digits; None if no step does.
+        parts: of the column, whose errors count.
+    """
+    f = ca.Function("f", [array.symbols for array in inputs], ca.cse([ca.densify(expression)]))
+    names = [array.name for array in inputs]
+    twice = frozenset[int]() if care is None else care.pairs(f, names, parts)
+    # What a slot holds: its own name, an input's entry or a number, and the rest of it.
+    value: dict[int, tuple[str, str]] = {}
+    lines: list[str] = []
+    used: set[str] = set()
+    slots: set[str] = set()
+    needed = _needed(f)
+    for k in range(f.n_instructions()):
+        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op == ca.OP_CONST:
+            value[written[0]] = _constant(dialect, f.instruction_constant(k), k in twice)
+        elif op == ca.OP_INPUT:
+            used.add(names[read[0]])
+            value[written[0]] = f"{names[read[0]]}[{read[1]}]", ""
+        elif op == ca.OP_OUTPUT:
+            lines += dialect.set(f"{out}[{written[1]}]", value[read[0]][0])
+        elif k in twice:
+            target, rest = f"w{written[0]}", f"r{written[0]}"
+            lines += dialect.doubled((target, rest), op, [value[i] for i in read], needed[k])
+            slots |= {target, rest}
+            value[written[0]] = target, rest
+        else:
+            target = f"w{written[0]}"
+            lines += dialect.operation(target, op, [value[i][0] for i in read], needed[k])
+            slots.add(target)
+            value[written[0]] = target, ""
+    return Body(lines, used, sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
+
+
+def _constant(dialect: Dialect, x: float, twice: bool) -> tuple[str, str]:
+    rest = x - float(np.float32(x)) if twice else 0.0
+    return dialect.number(x), dialect.number(rest) if rest else ""
+
+
+def _needed(f: ca.Function) -> list[bool]:
+    """Of each instruction whether its result matters whatever is chosen, from the last one on."""
+    found, slots = [False] * f.n_instructions(), dict[int, bool]()
+    for k in reversed(range(f.n_instructions())):
+        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op in (ca.OP_CONST, ca.OP_INPUT):
+            slots.pop(written[0], None)
+            continue
+        found[k] = op == ca.OP_OUTPUT or slots.pop(written[0], False)
+        chosen = read[:1] if op == ca.OP_IF_ELSE_ZERO else read
+        for slot in chosen:
+            slots[slot] = slots.get(slot, False) or found[k]
+    return found
+
+
+def straight_line(
+    name: str,
+    inputs: Sequence[Array],
+    output: tuple[str, ca.SX],
+    *,
+    linkage: str = "",
+    sign: str = SIGN,
+    precision: Precision = DOUBLE,
+    care: Care | None = None,
+    parts: Sequence[Part] = (),
+) -> str:
+    """C text of `void name(const double input[], …, double output[])`.
+
+    The output's entries are dense, a matrix row by row.
+
+    Args:
+        sign: C expression for the sign of {a}.
+        care, parts: as of `body`.
+
+    Raises:
+        NotImplementedError: the graph has an operation that no kernel has either, which no
+            mechanism can be built with (`kernel.llvm_ir.operations_unknown`).
+    """
+    (out_name, expression), real = output, precision.c_type
+    dense = ca.vec(ca.densify(expression).T)
+    found = body(inputs, out_name, dense, _C(precision, sign), care, parts)
+    arguments = [f"const {real} {a.name}[{a.symbols.numel()}]" for a in inputs if not a.is_table]
+    signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
+    unused = [f"    (void){a.name};" for a in inputs if not a.is_table and a.name not in found.used]
+    return "\n".join(
+        [
+            *wrapped(f"{linkage}void {name}({signature})"),
+            "{",
+            *(wrapped(f"    {real} {', '.join(found.slots)};") if found.slots else []),
+            *unused,
+            *found.lines,
+            "}",
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class _C(Dialect):
+    """Statements of C99."""
+
+    precision: Precision
+    sign: str
+
+    def number(self, x: float) -> str:
+        return self.precision.c_number(x)
+
+    def set(self, target: str, text: str) -> list[str]:
+        return [f"    {target} = {text};"]
+
+    def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
+        return self.set(target, self._expression(op, args))
+
+    def doubled(
+        self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
+    ) -> list[str]:
+        (target, rest), zero = targets, f"0.0{self.precision.suffix}"
+        (a, r), (b, s) = ((high, low or zero) for high, low in (args[0], args[-1]))
+        if op in _PAIRED:
+            given = _PAIRED[op].format(
+                a=a, r=r, b=b, s=s, one=f"1.0{self.precision.suffix}, {zero}"
+            )
+            return self.set(target, f"{given}, &{rest})")
+        # The rest first: the target may be what is read.
+        both = {
+            ca.OP_ASSIGN: (a, r),
+            ca.OP_NEG: (f"-{a}", f"-{r}"),
+            ca.OP_TWICE: (f"{a} + {a}", f"{r} + {r}"),
+            ca.OP_FABS: (f"fabsf({a})", f"({a} < {zero}) ? -{r} : {r}"),
+            ca.OP_IF_ELSE_ZERO: tuple(f"({a} != {zero}) ? {x} : {zero}" for x in (b, s)),
+        }[op]
+        return [*self.set(rest, both[1]), *self.set(target, both[0])]
+
+    def _expression(self, op: int, args: list[str]) -> str:
+        """One scalar operation."""
+        a, b, f, real = args[0], args[-1], self.precision.suffix, self.precision.c_type
+        if op in _INFIX:
+            return f"{a} {_INFIX[op]} {b}"
+        if op in _COMPARED:
+            return f"({real})({a} {_COMPARED[op]} {b})"
+        if op in _CALLED:
+            return f"{_CALLED[op]}{f}({', '.join(args)})"
+        sign = self.sign if not f else self.sign.replace("double", real).replace("0.0", "0.0f")
+        simple = {
+            ca.OP_ASSIGN: a,
+            ca.OP_NEG: f"-{a}",
+            ca.OP_SQ: f"{a} * {a}",
+            ca.OP_TWICE: f"{a} + {a}",
+            ca.OP_INV: f"1.0{f} / {a}",
+            ca.OP_SIGN: sign.format(a=a),
+            ca.OP_NOT: f"({real})({a} == 0.0{f})",
+            ca.OP_AND: f"({real})({a} != 0.0{f} && {b} != 0.0{f})",
+            ca.OP_OR: f"({real})({a} != 0.0{f} || {b} != 0.0{f})",
+            ca.OP_IF_ELSE_ZERO: f"({a} != 0.0{f}) ? {b} : 0.0{f}",
+        }
+        if op not in simple:
+            raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
+        return simple[op]
+
+
+def number(x: float) -> str:
+    """A double as C text that reads back with every bit."""
+    return DOUBLE.c_number(x)
+
+
+def wrapped(text: str) -> list[str]:
+    """A declaration in lines of at most 96 characters, broken after commas."""
+    indent = text[: len(text) - len(text.lstrip())]
+    whole = text.strip().replace(" ", "\0").replace(",\0", ", ")
+    lines = textwrap.wrap(
+        whole,
+        96,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace("\0", " ") for line in lines]
