@@ -17,8 +17,8 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
-from deltaid.report.events import event_table
 from deltaid.robot.load import load_robot
+from deltaid.view.events import event_table
 from faults.case import Setting
 from pushes import Force, moving, places, recorded, torques
 from sweeps import swept

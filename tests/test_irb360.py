@@ -9,7 +9,6 @@ import pytest
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.model.record import IdentifiedModel
-from deltaid.report.page import render
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
 from deltaid.reproduce.irb360_files import FILES, write_files
 from deltaid.reproduce.irb360_page import irb360_page
@@ -25,6 +24,7 @@ from deltaid.reproduce.table_one import (
 )
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
+from deltaid.view.page import render
 
 ROBOT = load_robot("irb360-6-1600")
 # Half a unit in the last printed place of Table I: three decimals of the unit in its last column.

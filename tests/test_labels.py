@@ -14,9 +14,9 @@ from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
-from deltaid.report.model_tables import origin, parameter_table
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.load import load_robot
+from deltaid.view.model_tables import origin, parameter_table
 from poor_priors import PLAIN, Outcome, outcome
 
 ROBOT = "irb360-6-1600"

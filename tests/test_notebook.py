@@ -10,8 +10,8 @@ import pytest
 
 import deltaid
 from deltaid.model.verdict import Grade
-from deltaid.notebook.card import Card, text
-from deltaid.notebook.show import _KINDS
+from deltaid.view.card import Card, text
+from deltaid.view.show import _KINDS
 from html_page import HOSTILE, Document
 from identified import identified, simulated
 from logs import recorded
@@ -238,7 +238,7 @@ def test_tables(values: dict[str, object], result) -> None:
 def test_a_table_needs_its_library(result, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(deltaid.DeltaidError, match="there are no tables of 'dask'"):
         result.to_frame("dask")
-    monkeypatch.setattr("deltaid.notebook.show.find_spec", lambda _: None)
+    monkeypatch.setattr("deltaid.view.show.find_spec", lambda _: None)
     with pytest.raises(deltaid.DeltaidError, match="pandas is not installed"):
         result.to_frame("pandas")
 

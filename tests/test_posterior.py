@@ -276,7 +276,7 @@ def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
             assert b.std == pytest.approx(p[:, i].std(), rel=1e-9)
         else:
             assert a == b
-    from deltaid.report.model_tables import parameter_table
+    from deltaid.view.model_tables import parameter_table
 
     assert parameter_table(told).title.endswith("intervals: posterior")
     assert "intervals" not in parameter_table(linear).title

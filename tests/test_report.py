@@ -16,14 +16,14 @@ from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import torque_error
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
-from deltaid.report.comparison import Comparison, compare
-from deltaid.report.friction import law
-from deltaid.report.identification import Verification, identification_page
-from deltaid.report.page import Figure, Table, render
-from deltaid.report.parameters import parameter_section
-from deltaid.report.put_right_section import put_right_sections
-from deltaid.report.validation import validation_page
 from deltaid.robot.load import load_robot, save_yaml
+from deltaid.view.comparison import Comparison, compare
+from deltaid.view.friction import law
+from deltaid.view.identification import Verification, identification_page
+from deltaid.view.page import Figure, Table, render
+from deltaid.view.parameters import parameter_section
+from deltaid.view.put_right_section import put_right_sections
+from deltaid.view.validation import validation_page
 from html_page import HOSTILE, Document
 from logs import recorded, write
 

@@ -13,9 +13,9 @@ from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.report.check_tables import short_table
-from deltaid.report.page import write_page
-from deltaid.report.validation import validation_page
+from deltaid.view.check_tables import short_table
+from deltaid.view.page import write_page
+from deltaid.view.validation import validation_page
 from visit import CHROMIUM, Visit, chromium
 
 NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")

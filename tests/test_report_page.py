@@ -13,14 +13,14 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
-from deltaid.report.bodies import ellipsoid
-from deltaid.report.comparison import Comparison, compare
-from deltaid.report.numbers import percent
-from deltaid.report.page import Fact, Figure, Page, Section, Table, Text, render
-from deltaid.report.torques import torque_blocks
 from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import load_robot
 from deltaid.robot.shapes import HollowCylinder
+from deltaid.view.bodies import ellipsoid
+from deltaid.view.comparison import Comparison, compare
+from deltaid.view.numbers import percent
+from deltaid.view.page import Fact, Figure, Page, Section, Table, Text, render
+from deltaid.view.torques import torque_blocks
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write
 from support import KINDS

@@ -9,14 +9,14 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.report.check import check_page
-from deltaid.report.check_tables import page_table, short_table
-from deltaid.report.corrected import corrected
-from deltaid.report.excitation import excitation_page
-from deltaid.report.numbers import number, span
-from deltaid.report.page import Fact, Page, Section, Text, render
-from deltaid.report.typeset import explained
 from deltaid.robot.load import load_robot
+from deltaid.view.check import check_page
+from deltaid.view.check_tables import page_table, short_table
+from deltaid.view.corrected import corrected
+from deltaid.view.excitation import excitation_page
+from deltaid.view.numbers import number, span
+from deltaid.view.page import Fact, Page, Section, Text, render
+from deltaid.view.typeset import explained
 from html_page import Document
 
 GOOD = Verdict("rate", Grade.GOOD, "1000 Hz")

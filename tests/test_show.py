@@ -13,10 +13,10 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot
-from deltaid.show.page import percent_of, robot_page
-from deltaid.show.reach import good, reach, survey
-from deltaid.show.shapes import along, cylinder
-from deltaid.show.view import home_view, moved
+from deltaid.view.at_pose import home_view, moved
+from deltaid.view.reach import good, reach, survey
+from deltaid.view.robot_page import percent_of, robot_page
+from deltaid.view.shapes import along, cylinder
 from identified import identified
 
 ROBOTS = ("clavel-delta3", "irb360-6-1600")

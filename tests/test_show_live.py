@@ -58,7 +58,7 @@ def test_ctrl_c_closes_the_live_view() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 def test_live_view_in_a_browser() -> None:
-    from deltaid.show.live import LiveView
+    from deltaid.view.live import LiveView
 
     live = LiveView(at_rest("irb360-6-1600"))
     try:
@@ -106,7 +106,7 @@ def _visit(live, browser) -> None:
 @pytest.fixture(scope="module")
 def live():
     pytest.importorskip("viser")
-    from deltaid.show.live import LiveView
+    from deltaid.view.live import LiveView
 
     view = LiveView(at_rest("clavel-delta3"))
     yield view
@@ -158,7 +158,7 @@ def test_live_view_shows_its_page_under_its_own_name_only(live) -> None:
 
 def test_a_viser_that_cannot_be_guarded_is_not_used() -> None:
     pytest.importorskip("viser")
-    from deltaid.show.own_page import answering_own_page_only
+    from deltaid.view.own_page import answering_own_page_only
 
     with pytest.raises(DeltaidError, match="this version of viser"), answering_own_page_only():
         pass

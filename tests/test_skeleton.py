@@ -14,14 +14,14 @@ from deltaid import use_mechanism
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
-from deltaid.report.animation import Motion, animation, robot_lines
-from deltaid.report.bodies import _placed
-from deltaid.report.drawing import drawing
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
 from deltaid.studio.stand import stand
+from deltaid.view.animation import Motion, animation, robot_lines
+from deltaid.view.bodies import _placed
+from deltaid.view.drawing import drawing
 from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
 
 ROBOTS = ("telescope aside", "linear-delta-45", "h4-linear", "par4", "i4", "one strut a limb")

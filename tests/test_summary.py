@@ -17,11 +17,11 @@ from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade as CheckGrade
 from deltaid.model.verdict import Verdict
-from deltaid.report.identification import identification_page
-from deltaid.report.model_tables import error_table
-from deltaid.report.page import Fact, Table
-from deltaid.report.provenance import provenance_section
-from deltaid.report.summary import Grade, Summary, summary, without_doubts
+from deltaid.view.identification import identification_page
+from deltaid.view.model_tables import error_table
+from deltaid.view.page import Fact, Table
+from deltaid.view.provenance import provenance_section
+from deltaid.view.summary import Grade, Summary, summary, without_doubts
 from html_page import Document
 from identified import identified, simulated
 from logs import write

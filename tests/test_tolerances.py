@@ -18,9 +18,9 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.memory import Recording
-from deltaid.report.shares import share_table, shares_sentence
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from deltaid.view.shares import share_table, shares_sentence
 from poor_priors import PLAIN
 
 slow = pytest.mark.slow

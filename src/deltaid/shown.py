@@ -1,7 +1,7 @@
 """What a prompt asks of a value: a few lines, a card, a figure, a table, a page.
 
 Classes of all rooms inherit the methods here; what these show is put together in the room
-`notebook/`, which stands on all others and is looked up by name when a method is called. So a low
+`view/`, which stands on all others and is looked up by name when a method is called. So a low
 room depends on no upper one, and nothing is imported until something is shown.
 """
 
@@ -85,4 +85,4 @@ _OF_PYDANTIC = {"model_config", "model_copy", "model_fields", "model_post_init"}
 
 
 def _notebook(module: str, name: str) -> Any:
-    return getattr(import_module(f"deltaid.notebook.{module}"), name)
+    return getattr(import_module(f"deltaid.view.{module}"), name)

@@ -88,7 +88,7 @@ def _as_dictionary(
 
 def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
     from deltaid.cli.output import console, shown, styled
-    from deltaid.report.model_tables import estimate_table
+    from deltaid.view.model_tables import estimate_table
 
     robot, layout = dynamics.robot, result.layout
     measured = len(robot.measured) + sum(len(body.measured) for body in robot.bodies.values())

@@ -77,7 +77,7 @@ def compare_controllers(
     from deltaid.control.infeasible import of_motion
     from deltaid.control.plant import Plant
     from deltaid.model.model import load
-    from deltaid.report.tracking_tables import infeasible_lines
+    from deltaid.view.tracking_tables import infeasible_lines
 
     drives = drives_of(rate, bandwidth, encoder, delay, current_loop)
     held = payload_of(payload, known=False)
@@ -93,8 +93,8 @@ def compare_controllers(
         problems = of_motion(moved.carrying(held.mass).at(0.0) if held else runs_on, motion)
         runs = compare(moved, candidates(known), motion, drives, bandwidth, say, held)
         if report is not None:
-            from deltaid.report.page import write_page
-            from deltaid.report.tracking import comparison_page
+            from deltaid.view.page import write_page
+            from deltaid.view.tracking import comparison_page
 
             say(f"writing {report}")
             names = f"{Path(model).name} on {Path(plant).name} along {trajectory.name}"
@@ -133,7 +133,7 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
 
 def _print(robot: "RobotDescription", runs: "tuple[Run, ...]", report: Path | None) -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.report.tracking_tables import comparison_table
+    from deltaid.view.tracking_tables import comparison_table
 
     console.print(shown(comparison_table(robot, runs)))
     if report is not None:

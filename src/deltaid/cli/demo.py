@@ -55,7 +55,7 @@ def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.output import console, percent, shown, styled
     from deltaid.identification.demo import FILES
     from deltaid.model.model import load
-    from deltaid.report.model_tables import error_table, parameter_table
+    from deltaid.view.model_tables import error_table, parameter_table
 
     model = result.identification.model
     parameters = parameter_table(model, result.truth.tolist())

@@ -50,7 +50,7 @@ def drift(
     from deltaid.drift.tables import drift_table, friction_table, require_table, save
     from deltaid.errors import DeltaidError
     from deltaid.factors.file import read
-    from deltaid.report.drift_tables import drift_shown, sentences
+    from deltaid.view.drift_tables import drift_shown, sentences
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)

@@ -129,7 +129,7 @@ def _viewers(
     if output is not None:
         found.append(CsvFile(computed, files.enter_context(written_whole(output))))
     if report is not None:
-        from deltaid.report.forces import Envelope
+        from deltaid.view.forces import Envelope
 
         found.append(Envelope(computed, samples))
     return found
@@ -143,8 +143,8 @@ def _write_report(
     viewers: "list[Viewer]",
     path: Path,
 ) -> None:
-    from deltaid.report.forces import Envelope, forces_page
-    from deltaid.report.page import write_page
+    from deltaid.view.forces import Envelope, forces_page
+    from deltaid.view.page import write_page
 
     envelope = next(viewer for viewer in viewers if isinstance(viewer, Envelope))
     write_page(forces_page(model, computed, name, result, envelope), path)
@@ -153,7 +153,7 @@ def _write_report(
 def print_tables(computed: "ConstraintForces", result: "Study") -> None:
     """Worst cases as tables, and a sentence on what is known of them."""
     from deltaid.cli.output import console, shown
-    from deltaid.report.force_rows import tables, what_is_open
+    from deltaid.view.force_rows import tables, what_is_open
 
     for each in tables(result, computed.socket_force):
         console.print(shown(each))

@@ -20,8 +20,8 @@ def write_report(
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
     from deltaid.identification.as_identified import model_filtered
-    from deltaid.report.identification import Verification, identification_page
-    from deltaid.report.page import write_page
+    from deltaid.view.identification import Verification, identification_page
+    from deltaid.view.page import write_page
 
     verification = None
     if log is not None and error is not None:
@@ -34,7 +34,7 @@ def as_dictionary(
 ) -> dict[str, Any]:
     """The result as one JSON object; `log` is the recording of the verification."""
     from deltaid.cli.validate import error_dictionary
-    from deltaid.report.summary import summary as verdict
+    from deltaid.view.summary import summary as verdict
 
     model, layout = result.model, result.model.layout
     value = {
@@ -90,14 +90,14 @@ def print_result(
     """The result as tables, and the verdict at their end; `log` was verified on."""
     from deltaid.cli.output import console, print_verdict, shown
     from deltaid.model.model import load
-    from deltaid.report.model_tables import (
+    from deltaid.view.model_tables import (
         choice_sentence,
         choice_table,
         error_table,
         parameter_table,
     )
-    from deltaid.report.put_right import put_right_tables
-    from deltaid.report.summary import summary as verdict
+    from deltaid.view.put_right import put_right_tables
+    from deltaid.view.summary import summary as verdict
 
     model = result.model
     console.print(shown(parameter_table(model)))
@@ -129,8 +129,8 @@ def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.estimation.posing import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
-    from deltaid.report.left_out import reversals
-    from deltaid.report.shares import shares_sentence
+    from deltaid.view.left_out import reversals
+    from deltaid.view.shares import shares_sentence
 
     fit, model = result.model.fit, result.model
     lines = []

@@ -121,15 +121,15 @@ def _delay(text: str, drives: int) -> tuple[float, ...]:
 
 
 def _report(found: "Watched", model: "Model", path: Path) -> None:
-    from deltaid.report.online import online_page
-    from deltaid.report.page import write_page
+    from deltaid.view.online import online_page
+    from deltaid.view.page import write_page
 
     write_page(online_page(found, f"{found.log} with {model.source}"), path)
 
 
 def _print(found: "Watched", written: list[Path]) -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.report.online_tables import (
+    from deltaid.view.online_tables import (
         friction_table,
         loads_table,
         told_lines,

@@ -17,9 +17,9 @@ from rich.text import Text
 from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable
 from deltaid.model.options import LARGEST_LAG, LagChoice
-from deltaid.report.numbers import number as number
-from deltaid.report.numbers import percent as percent  # for the commands too
-from deltaid.report.table import Table as Finished
+from deltaid.view.numbers import number as number
+from deltaid.view.numbers import percent as percent  # for the commands too
+from deltaid.view.table import Table as Finished
 
 if TYPE_CHECKING:
     from deltaid.model.model import Model

@@ -46,7 +46,6 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
     """Sec. VII."""
     from deltaid.cli.output import print_json, progress
     from deltaid.files import together
-    from deltaid.report.page import write_page
     from deltaid.reproduce.surrogate import reproduce_surrogate
     from deltaid.reproduce.surrogate_files import (
         FILES,
@@ -61,6 +60,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
         surrogate_page,
     )
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
+    from deltaid.view.page import write_page
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
     require_folder(folder, FILES)
@@ -90,12 +90,12 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     """Sec. VIII."""
     from deltaid.cli.output import print_json, progress
     from deltaid.files import together
-    from deltaid.report.page import write_page
     from deltaid.reproduce.irb360 import reproduce_irb360
     from deltaid.reproduce.irb360_files import FILES, as_dictionary, write_files
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
     from deltaid.reproduce.surrogate_files import REPORT, require_folder
+    from deltaid.view.page import write_page
 
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
     require_folder(folder, FILES)

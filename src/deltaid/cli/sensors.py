@@ -124,8 +124,8 @@ def sensors(
         )
     shown = _shown(plan, entries)
     if report is not None:
-        from deltaid.report.page import write_page
-        from deltaid.report.sensors import sensors_page
+        from deltaid.view.page import write_page
+        from deltaid.view.sensors import sensors_page
 
         write_page(sensors_page(plan, shown), report)
     if as_json:
@@ -148,7 +148,7 @@ def _shown(plan: "SensorPlan", entries: str | None) -> tuple[str, ...]:
     Raises:
         DeltaidError: there is none of a name.
     """
-    from deltaid.report.sensor_tables import chosen_entries
+    from deltaid.view.sensor_tables import chosen_entries
 
     if entries is None:
         return chosen_entries(plan)
@@ -160,7 +160,7 @@ def _shown(plan: "SensorPlan", entries: str | None) -> tuple[str, ...]:
 
 def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
     from deltaid.cli.output import console, shown, styled
-    from deltaid.report.sensor_tables import (
+    from deltaid.view.sensor_tables import (
         count_table,
         entry_table,
         open_lines,
@@ -206,7 +206,7 @@ def told(plan: "SensorPlan") -> "list[Opening]":
 
 def assumptions(plan: "SensorPlan") -> str:
     """Noise and prior in words."""
-    from deltaid.report.numbers import percent
+    from deltaid.view.numbers import percent
 
     s = plan.settings
     return (

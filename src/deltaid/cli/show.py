@@ -43,7 +43,7 @@ def show(
     from deltaid.cli.output import progress, require_report
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
-    from deltaid.show.reach import require_space
+    from deltaid.view.reach import require_space
 
     if report is not None:
         require_report(report, [Path(robot)])
@@ -63,7 +63,7 @@ def show(
 
 def _require_live(port: int | None) -> None:
     from deltaid.errors import DeltaidError
-    from deltaid.show.live import require_port, require_viser
+    from deltaid.view.live import require_port, require_viser
 
     require_viser()
     if port is not None:
@@ -75,9 +75,9 @@ def _require_live(port: int | None) -> None:
 def survey_of(robot: "AtRest", report: Path | None, origin: str) -> None:
     """A robot at rest, as a page or as tables."""
     from deltaid.cli.output import console, print_warnings, styled, table
-    from deltaid.report.page import write_page
-    from deltaid.show import page
-    from deltaid.show.reach import reach, survey
+    from deltaid.view import robot_page as page
+    from deltaid.view.page import write_page
+    from deltaid.view.reach import reach, survey
 
     found, surveyed = reach(robot), survey(robot)
     if report is not None:
@@ -99,7 +99,7 @@ def survey_of(robot: "AtRest", report: Path | None, origin: str) -> None:
 
 def _open(robot: "AtRest", port: int | None) -> None:
     from deltaid.cli.output import console
-    from deltaid.show.live import DEFAULT_PORT, LiveView
+    from deltaid.view.live import DEFAULT_PORT, LiveView
 
     live = LiveView(robot, DEFAULT_PORT if port is None else port)
     try:

@@ -133,8 +133,8 @@ def simulate(
             with written_whole(output) as file:
                 file.write(as_table(result, sensed(moved.at(0.0), result)).write_csv())
         if report is not None:
-            from deltaid.report.page import write_page
-            from deltaid.report.tracking import tracking_page
+            from deltaid.view.page import write_page
+            from deltaid.view.tracking import tracking_page
 
             say(f"writing {report}")
             title = f"{controller} with {Path(model).name} on {Path(plant or model).name}"
@@ -267,7 +267,7 @@ def as_table(
 
 def _print(robot: "RobotDescription", result: "Tracking") -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.report.tracking_tables import drive_table
+    from deltaid.view.tracking_tables import drive_table
 
     error = result.error
     console.print(shown(drive_table(robot, result)))

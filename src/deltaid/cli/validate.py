@@ -51,9 +51,9 @@ def validate(
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
     from deltaid.recording.mapping import load_mapping
-    from deltaid.report.left_out import left_out_table
-    from deltaid.report.model_tables import error_table
-    from deltaid.report.summary import summary
+    from deltaid.view.left_out import left_out_table
+    from deltaid.view.model_tables import error_table
+    from deltaid.view.summary import summary
 
     if report is not None:
         require_report(report, [Path(model), log, *([columns] if columns else [])])
@@ -93,8 +93,8 @@ def validate(
 def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
     from deltaid.identification.as_identified import model_filtered
-    from deltaid.report.page import write_page
-    from deltaid.report.validation import validation_page
+    from deltaid.view.page import write_page
+    from deltaid.view.validation import validation_page
 
     write_page(validation_page(model, model_filtered(model, log), error), path)
 

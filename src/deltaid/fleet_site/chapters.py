@@ -9,8 +9,8 @@ from deltaid.fleet_site.panels import Panel, dots, grid
 from deltaid.fleet_site.parts import NOTHING, deviation_figure, most_spread
 from deltaid.fleet_site.state import Robot
 from deltaid.fleet_site.tables import Tables
-from deltaid.report.page import Chart, Section, Text
-from deltaid.report.table import Table
+from deltaid.view.page import Chart, Section, Text
+from deltaid.view.table import Table
 
 # Types that have figures on the fleet's page; all have pages.
 _TYPES = 6

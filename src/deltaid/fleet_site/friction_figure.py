@@ -6,8 +6,8 @@ import polars as pl
 
 from deltaid.fleet_site.panels import Data, Panel, dates, numbers
 from deltaid.fleet_site.state import Row
-from deltaid.report import style
-from deltaid.report.numbers import WIDTH, number
+from deltaid.view import style
+from deltaid.view.numbers import WIDTH, number
 
 # The quantity that drift is told of.
 MAIN = "friction"

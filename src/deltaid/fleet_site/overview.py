@@ -10,9 +10,9 @@ from deltaid.fleet_site.panels import Panel, grid
 from deltaid.fleet_site.parts import NOTHING, WORDS, bounds, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
 from deltaid.fleet_site.tables import Tables
-from deltaid.report.page import Block, Chart, Fact, Page, Section
-from deltaid.report.summary import Grade, Summary
-from deltaid.report.table import Table
+from deltaid.view.page import Block, Chart, Fact, Page, Section
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.table import Table
 
 # Robots that the verdict tells of, those in the table below it, panels of friction.
 _TOLD, _LISTED, _PANELS = 3, 20, 12

@@ -6,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from deltaid.report import style
+from deltaid.view import style
 
 Data = dict[str, Any]
 # Room for the legend and titles above the first row, and for ticks below the last one [px].

@@ -5,9 +5,9 @@ import polars as pl
 from deltaid.fleet_site.panels import Panel, grid, numbers
 from deltaid.fleet_site.parts import MOST, between, known, shown
 from deltaid.fleet_site.state import ALL, Robot, Row, last_period
-from deltaid.report import style
-from deltaid.report.page import Block, Chart, Section, Text
-from deltaid.report.table import Table
+from deltaid.view import style
+from deltaid.view.page import Block, Chart, Section, Text
+from deltaid.view.table import Table
 
 # What says that a value is seen and not taken from elsewhere.
 SEEN = ("data", "sum", "measured", "sensors")

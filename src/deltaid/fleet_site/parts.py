@@ -7,9 +7,9 @@ import polars as pl
 
 from deltaid.fleet_site.panels import Data, dots, numbers
 from deltaid.fleet_site.state import Row, Urgency, day
-from deltaid.report import style
-from deltaid.report.numbers import number, percent, span, with_uncertainty
-from deltaid.report.table import Table
+from deltaid.view import style
+from deltaid.view.numbers import number, percent, span, with_uncertainty
+from deltaid.view.table import Table
 
 NOTHING = "—"
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}

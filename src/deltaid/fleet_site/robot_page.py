@@ -9,10 +9,10 @@ from deltaid.fleet_site.panels import dates, grid, numbers
 from deltaid.fleet_site.parameter_sections import parameter_section, type_section
 from deltaid.fleet_site.parts import NOTHING, bounds, count, drive_tables, share, shown
 from deltaid.fleet_site.state import Robot, Urgency, day
-from deltaid.report import style
-from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
-from deltaid.report.summary import Grade, Summary
-from deltaid.report.table import Table
+from deltaid.view import style
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Text
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.table import Table
 
 _GRADES = {Urgency.ACT: Grade.POOR, Urgency.LOOK: Grade.FAIR, Urgency.NONE: Grade.GOOD}
 # Rows of recordings that a page has at most; those in quarantine come first.

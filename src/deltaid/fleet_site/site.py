@@ -16,7 +16,7 @@ from deltaid.fleet_site.robot_page import robot_page
 from deltaid.fleet_site.state import Robot, by_robot, robots_of
 from deltaid.fleet_site.tables import Tables, read_tables
 from deltaid.fleet_site.type_page import type_page
-from deltaid.report.page import Page, contents, environment, part
+from deltaid.view.page import Page, contents, environment, part
 
 SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"

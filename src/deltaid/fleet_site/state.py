@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from deltaid.fleet_site.tables import Tables
-from deltaid.report.numbers import percent
+from deltaid.view.numbers import percent
 
 Row = Mapping[str, Any]
 # A limit that may be reached within these is acted upon.

@@ -16,9 +16,9 @@ from deltaid.fleet_site.parts import (
     shown,
 )
 from deltaid.fleet_site.state import Robot, Urgency, day
-from deltaid.report.page import Block, Chart, Fact, Page, Section, Text
-from deltaid.report.summary import Grade, Summary
-from deltaid.report.table import Table
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Text
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.table import Table
 
 
 def type_page(

@@ -73,7 +73,7 @@ class Identification(Shown, Plotted, Tabled, Reported):
         Raises:
             DeltaidError: the file cannot be written.
         """
-        return above("notebook.show", "report")(self, path, verification)
+        return above("view.show", "report")(self, path, verification)
 
     def save(self, path: str | Path) -> None:
         """Write the model as YAML, as `IdentifiedModel.save`."""

@@ -4,11 +4,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from deltaid.report import style
-from deltaid.report.friction import law
-from deltaid.report.page import Figure
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4
 from deltaid.reproduce.irb360_result import Candidate, Irb360
+from deltaid.view import style
+from deltaid.view.friction import law
+from deltaid.view.page import Figure
 
 _COLORS = {
     BASE: style.SERIES[5],

@@ -3,9 +3,6 @@
 import numpy as np
 
 from deltaid.model.record import IdentifiedModel
-from deltaid.report.model_tables import origin
-from deltaid.report.numbers import number, percent
-from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.reproduce.irb360 import CHOSEN, GEOM, RETUNED_4, SIMPLE
 from deltaid.reproduce.irb360_figures import figure_7, figure_8, friction_curve
 from deltaid.reproduce.irb360_result import Irb360
@@ -22,6 +19,9 @@ from deltaid.reproduce.table_one import (
     TABLE,
 )
 from deltaid.robot.friction_text import written
+from deltaid.view.model_tables import origin
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 

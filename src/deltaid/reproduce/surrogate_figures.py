@@ -7,11 +7,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from deltaid.identification.demo import mass_reference
-from deltaid.report import style
-from deltaid.report.page import Figure
 from deltaid.reproduce.accuracy import MotionTerms
 from deltaid.reproduce.paper import CLAIMS
 from deltaid.reproduce.surrogate_result import Fit, Reproduction
+from deltaid.view import style
+from deltaid.view.page import Figure
 
 _NOMINAL, _PAPER = style.MEASURED, style.LIMIT
 _COLOR = {"RG1": style.IDENTIFIED, "RG2": style.SERIES[2]}

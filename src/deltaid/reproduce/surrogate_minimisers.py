@@ -3,13 +3,13 @@
 import numpy as np
 from plotly.subplots import make_subplots
 
-from deltaid.report import style
-from deltaid.report.numbers import number, percent
-from deltaid.report.page import Figure, Section, Table, Text
 from deltaid.reproduce.accuracy import Accuracy
 from deltaid.reproduce.descent import Descent, Descents, Way
 from deltaid.reproduce.surrogate_figures import above_titles
 from deltaid.reproduce.surrogate_result import Reproduction
+from deltaid.view import style
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Figure, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 

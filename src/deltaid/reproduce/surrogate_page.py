@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from deltaid.report.numbers import number, percent
-from deltaid.report.page import Fact, Page, Section, Table, Text
 from deltaid.reproduce.accuracy import Accuracy
 from deltaid.reproduce.paper import CLAIMS
 from deltaid.reproduce.surrogate_figures import (
@@ -16,6 +14,8 @@ from deltaid.reproduce.surrogate_figures import (
 from deltaid.reproduce.surrogate_files import FILES, REPORT
 from deltaid.reproduce.surrogate_minimisers import minimisers_section
 from deltaid.reproduce.surrogate_result import Fit, Reproduction
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 

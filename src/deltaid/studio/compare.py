@@ -5,9 +5,9 @@ from typing import Any
 
 from deltaid.errors import DeltaidError
 from deltaid.model.model import load
-from deltaid.report.numbers import number, percent
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import Run, output
+from deltaid.view.numbers import number, percent
 
 # Parameters of a comparison: those that changed most, in standard deviations of both.
 _SHOWN = 12

@@ -112,7 +112,7 @@ def told(
 
 def ready() -> bool:
     """Load what other looks need, so that the first one is quick too."""
-    for name in ("deltaid.show.reach", "deltaid.report.comparison"):
+    for name in ("deltaid.view.reach", "deltaid.view.comparison"):
         importlib.import_module(name)
     return True
 

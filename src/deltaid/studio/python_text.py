@@ -13,9 +13,9 @@ from pathlib import Path
 
 import deltaid
 from deltaid.dynamics.at_rest import AtRest
-from deltaid.report.page import write_page
-from deltaid.show.page import robot_page
-from deltaid.show.reach import reach, survey
+from deltaid.view.page import write_page
+from deltaid.view.robot_page import robot_page
+from deltaid.view.reach import reach, survey
 
 model = deltaid.load({robot!r})
 at_rest = AtRest(model.dynamics, model.p)

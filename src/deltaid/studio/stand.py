@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import load
-from deltaid.report.members import members
-from deltaid.report.workspace import outline
+from deltaid.view.members import members
+from deltaid.view.workspace import outline
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.mechanism.skeleton import Skeleton
-    from deltaid.show.view import View
+    from deltaid.view.at_pose import View
 
 # Radius of a part for each pixel of its width in figures, as a share of the robot's size.
 _THICK = 0.0013
@@ -113,8 +113,8 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
     """
     from scipy.spatial.transform import Rotation
 
-    from deltaid.show.shapes import along
-    from deltaid.show.view import home_view, moved
+    from deltaid.view.at_pose import home_view, moved
+    from deltaid.view.shapes import along
 
     rest, skeleton = _built(robot, changed)
     units = _units(rest)
@@ -130,7 +130,7 @@ def _built(robot: str, _changed: str) -> "tuple[AtRest, Skeleton]":
     # The server knows this module and need not wait for those.
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.mechanism.skeleton import Skeleton
-    from deltaid.show.reach import require_space
+    from deltaid.view.reach import require_space
 
     model = load(robot)
     require_space(model.robot)

@@ -15,7 +15,7 @@ from deltaid.studio.decimate import MinMax
 from deltaid.studio.folder import stamp
 
 if TYPE_CHECKING:
-    from deltaid.report.comparison import Comparison
+    from deltaid.view.comparison import Comparison
 
 # Points of a curve at most; a screen has hardly more columns.
 _POINTS = 1600
@@ -99,7 +99,7 @@ def _compared(
     from deltaid.identification.loads import as_known
     from deltaid.identification.torque_error import torque_error
     from deltaid.recording.opening import open_log
-    from deltaid.report.comparison import compare
+    from deltaid.view.comparison import compare
 
     given = load_mapping(mapping) if mapping else None
     model: Model = load(name)

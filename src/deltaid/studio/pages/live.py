@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from deltaid.show.panel import panel
 from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
 from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
+from deltaid.view.panel import panel
 
 # Of the ground and of the workspace's edges, on a light page and on a dark one.
 _LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")

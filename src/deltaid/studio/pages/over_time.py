@@ -4,7 +4,6 @@ from typing import Any
 
 from nicegui import ui
 
-from deltaid.report.numbers import percent
 from deltaid.studio.compare import comparison
 from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
@@ -13,6 +12,7 @@ from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run
 from deltaid.studio.session import Session, mapping_of
 from deltaid.studio.torques import Beside, torques
+from deltaid.view.numbers import percent
 
 _SHOWN = ["torques", "errors"]
 

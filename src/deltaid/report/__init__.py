@@ -1,1 +1,0 @@
-"""What a run found, as one HTML page that works offline."""

@@ -1,1 +1,0 @@
-"""A robot to look at: what it can reach, as a page, and a live view to drag it about."""

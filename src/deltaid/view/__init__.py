@@ -1,0 +1,1 @@
+"""Values as text, cards, figures, tables and pages, for the terminal, notebooks and studio."""

@@ -1,0 +1,157 @@
+"""A robot moving along its recorded or planned motion, in three dimensions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.skeleton import Skeleton
+from deltaid.recording.recording import Recording
+from deltaid.view import style
+from deltaid.view.members import members
+from deltaid.view.page import Figure
+from deltaid.view.workspace import outline
+
+_FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
+# From slightly above, as far away as the axes' titles need.
+CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
+_SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
+
+
+# The platform point over time.
+Path = Float[np.ndarray, "samples 3"]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Task coordinates over time, evenly spaced in time."""
+
+    time: Float[np.ndarray, " samples"]
+    z: Float[np.ndarray, "samples dof"]
+
+
+def recorded_motion(kinematics: Kinematics, recording: Recording) -> Motion:
+    """The first minute of a recording."""
+    time, z = [], []
+    for window in recording.windows(kinematics):
+        time.append(window.own.time)
+        z.append(window.own.z)
+        if time[-1][-1] - time[0][0] > _SEEN:
+            break
+    return Motion(np.concatenate(time), np.concatenate(z))
+
+
+def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
+    """The robot along the stretch of a few seconds in which its platform travels farthest."""
+    path = kinematics.robot.task.point(motion.z)
+    seen = _liveliest(motion.time, path)
+    every = np.linspace(seen.start, seen.stop - 1, min(_FRAMES, seen.stop - seen.start))
+    chosen = every.astype(int)
+    skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
+    shapes = skeleton.evaluate(motion.z[chosen])
+    moving = [name for name in skeleton.bodies if name != "base"]
+    lines = robot_lines(skeleton, shapes[0])
+    base = [lines[name] for name in skeleton.bodies if name == "base"]
+    traces = [*base, *_still(kinematics, path, seen)]
+    first = len(traces)
+    traces += [lines[name] for name in moving]
+    frames = [
+        go.Frame(
+            name=str(k),
+            traces=list(range(first, len(traces))),
+            data=[
+                go.Scatter3d(dict(zip("xyz", _of(skeleton, shape, name), strict=True)))
+                for name in moving
+            ],
+        )
+        for k, shape in zip(chosen, shapes, strict=True)
+    ]
+    figure = go.Figure(traces, frames=frames)
+    span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
+    # From which the page makes a player: times of the frames [s], and from one to the next [ms].
+    pause = 1000 * span / max(len(chosen) - 1, 1)
+    figure.update_layout(meta={"times": motion.time[chosen].tolist(), "pause": pause})
+    edges = outline(kinematics.robot.workspace)
+    drawn = (shapes.reshape(-1, 3), path, edges[~np.isnan(edges[:, 0])])
+    fix_scene(figure, np.concatenate(drawn))
+    return Figure(figure, caption)
+
+
+def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
+    """Samples of the stretch in which the platform point travels farthest."""
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    travelled = np.append(0.0, np.cumsum(steps))
+    interval = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    length = min(len(time), int(_SECONDS / interval) + 1) if interval > 0 else 1
+    start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
+    return slice(start, start + length)
+
+
+def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
+    """What does not move: the workspace, the whole path, and the part of it that is shown."""
+    every = max(1, len(path) // _PATH)
+    parts = [
+        ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
+        ("path", path[::every], {"color": style.PRIOR, "width": 2, "dash": "dot"}),
+        ("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
+    ]
+    return [
+        go.Scatter3d(
+            dict(zip("xyz", points.astype(np.float32).T, strict=True)),
+            name=name,
+            mode="lines",
+            line=line,
+            hoverinfo="skip",
+            showlegend=name != "workspace",
+        )
+        for name, points, line in parts
+    ]
+
+
+def _of(
+    skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
+) -> Float[np.ndarray, "3 points"]:
+    """One line through all segments of a body, with gaps (NaN) between them."""
+    own = [i for i, segment in enumerate(skeleton.segments) if segment.body == body]
+    ends = np.concatenate([shape[own], np.full((len(own), 1, 3), np.nan)], axis=1)
+    return ends.reshape(-1, 3).T.astype(np.float32)
+
+
+def robot_lines(
+    skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"]
+) -> dict[str, go.Scatter3d]:
+    """A robot in one pose: one line a body, by its name."""
+    return {
+        body: go.Scatter3d(
+            dict(zip("xyz", _of(skeleton, shape, body), strict=True)),
+            name=style.label(member.label),
+            mode="lines",
+            line={"color": member.color, "width": member.width},
+            hoverinfo="skip",
+        )
+        for body, member in members(skeleton.bodies).items()
+    }
+
+
+def fix_scene(
+    figure: go.Figure, points: Float[np.ndarray, "points 3"], height: int = 640, below: int = 20
+) -> None:
+    """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    axes = {
+        f"{name}axis": {"range": [low[i] - margin, high[i] + margin], "title": f"{name} [m]"}
+        for i, name in enumerate("xyz")
+    }
+    figure.update_layout(
+        height=height,
+        margin={"l": 0, "r": 0, "t": 60, "b": below},
+        scene={
+            **axes,
+            "aspectmode": "data",
+            "camera": CAMERA,
+        },
+        uirevision="kept",
+    )

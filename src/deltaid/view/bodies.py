@@ -1,0 +1,213 @@
+"""Bodies as the ellipsoids of uniform density that have the same mass and moments."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
+
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.skeleton import Skeleton
+from deltaid.model.record import IdentifiedModel
+from deltaid.robot.inertia import pseudo_inertia
+from deltaid.view import style
+from deltaid.view.animation import CAMERA
+from deltaid.view.model_tables import origin
+from deltaid.view.numbers import number
+from deltaid.view.page import Figure, Section, Table, Text
+
+_POINTS = 240  # of a sphere's surface
+_GOLDEN = np.pi * (3 - np.sqrt(5))
+
+
+def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
+    """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
+    return Section(
+        "Bodies",
+        (
+            Text(
+                "Each body is drawn as the ellipsoid of uniform density that has its mass, centre "
+                "of mass and moments of inertia: in orange the identified body, in grey outlines "
+                "the prior. Entries that the data does not determine come from the prior, so the "
+                "place and shape of a single body are less certain than what the drives feel of it."
+            ),
+            _picture(model, kinematics),
+            _masses(model),
+            _eigenvalues(model),
+        ),
+        "masses, centres of mass and shapes, prior and identified",
+    )
+
+
+def ellipsoid(
+    p: Float[np.ndarray, " 10"],
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
+    """Centre c and matrix A: the ellipsoid {c + A u, |u| ≤ 1} of p's mass and moments.
+
+    With Σ_C = Σ − m c cᵀ = Σ λ_i v_i v_iᵀ about the centre of mass, a uniform ellipsoid of half
+    axes a_i has λ_i = m a_i² / 5, so a_i = √(5 λ_i / m), and A = [a_1 v_1, a_2 v_2, a_3 v_3].
+    """
+    M = pseudo_inertia(p)
+    mass, centre = M[3, 3], M[:3, 3] / M[3, 3]
+    values, vectors = np.linalg.eigh(M[:3, :3] - mass * np.outer(centre, centre))
+    return centre, vectors * np.sqrt(5 * np.maximum(values, 0) / mass)
+
+
+def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
+    home = model.robot.within(0.0)[0][None]
+    prior = np.array([parameter.prior for parameter in model.parameters])
+    figure = go.Figure(_lines(Skeleton(model.robot, kinematics.mechanism), home))
+    figure.add_trace(_outlines(model, kinematics, home, prior))
+    figure.add_trace(_mesh(model, kinematics, home, model.p))
+    axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
+    figure.update_layout(
+        height=600,
+        margin={"l": 0, "r": 0, "t": 50, "b": 0},
+        scene={
+            **axes,
+            "aspectmode": "data",
+            "camera": CAMERA,
+        },
+    )
+    return Figure(
+        figure,
+        "Equivalent ellipsoids of all bodies in the middle of the workspace. Click on the legend "
+        "to hide the prior or the identified bodies; of two equal struts in one pair one is drawn.",
+    )
+
+
+def _mesh(
+    model: IdentifiedModel,
+    kinematics: Kinematics,
+    z: Float[np.ndarray, "1 dof"],
+    p: Float[np.ndarray, " parameters"],
+) -> go.Mesh3d:
+    """The ellipsoids of all bodies as one mesh."""
+    ball = _ball()
+    faces = _faces(ball)
+    points, corners, labels = [], [], []
+    for k, (name, placed) in enumerate(_placed(model, kinematics, z, p, ball)):
+        points.append(placed)
+        corners.append(faces + k * len(ball))
+        mass = p[model.layout.body(name)][0]
+        labels += [f"{style.label(name)}: {mass:.4g} kg"] * len(ball)
+    vertices = np.concatenate(points).astype(np.float32)
+    i, j, k = np.concatenate(corners).astype(np.int32).T
+    return go.Mesh3d(
+        dict(zip("xyzijk", (*vertices.T, i, j, k), strict=True)),
+        name="identified",
+        color=style.IDENTIFIED,
+        opacity=0.7,
+        showlegend=True,
+        text=labels,
+        hoverinfo="text",
+        lighting={"ambient": 0.65, "diffuse": 0.5, "specular": 0.1, "roughness": 0.9},
+    )
+
+
+def _outlines(
+    model: IdentifiedModel,
+    kinematics: Kinematics,
+    z: Float[np.ndarray, "1 dof"],
+    p: Float[np.ndarray, " parameters"],
+) -> go.Scatter3d:
+    """The three principal ellipses of every body's ellipsoid, as one line with gaps."""
+    angle = np.linspace(0, 2 * np.pi, 61)
+    flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    gap = np.full((1, 3), np.nan)
+    circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
+    lines = [placed for _, placed in _placed(model, kinematics, z, p, circles)]
+    return go.Scatter3d(
+        dict(zip("xyz", np.concatenate(lines).astype(np.float32).T, strict=True)),
+        name="prior",
+        mode="lines",
+        line={"color": style.PRIOR, "width": 3},
+        hoverinfo="skip",
+    )
+
+
+def _placed(
+    model: IdentifiedModel,
+    kinematics: Kinematics,
+    z: Float[np.ndarray, "1 dof"],
+    p: Float[np.ndarray, " parameters"],
+    points: Float[np.ndarray, "points 3"],
+) -> Iterator[tuple[str, Float[np.ndarray, "points 3"]]]:
+    """Points of the unit sphere on every body's ellipsoid, in the world, with the body's name."""
+    for pose in kinematics.poses(z):
+        centre, A = ellipsoid(p[model.layout.body(pose.name)])
+        yield pose.name, pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
+
+
+def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
+    """Triangles between points of a sphere, all turned outwards, which the light needs."""
+    faces = ConvexHull(ball).simplices
+    a, b, c = (ball[faces[:, k]] for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return faces
+
+
+def _ball() -> Float[np.ndarray, "points 3"]:
+    """Points spread evenly over the unit sphere, along a spiral."""
+    k = np.arange(_POINTS)
+    z = 1 - (2 * k + 1) / _POINTS
+    r = np.sqrt(1 - z**2)
+    return np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), z])
+
+
+def _lines(skeleton: Skeleton, z: Float[np.ndarray, "1 dof"]) -> go.Scatter3d:
+    ends = skeleton.evaluate(z)[0]
+    gaps = np.full((len(ends), 1, 3), np.nan)
+    points = np.concatenate([ends, gaps], axis=1).reshape(-1, 3).astype(np.float32)
+    return go.Scatter3d(
+        dict(zip("xyz", points.T, strict=True)),
+        name="robot",
+        mode="lines",
+        line={"color": style.SERIES[5], "width": 2},
+        hoverinfo="skip",
+    )
+
+
+def _masses(model: IdentifiedModel) -> Table:
+    by_name = {parameter.name: parameter for parameter in model.parameters}
+    rows = []
+    for body in model.layout.bodies:
+        mass, own = by_name[f"{body}.m"], model.p[model.layout.body(body)]
+        centre, A = ellipsoid(own)
+        axes = np.linalg.norm(A, axis=0)[::-1]
+        rows.append(
+            (
+                body,
+                number(mass.prior),
+                number(mass.value),
+                origin(mass),
+                ", ".join(f"{1000 * value:.1f}" for value in centre),
+                " × ".join(number(1000 * value, 3) for value in axes),
+            )
+        )
+    columns = ("body", "prior mass [kg]", "mass [kg]", "mass from")
+    return Table(
+        (*columns, "centre of mass [mm]", "half axes of the ellipsoid [mm]"),
+        tuple(rows),
+        "Centre of mass in the body's link frame, and half axes of its equivalent ellipsoid, "
+        "identified.",
+    )
+
+
+def _eigenvalues(model: IdentifiedModel) -> Table:
+    rows = tuple(
+        (
+            body.body,
+            *(number(value) for value in body.eigenvalues),
+            "yes" if body.eigenvalues[0] > 0 else "no",
+        )
+        for body in model.consistency
+    )
+    return Table(
+        ("body", "smallest", "second", "third", "largest", "consistent"),
+        rows,
+        "Eigenvalues of each body's pseudo-inertia matrix. A body exists physically if and only "
+        "if all four are positive.",
+    )

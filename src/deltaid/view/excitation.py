@@ -1,0 +1,199 @@
+"""The page of `deltaid excite`: the motion, its limits, and what it will tell."""
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Bool, Float
+from plotly.subplots import make_subplots
+
+from deltaid.excitation.excite import Excitation, Exciter, LimitUse
+from deltaid.view import style
+from deltaid.view.animation import Motion, animation
+from deltaid.view.drawing import drawing
+from deltaid.view.excitation_tables import prediction_table, start_table
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
+from deltaid.view.summary import Grade, Summary
+
+_SAMPLES = 2000
+# A limit that a search has reached counts as kept.
+_ROUNDING = 1e-6
+
+
+def excitation_page(exciter: Exciter, result: Excitation) -> Page:
+    """Everything about an optimised motion, at the robot's prior."""
+    robot, run, settings = exciter.dynamics.robot, result.run, exciter.settings
+    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
+    periods = f"{run.repeats} periods" if run.repeats > 1 else "1 period"
+    facts = [
+        Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
+        Fact(
+            f"criterion {settings.criterion}",
+            number(result.criterion_after),
+            f"{number(result.criterion_before)} as drawn at random",
+        ),
+    ]
+    if fullest is not None:
+        facts.append(Fact("fullest limit", _used(fullest), fullest.name))
+    return Page(
+        title=robot.title or robot.name,
+        subtitle="Motion for identification, from rest to rest within all limits",
+        verdict=_verdict(result),
+        drawing=drawing(robot, exciter.dynamics.kinematics),
+        facts=tuple(facts),
+        sections=(
+            Section(
+                "Motion",
+                (_animation(exciter, result), over_time(exciter, result)),
+                "the robot moving, and its drives over time",
+            ),
+            Section("Limits", (_limits(result),), "how much of each the motion uses"),
+            Section(
+                "What it will tell",
+                _predictions(exciter, result),
+                "how well each number will be known",
+            ),
+            Section("Search", (start_table(result), _settings(exciter)), "starts and settings"),
+        ),
+    )
+
+
+def _verdict(result: Excitation) -> Summary:
+    """Whether the motion keeps its limits."""
+    run, beyond = result.run, [one.name for one in result.limits if one.share > 1 + _ROUNDING]
+    lasts = f"{run.duration:.1f} s from rest to rest"
+    if beyond:
+        return Summary(Grade.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
+    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
+    used = f"; {fullest.name} comes nearest, {_used(fullest)}" if fullest else ""
+    lines = (f"It shows {len(result.predictions)} combinations of the robot's numbers.",)
+    return Summary(Grade.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
+                   lines)  # fmt: skip
+
+
+def _used(limit: LimitUse) -> str:
+    return f"{100 * limit.share:.1f} %"
+
+
+def _animation(exciter: Exciter, result: Excitation) -> Figure:
+    time = np.linspace(0, result.run.duration, max(_SAMPLES, int(50 * result.run.duration)))
+    z, *_ = result.run.evaluate(time)
+    return animation(
+        exciter.dynamics.kinematics,
+        Motion(time, z),
+        "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
+        "The distance of the two struts in a pair is not part of the description and drawn as it "
+        "looks usual.",
+    )
+
+
+def over_time(exciter: Exciter, result: Excitation) -> Figure:
+    """Platform, drives, speeds and torques of a run."""
+    run, dynamics = result.run, exciter.dynamics
+    time = np.linspace(0, run.duration, _SAMPLES)
+    z, zd, zdd = run.evaluate(time)
+    q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
+    units = dynamics.robot.drive_units
+    first, shown = next(iter(units.values())), np.array([u.per_shown for u in units.values()])
+    task = dynamics.robot.task
+    axes = {"xyz"[axis]: style.SERIES[4 + axis] for axis in task.axes}
+    turns = dict(zip(units, style.SERIES, strict=False))
+    rows = [
+        ("platform [m]", z[:, task.moves], axes),
+        ("{0.motion} [{0.shown}]", q * shown, turns),
+        ("speed [{0.shown}/s]", qd * shown, turns),
+        ("{0.effort} [{0.force}]", exciter.preview(run, _SAMPLES), turns),
+    ]
+    foreign = np.array([u != first for u in units.values()])
+    figure = make_subplots(
+        rows=len(rows),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.03,
+        specs=[[{"secondary_y": True}]] * len(rows),
+    )
+    for row, (title, values, colors) in enumerate(rows, 1):
+        right = foreign | _of_another_size(values) if colors is turns else np.zeros(3, bool)
+        for i, (name, color) in enumerate(colors.items()):
+            figure.add_scatter(
+                x=time.astype(np.float32),
+                y=values[:, i].astype(np.float32),
+                name=name,
+                legendgroup=name,
+                showlegend=row <= 2,
+                mode="lines",
+                line={"color": color, "width": 1.4},
+                hovertemplate=f"{name} %{{y:.4g}} at %{{x:.4g}} s<extra></extra>",
+                row=row,
+                col=1,
+                secondary_y=bool(right[i]),
+            )
+            if right[i]:
+                own_title = f"{name} {title.format(units[name])}" if foreign[i] else name
+                own = {"title_text": own_title, "color": color, "showgrid": False}
+                own["tickmode"] = "auto"
+                figure.update_yaxes(own, row=row, col=1, secondary_y=True)
+        figure.update_yaxes(title_text=title.format(first), row=row, col=1, secondary_y=False)
+    for edge in (run.ramp, run.duration - run.ramp):
+        figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
+    figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
+    figure.update_layout(height=880)
+    return Figure(
+        figure,
+        "Platform point, coordinates and speeds of the drives, and the torques or forces that the "
+        "prior predicts. A drive whose numbers are of another size or unit has its own axis on the "
+        "right. Dotted lines are the ends of the ramps from and to rest.",
+        paper=480,
+    )
+
+
+def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.ndarray, " drives"]:
+    """Which columns are so much larger or smaller than most that one of both would look flat."""
+    sizes = np.abs(values).max(axis=0)
+    usual = np.median(sizes)
+    return (sizes > 5 * usual) | (sizes < 0.2 * usual)
+
+
+def _limits(result: Excitation) -> Figure:
+    names = [style.label(limit.name) for limit in result.limits]
+    figure = go.Figure()
+    figure.add_bar(
+        x=[100 * limit.share for limit in result.limits],
+        y=names,
+        orientation="h",
+        marker={"color": style.SERIES[0]},
+        hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
+    )
+    figure.add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
+    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
+    figure.update_xaxes(title_text="largest use over the whole run [%]", rangemode="tozero")
+    figure.update_layout(height=22 * len(names) + 100, margin={"t": 20}, bargap=0.35)
+    return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
+
+
+def _predictions(exciter: Exciter, result: Excitation) -> tuple[Text, Table]:
+    noise = percent(exciter.settings.torque_noise)
+    return (
+        Text(
+            f"Standard deviations that least squares will reach on this motion when the torque "
+            f"noise is {noise} of each drive's largest torque and samples come at "
+            f"{exciter.settings.rate:g} Hz, if the robot is what the prior says."
+        ),
+        prediction_table(result),
+    )
+
+
+def _settings(exciter: Exciter) -> Table:
+    s = exciter.settings
+    rows = (
+        ("criterion", s.criterion),
+        ("harmonics", str(s.harmonics)),
+        ("longest period [s]", number(s.duration)),
+        ("repeats", str(s.repeats)),
+        ("weight of speed", number(s.velocity_weight)),
+        ("weighed by the prior", "yes" if s.weigh_prior else "no"),
+        ("torque noise, share of the largest torque", percent(s.torque_noise)),
+        ("rate [Hz]", number(s.rate)),
+        ("starts", str(s.starts)),
+        ("seed", str(s.seed)),
+    )
+    return Table(("setting", "value"), rows)

@@ -1,0 +1,184 @@
+"""Friction laws over speed, prior and identified, and how they were chosen."""
+
+import casadi as ca
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from plotly.subplots import make_subplots
+
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.kernel.batch import BatchKernel
+from deltaid.model.friction_record import FrictionChoice, FrictionCurve, FrictionTrial
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.robot.description import RobotDescription
+from deltaid.view import style
+from deltaid.view.comparison import Comparison
+from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Figure, Section, Table, Text
+
+_POINTS, _DOTS = 200, 1500
+
+
+def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> Section:
+    """The law of every joint, with what the recordings say about those of the drives."""
+    model = load(model)
+    if not model.robot.friction_joints:
+        return Section("Friction", (Text("The description has no friction in any joint."),))
+    record = model.identified.friction_choice if model.identified else None
+    choice = _choice(record, model.robot) if record else ()
+    return Section("Friction", (_laws(model, comparisons), *choice), "over speed, joint by joint")
+
+
+def law(
+    robot: RobotDescription,
+    joint: str,
+    speed: Float[np.ndarray, " samples"],
+    p: Float[np.ndarray, " parameters"],
+) -> Float[np.ndarray, " samples"]:
+    """Friction of one joint over its speed for parameters p, without what depends on load."""
+    v, total = ca.SX.sym("v"), ca.SX(0)
+    coefficients = p[parameter_layout(robot).friction].tolist()
+    for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
+        if term.joint == joint and not term.of_load:
+            total += coefficient * term.h(v, ca.sign(v), ca.SX(0))
+    return BatchKernel(v, total)(speed[None])[0]
+
+
+def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
+    joints = model.robot.friction_joints
+    rows = -(-len(joints) // 2)
+    figure = make_subplots(
+        rows=rows,
+        cols=2,
+        subplot_titles=joints,
+        horizontal_spacing=0.12,
+        vertical_spacing=0.3 / rows,
+    )
+    prior = prior_parameters(model.robot)
+    named = set()
+    for i, joint in enumerate(joints):
+        row, col = i // 2 + 1, i % 2 + 1
+        fastest = model.robot.platform_speed
+        traces = []
+        if joint in model.robot.drives:
+            drive = model.robot.drives.index(joint)
+            speed = np.concatenate([c.speed[:, drive] for c in comparisons])
+            residual = np.concatenate([c.residual[:, drive] for c in comparisons])
+            fastest = float(np.abs(speed).max()) or 1.0
+            every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
+            traces.append(
+                _dots(
+                    speed[every], residual[every] + law(model.robot, joint, speed, model.p)[every]
+                )
+            )
+        positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
+        grid = np.concatenate([-positive[::-1], positive])
+        traces.append(
+            _line("prior", grid, law(model.robot, joint, grid, prior), style.PRIOR, "dash")
+        )
+        if model.identified is not None:
+            found = law(model.robot, joint, grid, model.p)
+            known = [one for one in model.identified.friction_curves if one.joint == joint]
+            traces += [_band(one) for one in known]
+            traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
+        units = model.robot.units(joint)
+        for trace in traces:
+            trace.update(x=units.per_shown * np.asarray(trace.x, np.float32))
+            trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
+            named.add(trace.name)
+            figure.add_trace(trace, row=row, col=col)
+        figure.update_xaxes(title_text=f"speed [{units.shown}/s]", row=row, col=col)
+        figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", row=row, col=col)
+    figure.update_annotations(font_size=13)
+    figure.update_layout(
+        height=270 * rows + 100,
+        margin={"t": 75},
+        legend={"y": 1.0, "yanchor": "top", "yref": "container"},
+    )
+    return Figure(
+        figure,
+        "Friction over speed, prior and identified. The dots are what the recordings leave for a "
+        "drive's friction when everything else the model predicts is taken away; where they leave "
+        "the line, the law does not fit. The band is the 95 % interval of the whole curve, with "
+        "the law's speed and exponent unknown. What depends on load is not in the lines.",
+    )
+
+
+def _dots(speed: Float[np.ndarray, " dots"], torque: Float[np.ndarray, " dots"]) -> go.Scatter:
+    return go.Scatter(
+        x=speed.astype(np.float32),
+        y=torque.astype(np.float32),
+        name="measured, less all else",
+        mode="markers",
+        marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
+    )
+
+
+def _band(curve: FrictionCurve) -> go.Scatter:
+    speed = np.array(curve.speed)
+    low, high = curve.band(speed)
+    return go.Scatter(
+        x=np.concatenate([speed, speed[::-1]]).astype(np.float32),
+        y=np.concatenate([low, high[::-1]]).astype(np.float32),
+        name="its 95 % interval",
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor=style.IDENTIFIED,
+        opacity=0.25,
+        hoverinfo="skip",
+    )
+
+
+def _line(
+    name: str,
+    speed: Float[np.ndarray, " points"],
+    torque: Float[np.ndarray, " points"],
+    color: str,
+    dash: str,
+) -> go.Scatter:
+    return go.Scatter(
+        x=speed.astype(np.float32),
+        y=torque.astype(np.float32),
+        name=name,
+        mode="lines",
+        line={"color": color, "width": 2, "dash": dash},
+    )
+
+
+def _choice(choice: FrictionChoice, robot: RobotDescription) -> tuple[Text | Table, ...]:
+    if not choice.steps:
+        return (Text("No joint shows more friction than its described law has."),)
+    return (
+        Text(
+            "Laws were extended where the recordings show more friction than the described ones "
+            f"have, by the scatter between {choice.folds} stretches of time: "
+            f"{choice_sentence(choice)}."
+        ),
+        choice_table(choice, robot),
+        _trials(choice.steps, "What was added, in this order, and whether the final law keeps it."),
+        _trials(
+            choice.trials,
+            "Every addition alone, to the described laws, and whether its gain is beyond chance. "
+            "The gain is the share by which the squared error falls; its significance is the "
+            "multiple of what chance explains.",
+        ),
+    )
+
+
+def _trials(trials: tuple[FrictionTrial, ...], caption: str) -> Table:
+    rows = tuple(
+        (
+            trial.joint,
+            ADDITIONS[trial.addition],
+            percent(trial.error),
+            percent(trial.gain),
+            number(trial.significance, 3),
+            "yes" if trial.useful else "no",
+        )
+        for trial in trials
+    )
+    columns = ("joint", "addition", "torque error", "gain", "significance", "useful")
+    muted = frozenset(i for i, trial in enumerate(trials) if not trial.useful)
+    return Table(columns, rows, caption, muted)

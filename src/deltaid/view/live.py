@@ -1,0 +1,252 @@
+"""The live view: a browser window in which one drags the platform (viser, an optional library)."""
+
+import contextlib
+import io
+import socket
+import threading
+from functools import cached_property
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.at_rest import AtRest
+from deltaid.errors import DeltaidError
+from deltaid.libraries import require
+from deltaid.mechanism.skeleton import Skeleton
+from deltaid.view import style
+from deltaid.view.at_pose import View, home_view, moved
+from deltaid.view.figures import limit_kinds, patches
+from deltaid.view.members import Member, members
+from deltaid.view.own_page import answering_own_page_only
+from deltaid.view.panel import panel
+from deltaid.view.reach import reach
+from deltaid.view.shapes import along, cylinder
+from deltaid.view.workspace import outline
+
+# Only this machine can open the view.
+HOST = "127.0.0.1"
+DEFAULT_PORT = 8080
+# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
+_THICK = 0.0013
+_SHADE = 0.7
+
+
+def require_viser() -> ModuleType:
+    """The library behind the live view.
+
+    Raises:
+        DeltaidError: it is not installed.
+    """
+    require("viser", by="--live", name="viser", install="pip install viser; --report needs nothing")
+    return import_module("viser")
+
+
+def require_port(port: int) -> None:
+    """Refuse a port that something else listens at, or that may not be used.
+
+    Raises:
+        DeltaidError: it cannot be had.
+    """
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((HOST, port))
+        except OSError as error:
+            raise DeltaidError(
+                f"cannot be used: {error.strerror or error}",
+                where=f"--port {port}",
+                cure="give another one, or 0 for any that is free",
+            ) from None
+
+
+class LiveView:
+    """A robot in a browser window, and the server behind it.
+
+    Everything that is shown follows from `view`; the window only asks for poses.
+
+    Args:
+        robot: what is shown.
+        port: where the server listens, on this machine only; 0 takes any free one.
+
+    Raises:
+        DeltaidError: viser is not installed.
+    """
+
+    def __init__(self, robot: AtRest, port: int = 0) -> None:
+        viser = require_viser()
+        self.robot = robot
+        self.view: View = home_view(robot)
+        self._lock = threading.RLock()
+        with _silence(), answering_own_page_only():
+            self.server = viser.ViserServer(HOST, port, robot.robot.name, verbose=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
+        self._bars = self._add_robot()
+        self._add_surroundings()
+        self._target = self._add_target()
+        self._inputs = self._add_inputs()
+        self._panel = self.server.gui.add_html(panel(self.view))
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the view."""
+        return f"http://{HOST}:{self.server.get_port()}"
+
+    def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
+        """Ask for a pose and show what comes of it; the handle is let alone while dragging."""
+        with self._lock:
+            self.view = moved(self.robot, self.view, wanted)
+            self._draw(dragging)
+            return self.view
+
+    def close(self) -> None:
+        """Stop the server."""
+        with _silence():
+            self.server.stop()
+
+    def _draw(self, dragging: bool) -> None:
+        with self.server.atomic():
+            shapes = self._shapes()
+            for body, bars in self._bars.items():
+                placed = along(shapes[self._of(body)], self._radius(members((body,))[body]))
+                bars.batched_positions = placed.positions.astype(np.float32)
+                bars.batched_wxyzs = placed.wxyz.astype(np.float32)
+                bars.batched_scales = placed.scales.astype(np.float32)
+            if not dragging:
+                self._target.position = self.view.z[:3]
+            self._inputs["point"].value = tuple(np.round(self.view.z[:3], 4))
+            if "turn" in self._inputs and not dragging:
+                self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
+            self._panel.content = panel(self.view)
+
+    def _shapes(self) -> Float[np.ndarray, "segments 2 3"]:
+        return self._skeleton.evaluate(self.view.z[None])[0]
+
+    def _of(self, body: str) -> list[int]:
+        return [i for i, s in enumerate(self._skeleton.segments) if s.body == body]
+
+    @cached_property
+    def _size(self) -> float:
+        """Of the robot at home [m]."""
+        points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
+        return float(np.ptp(points, axis=0).max())
+
+    def _radius(self, member: Member) -> float:
+        return _THICK * self._size * member.width
+
+    def _add_robot(self) -> dict[str, Any]:
+        """One batch of cylinders for each body."""
+        mesh, shapes, bars = cylinder(), self._shapes(), {}
+        for body, member in members(self._skeleton.bodies).items():
+            placed = along(shapes[self._of(body)], self._radius(member))
+            bars[body] = self.server.scene.add_batched_meshes_simple(
+                f"/robot/{body}",
+                mesh.corners.astype(np.float32),
+                mesh.triangles.astype(np.uint32),
+                placed.wxyz.astype(np.float32),
+                placed.positions.astype(np.float32),
+                batched_scales=placed.scales.astype(np.float32),
+                batched_colors=_paint(member.color),
+                lod="off",
+            )
+        return bars
+
+    def _add_surroundings(self) -> None:
+        """Workspace, reachable region, floor, camera."""
+        scene, found = self.server.scene, reach(self.robot)
+        edges = outline(self.robot.robot.workspace)
+        pairs = np.stack([edges[:-1], edges[1:]], axis=1)
+        pairs = pairs[~np.isnan(pairs).any(axis=(1, 2))]
+        scene.add_line_segments(
+            "/workspace",
+            pairs.astype(np.float32),
+            _rgb(style.MEASURED),
+            thickness=2.0,
+            thickness_units="screen",
+        )
+        colors = limit_kinds(self.robot)
+        region = scene.add_frame("/reach", show_axes=False, visible=False)
+        for name, (points, faces) in patches(self.robot, found).items():
+            scene.add_mesh_simple(
+                f"/reach/{name}",
+                points.astype(np.float32),
+                faces.astype(np.uint32),
+                color=_paint(colors[name]),
+                opacity=0.25,
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        shown = self.server.gui.add_checkbox(
+            "reachable region", False, hint="where straight ways from home end, and at which limit"
+        )
+        shown.on_update(lambda event: setattr(region, "visible", event.target.value))
+        scene.world_axes.visible = True
+        scene.world_axes.axes_length, scene.world_axes.axes_radius = 0.15 * self._size, 0.003
+        middle = self.robot.home[:3] * [1.0, 1.0, 0.6]
+        self.server.initial_camera.look_at = middle
+        self.server.initial_camera.position = middle + self._size * np.array([1.3, 1.0, 0.35])
+
+    def _add_target(self) -> Any:
+        """The handle that is dragged."""
+        target = self.server.scene.add_transform_controls(
+            "/target",
+            scale=0.2 * self._size,
+            disable_rotations=True,
+            depth_test=False,
+            position=self.view.z[:3],
+        )
+        target.on_update(self._dragged)
+        return target
+
+    def _dragged(self, event: Any) -> None:
+        """The robot follows the handle, which returns to it when let go; the message stays."""
+        if event.phase == "end":
+            with self._lock:
+                self._draw(dragging=False)
+        else:
+            self.move(np.array([*event.target.position, *self.view.z[3:]]), dragging=True)
+
+    def _add_inputs(self) -> dict[str, Any]:
+        """Numbers to type, the tool's angle, and the way home."""
+        gui, turn = self.server.gui, self.robot.robot.turn
+        inputs: dict[str, Any] = {
+            "point": gui.add_vector3("platform [m]", tuple(self.view.z[:3]), step=0.001)
+        }
+        if self.robot.dynamics.dof > 3:
+            low, high = (round(float(np.rad2deg(a)), 1) for a in (turn.low, turn.high))
+            inputs["turn"] = gui.add_slider(
+                "tool ψ [deg]", low, high, step=(high - low) / 720, initial_value=_home_turn(self)
+            )
+        for handle in inputs.values():
+            handle.on_update(self._typed)
+        gui.add_button("home").on_click(lambda _: self.move(self.robot.home))
+        return inputs
+
+    def _typed(self, event: Any) -> None:
+        if event.client is None:  # this program wrote the number itself
+            return
+        turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
+        self.move(np.array([*self._inputs["point"].value, *turn]))
+
+
+def _silence() -> contextlib.redirect_stdout[io.StringIO]:
+    """viser greets and says goodbye on standard output."""
+    return contextlib.redirect_stdout(io.StringIO())
+
+
+def _home_turn(live: LiveView) -> float:
+    return float(np.rad2deg(live.robot.home[3]))
+
+
+def _paint(color: str) -> tuple[int, int, int]:
+    """A colour for lit surfaces, darker than in figures because the lamps bleach it."""
+    red, green, blue = (round(_SHADE * part) for part in _rgb(color))
+    return red, green, blue
+
+
+def _rgb(color: str) -> tuple[int, int, int]:
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)

@@ -1,0 +1,195 @@
+"""Tables of an identified model, for the terminal and for its page: built once, here."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from deltaid.model.friction_record import AdditionKind, FrictionChoice
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction_text import written
+from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
+from deltaid.view.table import Table
+
+if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordings needs
+    from deltaid.identification.least_squares import BaseEstimate
+    from deltaid.identification.torque_error import TorqueError
+    from deltaid.model.model import Model
+    from deltaid.model.parameter_record import BaseParameter, Parameter
+    from deltaid.model.record import IdentifiedModel
+
+# What has an interval that does not come from its own prior.
+MEASURED = ("data", "measured", "sum", "limit")
+# Intervals whose longer side is so many times the shorter one are written as their two ends.
+_LOPSIDED = 2.0
+# What ± stands for in tables.
+_HALF_WIDTH = "± (95 %)"
+_VERIFY = (
+    " The columns from “verify rms” on are of the recording that the model was compared with, "
+    "those before them of the ones that it was identified from."
+)
+ADDITIONS: dict[AdditionKind, str] = {
+    "offset": "offset",
+    "both_ways": "both ways",
+    "power": "power of speed",
+    "stribeck": "Stribeck",
+    "load": "load",
+}
+
+
+def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = None) -> Table:
+    """Prior, value, interval and origin of every parameter that is not zero by structure.
+
+    Args:
+        truth: of a surrogate robot, parameter by parameter.
+    """
+    shown = [(k, p) for k, p in enumerate(model.parameters) if p.determined_by != "structure"]
+    rows = tuple(
+        (
+            parameter.name,
+            number(parameter.prior),
+            *([] if truth is None else [number(truth[k])]),
+            *value_and_width(parameter),
+            parameter.unit,
+            origin(parameter),
+        )
+        for k, parameter in shown
+    )
+    true = () if truth is None else ("truth",)
+    return Table(
+        ("parameter", "prior", *true, "identified", _HALF_WIDTH, "unit", "from"),
+        rows,
+        "Inertias and first moments are about the origin of the body's link frame. Parameters "
+        "that are zero by structure are left out. “Data, with the prior of …”: torques show only a "
+        "sum of the parameter and these; its value takes their priors at their word, its interval "
+        "does not. “Measured”: mostly what a scale or the like said. “At the "
+        "limit of consistency”: as small as physics allows. Grey rows are not "
+        "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
+        "the description; “consistency” is a lower bound.",
+        frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
+        f"{model.robot.title or model.robot.name}{_how(model)}",
+    )
+
+
+def _how(model: "IdentifiedModel") -> str:
+    """How intervals were made, where it is not the usual way."""
+    return "; intervals: posterior" if model.settings.intervals == "posterior" else ""
+
+
+def origin(parameter: "Parameter") -> str:
+    """What decided a parameter; whose prior it rests on, or how wide the interval of its own is."""
+    match parameter.determined_by:
+        case "sum":
+            several = "s" if len(parameter.rests_on) > 1 else ""
+            return f"data, with the prior{several} of {', '.join(parameter.rests_on)}"
+        case "limit":
+            return "at the limit of consistency"
+        case "prior" if parameter.high is not None and parameter.prior:
+            if parameter.low and parameter.name.endswith(("Ixx", "Iyy", "Izz")):
+                factor = float(f"{parameter.high / parameter.prior:.2g}")
+                return f"prior, × or ÷ {factor:g}"
+            reach = (parameter.high - parameter.prior) / abs(parameter.prior)
+            return f"prior ± {percent(reach)}"
+        case _:
+            return parameter.determined_by
+
+
+def value_and_width(parameter: "Parameter") -> tuple[str, str]:
+    """Value, and half the width or the ends of its 95 % interval if the data has a part in it."""
+    if parameter.determined_by not in MEASURED:
+        bound = "≥ " if parameter.determined_by == "consistency" else ""
+        return bound + number(parameter.value), ""
+    if parameter.high is None or parameter.low is None:  # a model of an earlier version
+        return with_uncertainty(parameter.value, WIDTH * parameter.std)
+    up, down = parameter.high - parameter.value, parameter.value - parameter.low
+    known = parameter.determined_by in ("data", "measured")
+    if known and max(up, down) < _LOPSIDED * min(up, down):
+        return with_uncertainty(parameter.value, max(up, down))
+    return number(parameter.value), span(parameter.low, parameter.high)
+
+
+def base_table(parameters: "Sequence[BaseParameter]") -> Table:
+    """Formula, value and interval of base parameters that a model holds."""
+    return _base(
+        [p.formula for p in parameters],
+        [(p.value, p.high - p.value, p.unit) for p in parameters],
+    )
+
+
+def estimate_table(
+    formulas: Sequence[str], units: Sequence[str], estimate: "BaseEstimate | None"
+) -> Table:
+    """The same of an estimate; without one, formulas alone."""
+    if estimate is None:
+        return _base(formulas, None)
+    return _base(formulas, list(zip(estimate.values, estimate.interval, units, strict=True)))
+
+
+def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None) -> Table:
+    rows = []
+    for i, formula in enumerate(formulas):
+        row = [f"{i + 1}", formula]
+        if values is not None:
+            value, half, unit = values[i]
+            row += [*with_uncertainty(value, half), unit]
+        rows.append(tuple(row))
+    return Table(
+        ("", "base parameter", *(() if values is None else ("value", _HALF_WIDTH, "unit"))),
+        tuple(rows),
+        "Combinations of parameters that the torques determine, each named by its first term.",
+    )
+
+
+def error_table(model: "Model", verification: "TorqueError | None") -> Table:
+    """Torque errors per drive, on the identification's recordings and on another one."""
+    fit, units = model.identified and model.identified.fit, model.robot.drive_units
+    errors = [error for error in (fit, verification) if error is not None]
+    alike, first = len(set(units.values())) == 1, next(iter(units.values()))
+    heading = (f"{first.effort} error, {first.force}",) if alike else ("error of drive", "unit")
+    rows = tuple(
+        (
+            drive,
+            *(() if alike else (units[drive].force,)),
+            *(
+                cell
+                for error in errors
+                for cell in (
+                    measured(error.rms[i]),
+                    percent(error.nrmse[i]),
+                    measured(error.rms_unfiltered[i]),
+                )
+            ),
+        )
+        for i, drive in enumerate(model.robot.drives)
+    )
+    second = ("verify rms", "share", "unfiltered") if len(errors) > 1 else ()
+    return Table(
+        (*heading, "rms", "share", "unfiltered", *second),
+        rows,
+        "Root mean square of measured minus predicted torque or force, also as a share of the "
+        "measured one's own root mean square. Unfiltered is against what was recorded, with all "
+        "its noise." + (_VERIFY if second else ""),
+    )
+
+
+def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
+    """For each joint what every addition alone gains, and the law that was chosen."""
+    gains = {(t.joint, t.addition): t for t in choice.trials}
+    rows = []
+    for joint, law in robot.friction.items():
+        row = [joint]
+        for addition in ADDITIONS:
+            trial = gains.get((joint, addition))
+            gain = max(trial.gain, 0.0) if trial else 0.0
+            row.append("–" if trial is None else percent(gain) if trial.useful else "chance")
+        rows.append((*row, written(law)))
+    title = "friction laws: share of the squared error that each term alone explains"
+    return Table(
+        ("joint", *ADDITIONS.values(), "chosen law"), tuple(rows), f"{title}.", title=title
+    )
+
+
+def choice_sentence(choice: FrictionChoice) -> str:
+    """The torque error before and after the choice."""
+    return (
+        f"torque error {percent(choice.plain_error)} of the largest torque with the described "
+        f"laws, {percent(choice.chosen_error)} with the chosen ones"
+    )

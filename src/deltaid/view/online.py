@@ -1,0 +1,192 @@
+"""The page of `deltaid online`: what a recording showed, cycle by cycle."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import plotly.graph_objects as go
+
+from deltaid.online.found import Series, Watched
+from deltaid.view import style
+from deltaid.view.numbers import number
+from deltaid.view.online_tables import (
+    at_most,
+    friction_table,
+    loads_table,
+    told_lines,
+    touches_table,
+)
+from deltaid.view.page import Block, Fact, Figure, Page, Section, Text
+from deltaid.view.summary import Grade, Summary
+
+# Points that a line is drawn with, at most.
+_POINTS = 8000
+
+
+def online_page(watched: Watched, title: str) -> Page:
+    """Everything that was found in a recording.
+
+    Of a long one lines have of each stretch the cycle in which the residual is largest.
+    """
+    watched = replace(watched, series=_thinned(watched.series))
+    loads = (loads_table(watched),) if watched.loads else (Text("No load was found."),)
+    touches = (touches_table(watched),) if watched.touches else (Text("No contact was found."),)
+    front: tuple[Block, ...] = (_mass(watched), _size(watched))
+    friction = (friction_table(watched),) if watched.friction else ()
+    return Page(
+        title=watched.robot.title or watched.robot.name,
+        subtitle=f"Run through cycle by cycle: {title}",
+        facts=_facts(watched),
+        front=front,
+        sections=(
+            Section("Loads", loads, "mass, interval, centre of each", unfolded=True),
+            Section(
+                "Contacts", (*touches, *_forces(watched)), "when, where, how hard", unfolded=True
+            ),
+            Section("What can be told", (_least(watched), *map(Text, told_lines(watched)))),
+            *([Section("Friction", friction, "what was followed of it")] if friction else []),
+        ),
+        warnings=watched.doubts,
+        verdict=_verdict(watched),
+    )
+
+
+def _facts(watched: Watched) -> tuple[Fact, ...]:
+    return (
+        Fact("loads", str(len(watched.loads)), "told by the gripper" if watched.told else "found"),
+        Fact("contacts", str(len(watched.touches))),
+        Fact(
+            "smallest force told",
+            f"{number(watched.worst, 2)} N",
+            "on the platform, worst direction",
+        ),
+        Fact(
+            "a cycle",
+            f"{1e6 * watched.seconds:.2g} µs",
+            f"of {1e6 / watched.rate:.0f} µs there are",
+        ),
+    )
+
+
+def _verdict(watched: Watched) -> Summary:
+    loads, touches = len(watched.loads), len(watched.touches)
+    text = (
+        f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
+        f"{watched.cycles / watched.rate:.4g} s."
+    )
+    if watched.doubts:
+        count = len(watched.doubts)
+        told = "a warning" if count == 1 else f"{count} warnings"
+        said = f"Doubtful: read {told} below before any of it is believed."
+        return Summary(Grade.FAIR, said, (text, *told_lines(watched)))
+    return Summary(Grade.GOOD, text, told_lines(watched))
+
+
+def _mass(watched: Watched) -> Figure:
+    """What is held over time, with its interval."""
+    s, figure = watched.series, go.Figure()
+    top = max((1.4 * one.mass.value for one in watched.loads), default=1.0)
+    high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
+    line = {"width": 0, "shape": "hv"}
+    figure.add_scatter(x=_few(s.time), y=_few(high), line=line, showlegend=False, hoverinfo="skip")
+    figure.add_scatter(
+        x=_few(s.time),
+        y=_few(low),
+        line=line,
+        fill="tonexty",
+        fillcolor="rgba(43,131,198,0.3)",
+        name="95 %",
+        hoverinfo="skip",
+    )
+    figure.add_scatter(
+        x=_few(s.time),
+        y=_few(s.mass),
+        name="held",
+        line={"color": style.MEASURED, "width": 1.5, "shape": "hv"},
+        hovertemplate="%{y:.3g} kg at %{x:.4g} s<extra></extra>",
+    )
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text="mass held [kg]", range=[-0.05 * top, top])
+    figure.update_layout(height=340)
+    return Figure(figure, "Mass that is held, as known at each instant, with its 95 % interval.")
+
+
+def _size(watched: Watched) -> Figure:
+    """Size of what nothing explains, over time."""
+    s, figure = watched.series, go.Figure()
+    figure.add_scatter(
+        x=_few(s.time),
+        y=_few(s.size),
+        name="residual",
+        line={"color": style.RESIDUAL, "width": 1.2},
+        hovertemplate="%{y:.3g} of the threshold at %{x:.4g} s<extra></extra>",
+        showlegend=False,
+    )
+    figure.add_hline(y=1.0, line={"color": style.LIMIT, "dash": "dot", "width": 1})
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text="residual [thresholds]", rangemode="tozero")
+    figure.update_layout(height=300)
+    return Figure(
+        figure,
+        "What neither model nor load explains of the torques, as a share of the threshold (dotted) "
+        f"for {at_most(watched)}.",
+    )
+
+
+def _forces(watched: Watched) -> tuple[Figure, ...]:
+    """Force on the platform, where it is pushed."""
+    s, axes = watched.series, watched.robot.task.names
+    if not s.force.any():
+        return ()
+    figure = go.Figure()
+    for k, axis in enumerate(axes[: s.force.shape[1]]):
+        figure.add_scatter(
+            x=_few(s.time),
+            y=_few(s.force[:, k]),
+            name=f"along {axis}",
+            line={"color": style.SERIES[k], "width": 1.2},
+            hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
+        )
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text="force on the platform [N]")
+    figure.update_layout(height=300)
+    return (
+        Figure(figure, "Force on the platform point, in the world's axes, while it is touched."),
+    )
+
+
+def _least(watched: Watched) -> Figure:
+    """Smallest force that is told, over time."""
+    s, figure = watched.series, go.Figure()
+    for name, values, color in (
+        ("best direction", s.best, style.SERIES[0]),
+        ("worst direction", s.worst, style.SERIES[1]),
+    ):
+        figure.add_scatter(
+            x=_few(s.time),
+            y=_few(np.where(np.isfinite(values), values, np.nan)),
+            name=name,
+            line={"color": color, "width": 1.2},
+            hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
+        )
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text="smallest force told [N]", rangemode="tozero")
+    figure.update_layout(height=300)
+    return Figure(
+        figure,
+        "Smallest force on the platform that is found in 95 % of cases: it grows with what is not "
+        "known yet of a load that was just taken.",
+    )
+
+
+def _thinned(series: Series) -> Series:
+    step = -(-len(series.time) // _POINTS)
+    if step == 1:
+        return series
+    whole = len(series.time) // step
+    at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
+    names = [one.name for one in fields(series)]
+    return Series(**{name: getattr(series, name)[at] for name in names})
+
+
+def _few(values: np.ndarray) -> np.ndarray:
+    return values.astype(np.float32)

@@ -1,0 +1,129 @@
+"""Robots, and what computes with them."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
+from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import yaml_text
+from deltaid.view.card import Card
+from deltaid.view.numbers import number
+from deltaid.view.table import Table
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from deltaid.view.page import Page
+
+_Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
+_METHODS: dict[type, tuple[str, ...]] = {
+    Kinematics: (".inverse(z)", ".forward(q)", ".jacobian(z)", ".condition(z)", ".plot()"),
+    Dynamics: (".inverse_dynamics(q, qd, qdd)", ".mass_matrix(q)", ".regressor(q, qd, qdd)",
+               ".plot()"),
+    ForwardDynamics: (".drive_acceleration(q, qd, tau, p)", ".plot()"),
+    ConstraintForces: (".names", ".evaluate(z, qd, qdd, p)"),
+    RobotDescription: (".plot()", '.report("x.html")', '.changed(name="…")'),
+}  # fmt: skip
+# How much nearer than in a report, whose picture is higher.
+_NEARER = 0.92
+_TITLES: dict[type, str] = {
+    Kinematics: "Kinematics of ", Dynamics: "Dynamics of ", RobotDescription: "",
+    ForwardDynamics: "Forward dynamics of ", ConstraintForces: "Constraint forces of ",
+}  # fmt: skip
+
+
+def card(value: _Robot) -> Card:
+    """Kind, drives, bodies, workspace, and what it can do."""
+    robot = value if isinstance(value, RobotDescription) else value.robot
+    kind = next(one for one in _METHODS if isinstance(value, one))
+    space, unit = robot.workspace, next(iter(robot.drive_units.values()))
+    z = robot.home
+    facts = [
+        ("drives", f"{len(robot.drives)} ({unit.force})"),
+        ("bodies", ", ".join(robot.body_names)),
+        ("home", ", ".join(f"{name} {number(float(x), 3)}" for name, x in
+                           zip(robot.task.names, z, strict=True))),
+    ]  # fmt: skip
+    if isinstance(value, Dynamics):
+        facts.append(("parameters", str(len(value.layout.names))))
+    if isinstance(value, ConstraintForces):
+        facts.append(("channels", str(len(value.names))))
+    return Card(
+        f"{_TITLES[kind]}{robot.title or robot.name}"
+        + (f" ({robot.name})" if robot.title and robot.name != robot.title else ""),
+        (),
+        "",
+        tuple(facts),
+        more=(
+            ("drives and limits", _drives(robot)),
+            ("workspace", yaml_text(space.model_dump(mode="json")).rstrip()),
+        ),
+        methods=_METHODS[kind],
+    )
+
+
+def _drives(robot: RobotDescription) -> Table:
+    """Each drive with its limits."""
+    rows = list[tuple[str, ...]]()
+    for drive, unit in robot.drive_units.items():
+        limits = robot.drive_limits.get(drive)
+        span = limits.range if limits else None
+        ends = " … ".join(number(unit.per_shown * x, 3) for x in span) if span else "—"
+        effort = limits.effort if limits else None
+        speed = limits.top_speed if limits else None
+        rows.append(
+            (drive, f"{ends} {unit.shown}" if span else ends,
+             f"{number(unit.per_shown * speed, 3)} {unit.shown}/s" if speed else "—",
+             f"{number(effort, 3)} {unit.force}" if effort else "—")
+        )  # fmt: skip
+    return Table(("drive", "range", "speed", "largest effort"), tuple(rows))
+
+
+def figure(value: _Robot) -> "go.Figure":
+    """The robot at home with its workspace."""
+    return drawn(value if isinstance(value, RobotDescription) else value.robot)
+
+
+def drawn(robot: RobotDescription) -> "go.Figure":
+    """Lines of the robot at its home pose, and the edges of its workspace."""
+    import plotly.graph_objects as go
+
+    from deltaid.mechanism.skeleton import Skeleton
+    from deltaid.view import style
+    from deltaid.view.animation import CAMERA, fix_scene, robot_lines
+    from deltaid.view.workspace import outline
+
+    skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
+    shape, edges = skeleton.evaluate(robot.home[None])[0], outline(robot.workspace)
+    figure = go.Figure(list(robot_lines(skeleton, shape).values()))
+    figure.add_scatter3d(
+        **dict(zip("xyz", edges.astype(np.float32).T, strict=True)),
+        name="workspace",
+        mode="lines",
+        line={"color": style.PRIOR, "width": 3, "dash": "dot"},
+        hoverinfo="skip",
+    )
+    seen = (shape.reshape(-1, 3), edges[~np.isnan(edges[:, 0])])
+    fix_scene(figure, np.concatenate(seen), height=460, below=0)
+    near = {axis: _NEARER * eye for axis, eye in CAMERA["eye"].items()}
+    figure.update_layout(scene_camera_eye=near, margin_t=30)
+    return figure
+
+
+def page(value: RobotDescription) -> "Page":
+    """The page of `deltaid show`."""
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.model.model import load
+    from deltaid.view.reach import reach, require_space, survey
+    from deltaid.view.robot_page import robot_page
+
+    require_space(value)
+    model = load(value)
+    at_rest = AtRest(model.dynamics, model.p)
+    return robot_page(
+        at_rest, reach(at_rest), survey(at_rest), "Robot at rest, with its prior parameters"
+    )

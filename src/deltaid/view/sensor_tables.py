@@ -1,0 +1,159 @@
+"""Tables of what sensors and scales would tell, for the terminal and for the page."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES, Opening
+from deltaid.planning.plan import Outlook, SensorPlan
+from deltaid.view.numbers import number, percent
+from deltaid.view.table import Table
+
+# Entries that are shown of themselves, and what share of its prior an entry is left with that is
+# worth it; one of which nothing is learnt has all of it.
+_COLUMNS, _LEFT, _LEARNT = 7, 0.05, 0.97
+
+
+def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
+    """Entries of the table of uses: those that torques see but leave open, a few of them."""
+    share = plan.described.shares / plan.unknowns.spread
+    free = [
+        f"{name}.{entry}"
+        for name in plan.model.robot.body_names
+        for entry in plan.model.robot.bodies[name].free
+    ]
+    names = [
+        name
+        for k, name in enumerate(plan.unknowns.names)
+        if name in free and plan.unknowns.prior[k] and _LEFT < share[k] < _LEARNT
+    ]
+    return tuple(names[:_COLUMNS])
+
+
+def untold(plan: SensorPlan) -> tuple[str, ...]:
+    """Entries that neither torques nor anything in the list tells much of."""
+    every = (plan.torques, plan.described, *plan.uses)
+    least = np.min([one.shares for one in every], axis=0) / plan.unknowns.spread
+    names = zip(plan.unknowns.names, plan.unknowns.owners, least, strict=True)
+    return tuple(name for name, owner, one in names if owner and one > _LEARNT)
+
+
+def entry_table(plan: SensorPlan) -> Table:
+    """Every entry of every body that something tells of: before and after."""
+    hidden, u = untold(plan), plan.unknowns
+    stages = [plan.torques, *([plan.described] if plan.has_described else [])]
+    columns = ["entry", "prior", "unit", "prior ±", "torques"]
+    columns += ["described"] * plan.has_described
+    if plan.steps:
+        stages.append(plan.last)
+        columns.append("with all bought")
+    rows = [
+        (
+            name,
+            number(u.prior[k]),
+            u.units[k] or "1",
+            percent(u.spread[k]),
+            *(percent(one.shares[k]) for one in stages),
+        )
+        for k, name in enumerate(u.names)
+        if (u.owners[k] or name.startswith("gain.")) and name not in hidden
+    ]
+    return Table(
+        tuple(columns),
+        tuple(rows),
+        "Standard deviation of each entry, in per cent of its prior value; of an entry whose "
+        "prior is zero, of what it is at most for a body with its other entries.",
+        title="what is known of each entry, one standard deviation",
+    )
+
+
+def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
+    """What each thing by itself would make of some entries, and combinations."""
+    at = [plan.entry(name) for name in entries]
+    start = [plan.torques, *([plan.described] if plan.has_described else [])]
+    rows = [_use_row(plan, one, at, start=True) for one in start]
+    rows += [_use_row(plan, one, at) for one in (*plan.uses, *plan.combinations)]
+    return Table(
+        ("with", plan.offers.currency, "gain", *entries),
+        tuple(rows),
+        "Standard deviation of some entries, in per cent of their prior, with one thing of the "
+        f"list at a time. The gain is for {plan.goal}: by how much ½ log det of their covariance "
+        "falls, in nats; 0.7 halve one standard deviation.",
+        muted=frozenset(range(len(start))),
+        title="what each by itself would make of it",
+    )
+
+
+def _use_row(
+    plan: SensorPlan, one: Outlook, at: Sequence[int], *, start: bool = False
+) -> tuple[str, ...]:
+    name = one.title if start else one.name
+    cost, gain = ("", "") if start else (f"{one.cost:.0f}", f"{one.gain:.2f}")
+    return (name, cost, gain, *(percent(one.shares[k]) for k in at))
+
+
+def step_table(plan: SensorPlan) -> Table:
+    """What to buy, one after the other."""
+    rows = [
+        (
+            step.use.name,
+            f"{step.cost:.0f}",
+            f"{step.spent:.0f}",
+            f"{step.gain:.2f}",
+            percent(outlook.goal),
+        )
+        for step, outlook in plan.steps
+    ]
+    money = plan.offers.currency
+    return Table(
+        ("next", money, f"{money} in all", "gain", "left"),
+        tuple(rows),
+        f"Greedy: always what gains most for {plan.goal} per {money}. What a tool costs is paid "
+        "once. Left is the geometric mean of the standard deviations.",
+        title=f"what to buy next for {plan.goal}",
+    )
+
+
+def stopped(plan: SensorPlan) -> str:
+    """Why buying ends where it does, in words."""
+    if len(plan.steps) == plan.settings.steps:
+        return f"{len(plan.steps)} things, as many as were asked for; --steps asks for more"
+    return "nothing else in the list is worth it, or within the budget"
+
+
+def count_table(plan: SensorPlan) -> Table:
+    """How many combinations are told and how many are not, by sensors; scales have one row each."""
+    rows = [
+        (one.title, *_counts(one))
+        for one in plan.openings
+        if ":" not in one.name or one.name in (TORQUES, DESCRIBED, PLAN)
+    ]
+    return Table(
+        ("with", "seen", "told", "open"),
+        tuple(rows),
+        "Parameters that are seen at all, combinations of them that are told, and directions in "
+        "which they may change unseen.",
+        title="what can be told at all",
+    )
+
+
+def _counts(one: Opening) -> tuple[str, str, str]:
+    null = one.null
+    return str(null.visible), str(null.rank), str(len(null.directions))
+
+
+def open_table(one: Opening) -> Table:
+    """What stays open, in words, and what would part it."""
+    rows = [
+        (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
+        for open_, parted in zip(one.null.directions, one.parted, strict=True)
+    ]
+    return Table(("may change unseen", "entries", "parted by any of"), tuple(rows), title=one.title)
+
+
+def open_lines(one: Opening) -> list[str]:
+    """The same as lines."""
+    return [
+        f"{words}: {entries}\n    parted by {parted}"
+        for words, entries, parted in open_table(one).rows
+    ]

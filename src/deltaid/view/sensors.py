@@ -1,0 +1,240 @@
+"""The page of `deltaid sensors`: what is open, what each measurement would tell, what to buy."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES
+from deltaid.planning.plan import Outlook, SensorPlan
+from deltaid.view import style
+from deltaid.view.corrected import in_words
+from deltaid.view.drawing import drawing
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Block, Fact, Figure, Page, Section, Text
+from deltaid.view.sensor_tables import (
+    count_table,
+    entry_table,
+    open_table,
+    step_table,
+    untold,
+    use_table,
+)
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.table import Table
+
+# Height of one bar and of what is around the bars [px].
+_BAR, _AROUND = 22, 110
+
+
+def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
+    """Everything that a plan says.
+
+    Args:
+        entries: that the table of uses shows.
+    """
+    robot, now = plan.model.robot, plan.described
+    opened = {one.name: one for one in plan.openings}
+    open_now = opened[DESCRIBED if plan.has_described else TORQUES].null
+    facts = [
+        Fact("directions that stay open", str(len(open_now.directions)), now.title),
+        Fact(plan.goal, percent(now.goal), "typical standard deviation now"),
+    ]
+    if plan.steps:
+        step, last = plan.steps[-1]
+        money = plan.offers.currency
+        first = plan.steps[0][0]
+        facts += [
+            Fact("with all bought", percent(last.goal), f"{step.spent:.0f} {money}"),
+            Fact("buy first", first.use.name, f"{first.cost:.0f} {money}"),
+        ]
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"What sensors and scales would tell, planned for {plan.motion}",
+        verdict=_verdict(plan, len(open_now.directions)),
+        drawing=drawing(robot, plan.model.dynamics.kinematics),
+        facts=tuple(facts),
+        sections=(
+            Section(
+                f"What to buy next for {plan.goal}",
+                _steps(plan),
+                "step by step, by gain and price",
+                unfolded=True,
+            ),
+            Section(
+                "What is known of each entry",
+                (_bars(plan),),
+                "now, and with what is bought",
+                unfolded=True,
+            ),
+            Section("The same in numbers", _entries(plan), "standard deviations of all entries"),
+            Section(
+                "What each would make of it",
+                (_gains(plan), use_table(plan, entries)),
+                "each measurement by itself",
+            ),
+            Section("What stays open", _open(plan), "what nothing of it tells"),
+            Section(
+                "Taken for granted",
+                (_notes(plan), _settings(plan), _offers(plan)),
+                "assumptions, settings, prices",
+            ),
+        ),
+    )
+
+
+def _verdict(plan: SensorPlan, open_now: int) -> Summary:
+    """How well the goal is known now, and what would help most."""
+    now = plan.described
+    stays = "direction stays" if open_now == 1 else "directions stay"
+    said = (
+        f"With {now.title} a typical standard deviation of {percent(now.goal)} is left for "
+        f"{plan.goal}, and {in_words(open_now)} {stays} open"
+    )
+    if not plan.steps:
+        return Summary(Grade.UNTESTED, f"{said}; nothing of the list is worth buying.")
+    (first, _), (step, last) = plan.steps[0], plan.steps[-1]
+    money = plan.offers.currency
+    lines = (
+        f"Buy {first.use.name} first, for {first.cost:.0f} {money}; all that is worth buying "
+        f"costs {step.spent:.0f} {money} and leaves {percent(last.goal)}.",
+        "Predicted for a motion, a noise and a prior; nothing has been measured.",
+    )
+    return Summary(Grade.UNTESTED, f"{said}.", lines)
+
+
+def _entries(plan: SensorPlan) -> tuple[Block, ...]:
+    hidden = untold(plan)
+    said = f"Nothing of the list tells much of {', '.join(hidden)}." if hidden else ""
+    return (entry_table(plan), *([Text(said)] if said else []))
+
+
+def _bars(plan: SensorPlan) -> Figure:
+    """Standard deviations before and after, a bar each; wide ones behind narrow ones."""
+    hidden, u = untold(plan), plan.unknowns
+    at = [
+        k
+        for k, name in enumerate(u.names)
+        if (u.owners[k] or name.startswith("gain.")) and name not in hidden
+    ]
+    names = [style.label(u.names[k]) for k in at]
+    stages: list[tuple[str, Outlook, str, float]] = [
+        ("torques alone", plan.torques, style.PRIOR, 0.8)
+    ]
+    if plan.has_described:
+        stages.append(("as described", plan.described, style.MEASURED, 0.55))
+    if plan.steps:
+        stages.append(("with all bought", plan.last, style.IDENTIFIED, 0.3))
+    figure = go.Figure()
+    for title, one, colour, width in stages:
+        figure.add_bar(
+            x=100 * one.shares[at],
+            y=names,
+            width=width,
+            orientation="h",
+            name=title,
+            marker={"color": colour},
+            hovertemplate=f"%{{y}} {title}: %{{x:.2g}} %<extra></extra>",
+        )
+    figure.update_layout(barmode="overlay", height=_BAR * len(at) + _AROUND)
+    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
+    figure.update_xaxes(title_text="standard deviation [% of the prior value]", rangemode="tozero")
+    return Figure(
+        figure,
+        "One standard deviation of every entry that something tells of. Where the narrow bar is as "
+        "long as the wide one, nothing that is bought helps.",
+    )
+
+
+def _gains(plan: SensorPlan) -> Figure:
+    uses = sorted(plan.uses, key=lambda one: -one.gain)
+    figure = go.Figure()
+    figure.add_bar(
+        x=[one.gain for one in uses],
+        y=[style.label(one.name) for one in uses],
+        orientation="h",
+        marker={"color": style.MEASURED},
+        customdata=[[style.label(one.title), one.cost] for one in uses],
+        hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
+        f"{style.label(plan.offers.currency)}<extra></extra>",
+    )
+    figure.update_layout(height=_BAR * len(uses) + _AROUND, margin={"t": 20}, bargap=0.35)
+    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
+    figure.update_xaxes(title_text=f"gain for {style.label(plan.goal)} [nats]", rangemode="tozero")
+    return Figure(
+        figure, "What each thing by itself would gain, whatever it costs, the most telling first."
+    )
+
+
+def _steps(plan: SensorPlan) -> tuple[Block, ...]:
+    if not plan.steps:
+        return (Text(f"Nothing of the list is worth buying for {plan.goal}."),)
+    spent = [0.0, *(step.spent for step, _ in plan.steps)]
+    left = [plan.described.goal, *(outlook.goal for _, outlook in plan.steps)]
+    names = ["as it is", *(step.use.name for step, _ in plan.steps)]
+    figure = go.Figure()
+    figure.add_scatter(
+        x=np.arange(len(left)),
+        y=100 * np.array(left),
+        mode="lines+markers",
+        line={"color": style.IDENTIFIED, "width": 1.6},
+        customdata=[[style.label(n), s] for n, s in zip(names, spent, strict=True)],
+        hovertemplate="%{customdata[0]}: %{y:.2g} % left for %{customdata[1]:.0f} "
+        f"{style.label(plan.offers.currency)}<extra></extra>",
+    )
+    figure.update_layout(height=320, margin={"t": 20}, showlegend=False)
+    figure.update_xaxes(
+        tickvals=np.arange(len(left)), ticktext=[f"{one:.0f}" for one in spent],
+        title_text=f"spent [{style.label(plan.offers.currency)}], step by step",
+    )  # fmt: skip
+    figure.update_yaxes(title_text="left [%]", type="log")
+    caption = "Typical standard deviation (geometric mean) after each step."
+    return (Figure(figure, caption, paper=240), step_table(plan))
+
+
+def _open(plan: SensorPlan) -> tuple[Block, ...]:
+    blocks: list[Block] = [
+        Text(
+            "A point mass that passes from one body to another at a joint which both share changes "
+            "no torque and no force outside of that joint. Such directions stay open however long "
+            "and well one records; a cut at the joint, or a scale, parts them."
+        ),
+        count_table(plan),
+    ]
+    for one in plan.openings:
+        if one.name in (TORQUES, DESCRIBED, PLAN) and one.null.directions:
+            rows = tuple(
+                (f"{words} ({entries})", parted) for words, entries, parted in open_table(one).rows
+            )
+            columns = (f"stays open, {one.title}", "parted by any of")
+            blocks.append(Table(columns, rows))
+    return tuple(blocks)
+
+
+def _notes(plan: SensorPlan) -> Text:
+    return Text("\n\n".join(note[0].upper() + note[1:] + "." for note in plan.notes))
+
+
+def _settings(plan: SensorPlan) -> Table:
+    s = plan.settings
+    rows = (
+        ("torque noise, share of each drive's largest torque", percent(s.torque_noise)),
+        ("independent samples a second", number(s.rate)),
+        ("standard deviation of the prior", percent(s.prior_spread)),
+        ("good enough", percent(s.enough)),
+        ("goal", plan.goal),
+    )
+    return Table(("setting", "value"), rows)
+
+
+def _offers(plan: SensorPlan) -> Table:
+    rows = tuple(
+        (key, f"{one.price:g}", f"{one.hours:g}", f"{one.title}; {one.remark}".removesuffix("; "))
+        for key, one in plan.offers.offers.items()
+    )
+    money = plan.offers.currency
+    return Table(
+        ("offer", money, "hours", "what, and what is assumed"),
+        rows,
+        f"The list. An hour costs {plan.offers.hourly:g} {money}. Put in your own by --sensors.",
+    )

@@ -1,0 +1,205 @@
+"""The verdict on a model in plain words: for the page, the terminal, a notebook, the studio."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from deltaid.identification.identify import Identification
+from deltaid.identification.torque_error import TorqueError
+from deltaid.identification.validation import Compared, misfit, remarks
+from deltaid.model.model import Model, load
+from deltaid.model.record import Fit, IdentifiedModel
+from deltaid.model.verdict import Grade as CheckGrade
+from deltaid.view.corrected import corrected, in_words
+from deltaid.view.numbers import percent
+
+# Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
+# twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
+# much as friction or a load usually is, something is missing in the model.
+GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
+# Doubts that are told in words; more are counted.
+_TOLD = 3
+_DOUBT = "Doubtful: "
+_ONLY = "only within"
+_CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
+
+
+class Grade(StrEnum):
+    """How far a model may be trusted.
+
+    - good: predicts every drive of a motion that it has not seen within 5 %, and nothing about its
+      recordings or its fit is doubtful;
+    - fair: within 15 %, or within 5 % while something is doubtful;
+    - poor: worse than that, much worse than in the identification, identified with `--force` from
+      what the checks call wrong, or not physically consistent;
+    - untested: no motion that it has not seen is known, and nothing is poor yet. However well a
+      model fits its own recording, that does not make it good.
+    """
+
+    GOOD = "good"
+    FAIR = "fair"
+    POOR = "poor"
+    UNTESTED = "untested"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A verdict in plain words.
+
+    Attributes:
+        grade: how far the model may be trusted.
+        sentence: the verdict, such as "Good: predicts torques of an unseen motion within 1.2 %.".
+        lines: further sentences: what its numbers come from, what was put right, what is doubtful.
+    """
+
+    grade: Grade
+    sentence: str
+    lines: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """All of it as one paragraph."""
+        return " ".join((self.sentence, *self.lines))
+
+
+def summary(
+    of: Identification | IdentifiedModel | Model,
+    error: TorqueError | None = None,
+    log: Compared | None = None,
+) -> Summary:
+    """The verdict on an identification or a model.
+
+    Args:
+        of: the result of `identify`, or a model; one at its robot's prior too.
+        error: torque errors on another recording, as of `validate`.
+        log: that recording, without which it counts as one that the model has not seen.
+    """
+    verdicts = getattr(of, "verdicts", ())
+    model = load(of.model if isinstance(of, Identification) else of)
+    known = model.identified
+    if known is None:
+        return _of_prior(model, error)
+    told = {one.sentence for one in verdicts if one.grade is CheckGrade.CANNOT_TELL}
+    doubts = [text for text in known.warnings if text not in told]
+    wrong = [one.key for one in verdicts if one.grade is CheckGrade.WRONG]
+    wrong += ["a body is not physically consistent"] * (not known.consistent)
+    own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
+    unseen = None if own else error
+    if error is not None:
+        doubts += remarks(model, log, error) if log is not None else misfit(model, error)
+    missed = unseen is not None and bool(misfit(model, unseen))
+    grade = _grade(known.fit, unseen, bad=bool(wrong) or missed, doubtful=bool(doubts))
+    return Summary(
+        grade,
+        f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
+        (
+            _numbers(known),
+            corrected(known.corrections),
+            *_scale(known),
+            *(pair.text for pair in known.inseparable),
+            *_doubts(doubts),
+        ),
+    )
+
+
+def without_doubts(said: Summary) -> Summary:
+    """The same without lines on what is doubtful, where all warnings stand beside it."""
+    return replace(said, lines=tuple(one for one in said.lines if not one.startswith(_DOUBT)))
+
+
+def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Grade:
+    """The rules of `Grade`."""
+    worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
+    if bad or not worst <= FAIR_WITHIN:
+        return Grade.POOR
+    if unseen is None:
+        return Grade.UNTESTED
+    return Grade.GOOD if worst <= GOOD_WITHIN and not doubtful else Grade.FAIR
+
+
+def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: Sequence[str]) -> str:
+    """How well torques are predicted, and whether anything speaks against it."""
+    known = model.identified
+    said = ""
+    if unseen is not None:
+        said = f"predicts {_efforts(model)} of an unseen motion {_within(model, unseen.nrmse)}"
+    elif known is not None:
+        said = (
+            f"fits {_efforts(model)} of its own recording {_within(model, known.fit.nrmse)}, and "
+            "no unseen motion has shown how well it predicts"
+        )
+    if wrong:
+        return f"{said}; found wrong: {', '.join(dict.fromkeys(wrong))}"
+    if not doubts:
+        return said
+    joined = "and" if _ONLY in said else "but"
+    return f"{said}, {joined} {_count(doubts, 'thing')} {'is' if doubts == 1 else 'are'} doubtful"
+
+
+def _of_prior(model: Model, error: TorqueError | None) -> Summary:
+    """Of a robot at its prior, of which nothing has been identified."""
+    line = ("All numbers are those of the description: nothing has been identified.",)
+    if error is None:
+        return Summary(Grade.UNTESTED, "Untested: no recording has been looked at.", line)
+    worst = float(np.max(error.nrmse))
+    grade = Grade.POOR if not worst <= FAIR_WITHIN else Grade.FAIR
+    grade = Grade.GOOD if worst <= GOOD_WITHIN else grade
+    said = f"the description alone predicts {_efforts(model)} {_within(model, error.nrmse)}"
+    return Summary(grade, f"{grade.capitalize()}: {said}.", line)
+
+
+def _efforts(model: Model) -> str:
+    """What drives exert: torques, forces, or both."""
+    kinds = dict.fromkeys(f"{unit.effort}s" for unit in model.robot.drive_units.values())
+    return " and ".join(kinds)
+
+
+def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
+    """The largest error and whose it is."""
+    worst = int(np.argmax(nrmse))
+    share, drive = float(nrmse[worst]), model.robot.drives[worst]
+    how = "within" if share <= FAIR_WITHIN else _ONLY
+    return f"{how} {percent(share)} (rms; the worst is {drive})"
+
+
+def _numbers(model: IdentifiedModel) -> str:
+    """Where the model's numbers come from, and whether any is at its bound."""
+    kinds = [one.determined_by for one in model.parameters if one.determined_by != "structure"]
+    alone, shared = kinds.count("data"), kinds.count("sum")
+    measured, bound = kinds.count("measured"), kinds.count("limit") + kinds.count("consistency")
+    further = [f"{shared} of them as sums with others"] * bool(shared)
+    further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
+    known = alone + shared + measured
+    one, shares = known == 1, f" ({', '.join(further)})" if further else ""
+    return (
+        f"{known} of {len(kinds)} numbers {'comes' if one else 'come'} from the recording"
+        f"{'s' if len(model.sources) > 1 else ''}"
+        f"{shares}, "
+        f"{_count(bound) if bound else 'none'} {'are' if bound > 1 else 'is'} at "
+        f"{'their' if bound > 1 else 'its'} bound."
+    )
+
+
+def _scale(model: IdentifiedModel) -> tuple[str, ...]:
+    """What the absolute scale rests on, where nothing beside the torques is known in kg or N m."""
+    if model.absolute != ():
+        return ()
+    return (
+        "The absolute scale of masses and friction rests on the drives' torque constants: no known "
+        "load, force plate or weighed body confirms it.",
+    )
+
+
+def _doubts(doubts: Sequence[str]) -> list[str]:
+    """What is doubtful, without causes and cures, which stand elsewhere."""
+    lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
+    more = len(doubts) - _TOLD
+    return lines + [f"{_DOUBT}{_count(more, 'more thing')}, told in the warnings."] * (more > 0)
+
+
+def _count(count: int, thing: str = "") -> str:
+    """A small count in words: 'two things'."""
+    return f"{in_words(count)} {thing}{'s' if count != 1 and thing else ''}".strip()

@@ -1,0 +1,204 @@
+"""The pages of `deltaid simulate` and `deltaid compare-controllers`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from deltaid.control.comparison import Run
+from deltaid.control.infeasible import Problem
+from deltaid.control.tracking import Drives, Tracking
+from deltaid.robot.description import RobotDescription
+from deltaid.view import style
+from deltaid.view.numbers import percent
+from deltaid.view.page import Fact, Page, Section, Text
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.tracking_figures import (
+    COLOURS,
+    drive_figure,
+    error_bars,
+    error_figures,
+    torque_figure,
+)
+from deltaid.view.tracking_tables import (
+    NO_MODEL,
+    comparison_table,
+    drive_table,
+    infeasible_lines,
+)
+
+
+def tracking_page(
+    robot: RobotDescription,
+    result: Tracking,
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
+    conditions: Sequence[str] = (),
+) -> Page:
+    """One controller on one plant, which is `robot`; bandwidth in Hz.
+
+    Args:
+        conditions: what else holds of the plant and of what the controller knows, in words.
+    """
+    own = [(title, style.IDENTIFIED, result)]
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"Simulated tracking: {title}",
+        facts=_facts(result),
+        sections=(
+            Section(
+                "Tracking",
+                (
+                    *error_figures(own),
+                    drive_figure(robot, result),
+                    _conditions(drives, bandwidth, conditions),
+                ),
+            ),
+            Section("Torques", (torque_figure(robot, result), drive_table(robot, result))),
+        ),
+        verdict=_followed(result, problems),
+    )
+
+
+def comparison_page(
+    robot: RobotDescription,
+    runs: Sequence[Run],
+    title: str,
+    drives: Drives,
+    bandwidth: float,
+    problems: Sequence[Problem] = (),
+    conditions: Sequence[str] = (),
+) -> Page:
+    """All controllers with all models on one plant; bandwidth in Hz.
+
+    Nothing is praised on a motion that the robot cannot run (`problems`), and no run that stood at
+    a limit or was far off.
+    """
+    done = [(run, run.tracking) for run in runs if run.tracking is not None]
+    lines = [
+        Section(controller, error_figures(_of_controller(controller, done)))
+        for controller in dict.fromkeys(run.controller for run, _ in done)
+    ]
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"Simulated tracking: {title}",
+        facts=(_best(runs, problems), *(() if problems else _gains(runs))),
+        sections=(
+            Section(
+                "What identification buys",
+                (
+                    error_bars(runs),
+                    comparison_table(robot, runs),
+                    _conditions(drives, bandwidth, conditions),
+                ),
+            ),
+            *lines,
+        ),
+        verdict=_compared(runs, problems),
+    )
+
+
+def _followed(result: Tracking, problems: Sequence[Problem]) -> Summary:
+    """Whether a simulated motion can be run, and how well it was followed."""
+    if problems:
+        first, *others = (problem.text for problem in problems)
+        return Summary(Grade.POOR, f"Not feasible: {first}.", tuple(others))
+    error = result.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
+        f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
+    )
+
+
+def _compared(runs: Sequence[Run], problems: Sequence[Problem]) -> Summary:
+    """What a comparison came to; nothing on a motion that cannot be run."""
+    lines = infeasible_lines(problems, runs)
+    if problems:
+        return Summary(Grade.POOR, f"Not feasible: {lines[0]}.", lines[1:])
+    sound = _sound(runs)
+    if not sound:
+        return Summary(Grade.POOR, "Poor: no controller follows this motion.", lines)
+    run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
+    model = f"the {run.model} model" if run.model else NO_MODEL
+    if run.model == "base parameters":
+        model = run.model
+    error = tracking.error
+    return Summary(
+        Grade.GOOD,
+        f"Good: {run.controller} with {model} follows best, within "
+        f"{1e3 * error.platform_rms:.3g} mm (rms; {1e3 * error.platform_max:.3g} mm at most).",
+        lines,
+    )
+
+
+def _facts(result: Tracking) -> tuple[Fact, ...]:
+    error = result.error
+    return (
+        Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
+        Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
+        *(
+            [Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms")]
+            if error.turn_rms is not None
+            else []
+        ),
+        Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"),
+    )
+
+
+def _best(runs: Sequence[Run], problems: Sequence[Problem]) -> Fact:
+    """Who came nearest, of those that followed a motion that can be run."""
+    if problems:
+        return Fact("no comparison", "not feasible", "the motion is beyond the robot's limits")
+    sound = [(run, tracking.error) for run, tracking in _sound(runs)]
+    if not sound:
+        return Fact("no controller", "follows this motion", "each stood at a limit or was far off")
+    run, error = min(sound, key=lambda pair: pair[1].platform_rms)
+    note = f"rms; {run.controller}, {run.model or NO_MODEL}"
+    return Fact("least error of the platform", f"{1e3 * error.platform_rms:.3g} mm", note)
+
+
+def _sound(runs: Sequence[Run]) -> list[tuple[Run, Tracking]]:
+    """Runs that followed the motion, within the limits."""
+    done = [(run, run.tracking) for run in runs if run.tracking is not None]
+    return [(run, result) for run, result in done if result.ended is None and not run.problems]
+
+
+def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
+    """How much smaller the error is with the identified model than with the prior."""
+    by_name = {(run.controller, run.model): tracking for run, tracking in _sound(runs)}
+    facts = []
+    for controller in dict.fromkeys(run.controller for run in runs):
+        prior, after = (by_name.get((controller, m)) for m in ("prior", "identified"))
+        if prior is not None and after is not None:
+            before, now = prior.error.platform_rms, after.error.platform_rms
+            note = f"{1e3 * before:.3g} mm with the prior, {1e3 * now:.3g} mm identified"
+            share = before / now
+            times = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
+            facts.append(Fact(controller, f"{times} times nearer", note))
+    return tuple(facts)
+
+
+def _of_controller(
+    controller: str, done: Sequence[tuple[Run, Tracking]]
+) -> list[tuple[str, str, Tracking]]:
+    return [
+        (run.model or NO_MODEL, COLOURS[run.model], tracking)
+        for run, tracking in done
+        if run.controller == controller
+    ]
+
+
+def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
+    """What the drives do, in a sentence, and more of them."""
+    step = f"steps of {drives.encoder_step:.3g} rad or m" if drives.encoder_step else "no steps"
+    late = f"a delay of {drives.delay} samples" if drives.delay else "no delay"
+    loop = (
+        f", current loops of {drives.current_loop:g} Hz" if np.isfinite(drives.current_loop) else ""
+    )
+    told = (
+        f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
+        f"{late}{loop}"
+    )
+    return Text(". ".join([told, *(f"{text[:1].upper()}{text[1:]}" for text in more)]) + ".")

@@ -1,0 +1,151 @@
+"""Figures of tracking: errors of platform and drives, torques, controllers beside each other."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from jaxtyping import Float
+from plotly.subplots import make_subplots
+
+from deltaid.control.comparison import Run
+from deltaid.control.tracking import Tracking
+from deltaid.dynamics.limits import effort_limits
+from deltaid.robot.description import RobotDescription
+from deltaid.view import style
+from deltaid.view.page import Figure
+from deltaid.view.tracking_tables import NO_MODEL
+
+# Points a line is drawn with.
+_POINTS = 4000
+COLOURS = {
+    "": style.LIMIT,
+    "prior": style.PRIOR,
+    "base parameters": style.MEASURED,
+    "identified": style.IDENTIFIED,
+}
+
+Signal = Float[np.ndarray, " samples"]
+Points = Float[np.ndarray, " points"]
+
+
+def error_bars(runs: Sequence[Run]) -> Figure:
+    """Error of the platform for each controller and model."""
+    figure = go.Figure()
+    for model in dict.fromkeys(run.model for run in runs):
+        own = [r for r in runs if r.model == model and r.tracking is not None]
+        errors = [1e3 * r.tracking.error.platform_rms for r in own if r.tracking is not None]
+        figure.add_bar(
+            x=[run.controller for run in own],
+            y=errors,
+            name=model or NO_MODEL,
+            marker={"color": COLOURS[model], "line": {"width": 0}},
+            text=[f"{error:.2g}" if error < 99.5 else f"{error:.0f}" for error in errors],
+            textposition="outside",
+            cliponaxis=False,
+            hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
+        )
+    figure.update_yaxes(type="log", title_text="platform error, rms [mm]", dtick=1)
+    figure.update_layout(barmode="group", height=420, bargap=0.25)
+    return Figure(
+        figure,
+        "Distance of the platform point from where it should be, root mean square, with a "
+        "logarithmic scale. All are tuned alike, so what differs is what they know of the robot.",
+    )
+
+
+def error_figures(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
+    """Distance of the platform from where it should be, and error of the tool's turn, over time."""
+    platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
+    caption = "Distance of the platform point from where it should be."
+    figures = [_over_time(platform, "platform error", "mm", caption)]
+    turns = [
+        (name, color, run.time, np.rad2deg(run.turn_error))
+        for name, color, run in runs
+        if run.turn_error is not None
+    ]
+    if turns:
+        caption = "Turn ψ of the tool, actual less desired."
+        figures.append(_over_time(turns, "error of the turn", "°", caption))
+    return tuple(figures)
+
+
+def _over_time(
+    lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
+) -> Figure:
+    figure = go.Figure()
+    for name, color, times, errors in lines:
+        time, error = _peaks(times, errors)
+        figure.add_scatter(
+            x=time,
+            y=error,
+            name=style.label(name),
+            mode="lines",
+            line={"color": color, "width": 1.3},
+            showlegend=len(lines) > 1,
+            hovertemplate=f"%{{y:.3g}} {unit} at %{{x:.4g}} s<extra></extra>",
+        )
+    figure.update_xaxes(title_text="time [s]")
+    figure.update_yaxes(title_text=f"{what} [{unit}]", rangemode="tozero")
+    figure.update_layout(height=340)
+    return Figure(figure, caption)
+
+
+def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
+    """q − q_d of each drive."""
+    units = {d: "mm" if robot.is_linear(d) else "°" for d in robot.drives}
+    figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
+    for i, drive in enumerate(robot.drives):
+        scale = 1e3 if robot.is_linear(robot.drives[i]) else np.rad2deg(1.0)
+        time, error = _peaks(result.time, scale * result.drive_error[:, i])
+        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
+    return Figure(figure, "Error of each drive, actual less desired coordinate.")
+
+
+def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
+    """Torques that were applied, with the drives' limits where they come near."""
+    units = robot.drive_units
+    figure = _stack(robot, lambda drive: f"{drive} [{units[drive].force}]")
+    for i, (drive, limit) in enumerate(zip(robot.drives, effort_limits(robot), strict=True)):
+        tau = result.tau[:, i]
+        time, shown = _peaks(result.time, tau)
+        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {units[drive].force}")
+        if np.nanmax(np.abs(tau)) > 0.5 * limit:
+            for edge in (-limit, limit):
+                line = {"color": style.LIMIT, "dash": "dot", "width": 1}
+                figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
+    return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
+
+
+def _stack(robot: RobotDescription, title: Callable[[str], str]) -> go.Figure:
+    """One panel a drive with one time axis."""
+    n = len(robot.drives)
+    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.12 / n)
+    for i, drive in enumerate(robot.drives):
+        figure.update_yaxes(title_text=title(drive), row=i + 1, col=1)
+    figure.update_xaxes(title_text="time [s]", row=n, col=1)
+    figure.update_layout(height=170 * n + 80)
+    return figure
+
+
+def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, hover: str) -> None:
+    figure.add_scatter(
+        x=time,
+        y=values,
+        mode="lines",
+        showlegend=False,
+        line={"color": color, "width": 1.2},
+        hovertemplate=hover + " at %{x:.4g} s<extra></extra>",
+        row=i + 1,
+        col=1,
+    )
+
+
+def _peaks(time: Signal, values: Signal) -> tuple[Points, Points]:
+    """At most `_POINTS` samples: of each stretch the one of largest size."""
+    step = -(-len(time) // _POINTS)
+    if step == 1:
+        return time.astype(np.float32), values.astype(np.float32)
+    whole = len(time) // step
+    size = np.nan_to_num(np.abs(values[: whole * step]), nan=-1.0).reshape(whole, step)
+    at = np.arange(whole) * step + size.argmax(axis=1)
+    return time[at].astype(np.float32), values[at].astype(np.float32)

@@ -1,0 +1,86 @@
+"""Text as a page sets it: numbers, units, and short names with what they stand for."""
+
+import re
+
+from markupsafe import Markup, escape
+
+from deltaid.errors import visible
+from deltaid.robot.body_words import body_in_words
+from deltaid.view.glossary import NAME, bodies_in, in_words, is_short
+from deltaid.view.table import Table
+
+_UNIT = re.compile(r"\[.*?\]|\d %")
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
+_NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
+# Those of a sentence that need setting; names of files and options hold none.
+_IN_PROSE = re.compile(
+    r"(?<![\w.:/-])(?:(-)(?=\d)|(?=\d+(?:\.\d+)?e[+-]))(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w./-])"
+)
+# What a cell of numbers holds besides them.
+_AROUND = re.compile(r"[\s…,×≥≤±%]*")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def numeric(table: Table, column: int) -> bool:
+    """Whether a column holds numbers: each filled cell starts with one."""
+    cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
+    return bool(cells) and all(_STARTS.match(cell) for cell in cells)
+
+
+def paragraphs(text: str) -> list[str]:
+    """Paragraphs of a text; a per cent sign stays on the line of its number."""
+    parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
+    return [part for part in parts if part.strip()]
+
+
+def heading(text: str) -> str:
+    """Head of a column, which may take several lines; a unit or a per cent sign stays whole."""
+    return _UNIT.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
+
+
+def cell(text: str) -> str | Markup:
+    """A cell that holds nothing but numbers typeset, any other with its short names explained."""
+    if _AROUND.fullmatch(_NUMBER.sub("", text)):
+        return typeset(text)
+    return explained(text)
+
+
+def typeset(text: str) -> str:
+    """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
+
+    return _NUMBER.sub(_written, text)
+
+
+def _written(match: re.Match[str]) -> str:
+    sign, digits, exponent_sign, exponent = match.groups()
+    power = ""
+    if exponent:
+        power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
+    return ("−" if sign else "") + digits + power
+
+
+def _prose(text: str) -> str:
+    return visible(_IN_PROSE.sub(_written, text))
+
+
+def explained(text: str) -> Markup:
+    """A sentence whose short names of bodies and entries say what they stand for; numbers set."""
+    parts = text.split(", ")
+    if all(is_short(part) for part in parts):
+        return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
+    pieces, at = [], 0
+    for name in NAME.finditer(text):
+        pieces += [escape(_prose(text[at : name.start()])), _short(name[0], in_words(name))]
+        at = name.end()
+    return Markup("").join([*pieces, escape(_prose(text[at:]))])
+
+
+def legend(table: Table) -> tuple[tuple[str, str], ...]:
+    """Short names of bodies in a table, and what they stand for; links have names of their own."""
+    first = 1 if table.links else 0
+    cells = [*table.columns, *(cell for row in table.rows for cell in row[first:])]
+    return tuple((name, body_in_words(name)) for name in bodies_in(cells))
+
+
+def _short(name: str, words: str) -> Markup:
+    return Markup('<abbr title="{}">{}</abbr>').format(visible(words), visible(name))
