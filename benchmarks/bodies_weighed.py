@@ -22,11 +22,11 @@ from _table import leave
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import IdentificationError
+from deltaid.estimation.posterior_draws import draw
 from deltaid.identification.identify import identify
 from deltaid.model.model import load
 from deltaid.model.record import Settings
 from deltaid.parallel import cores
-from deltaid.posterior.draw import draw
 from sensed import CASES, drawn, recorded, sensed, weighed
 
 SPREAD, MODELS = 0.2, 4000

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation import posterior_draws
 from deltaid.model.record import IdentifiedModel
-from deltaid.posterior import draw
 
 # Entries of M̄ = [[Σ, mc], [mcᵀ, m]] by the names that a description frees.
 PLACE = {"Sxx": (0, 0), "Syy": (1, 1), "Szz": (2, 2), "m": (3, 3), "Sxy": (0, 1), "Sxz": (0, 2),
@@ -110,4 +110,4 @@ def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
     quick = {"_CHAINS": 32, "_DRAWS": 8, "_BEFORE": 1, "_BETWEEN": 1, "_LONGER": 0}
     trusting = {"_LARGEST_RHAT": np.inf, "_LEAST_SHARE": 0.0}
     for name, value in {**quick, **trusting}.items():
-        monkeypatch.setattr(draw, name, value)
+        monkeypatch.setattr(posterior_draws, name, value)

@@ -14,15 +14,15 @@ from deltaid.checks.identified import Judged
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import least_margin, prior_parameters
 from deltaid.errors import DeltaidError, IdentificationError
+from deltaid.estimation import posterior_draws
+from deltaid.estimation.posterior_density import Density, density
+from deltaid.estimation.posterior_draws import effective_size, rhat
+from deltaid.estimation.posterior_sampler import Chains
 from deltaid.identification.marginal import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.motion.random_motion import random_motion
-from deltaid.posterior import draw
-from deltaid.posterior.density import Density, density
-from deltaid.posterior.draw import effective_size, rhat
-from deltaid.posterior.sampler import Chains
 from identified import identified
 from posteriors import by_rejection, hasten, matrices, normal
 
@@ -256,14 +256,14 @@ def test_draws_that_cannot_be_trusted_are_refused(
     model: IdentifiedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hasten(monkeypatch)
-    monkeypatch.setattr(draw, "_LARGEST_RHAT", 1.0)
+    monkeypatch.setattr(posterior_draws, "_LARGEST_RHAT", 1.0)
     with pytest.raises(IdentificationError, match="chains that draw models do not agree"):
         model.sample(10)
 
 
 def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
     hasten(monkeypatch)
-    monkeypatch.setattr(draw, "_MODELS", 100)
+    monkeypatch.setattr(posterior_draws, "_MODELS", 100)
     settings, linear, p = deltaid.Settings(intervals="posterior"), model, model.sample(100).p
     known = identified("stout")
     told = deltaid.identify(known.robot, known.log, settings=settings).model

@@ -16,12 +16,12 @@ from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.checks.wiring.zeros import still_seen
 from deltaid.errors import DescriptionError, RecordingError
+from deltaid.estimation.posterior_draws import with_posterior_intervals
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.identification.judgement import doubts_of_fit
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
-from deltaid.posterior.draw import with_posterior_intervals
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources

@@ -209,7 +209,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         """
         with watched(progress, "sample") as say:
             say(f"drawing {n} models")
-            return above("posterior.draw", "draw")(self, n, seed, limb_tolerance)
+            return above("estimation.posterior_draws", "draw")(self, n, seed, limb_tolerance)
 
     def as_description(self) -> RobotDescription:
         """The robot with these parameters as its prior."""

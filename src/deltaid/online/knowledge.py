@@ -15,11 +15,11 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError
+from deltaid.estimation.posterior_density import density
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.entries import LoadEntries, load_entries
 from deltaid.online.settings import OnlineSettings
-from deltaid.posterior.density import density
 
 # Directions beside friction, at most, and how large their torque must be, as a share of the noise.
 _DIRECTIONS, _SMALLEST = 3, 0.1

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import IdentificationError
-from deltaid.posterior.density import Density
+from deltaid.estimation.posterior_density import Density
 
 # An axis has steps of its own above the first curvature, and is next to free below the second one.
 _ALONE, _FREE = 0.3, 0.05

@@ -15,13 +15,13 @@ from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
+from deltaid.estimation.posterior_density import density
+from deltaid.estimation.posterior_limbs import scattered, with_own_limbs
+from deltaid.estimation.posterior_sampler import Chains
 from deltaid.model.model import Model, load
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
-from deltaid.posterior.density import density
-from deltaid.posterior.limbs import scattered, with_own_limbs
-from deltaid.posterior.sampler import Chains
 
 # Chains, draws of each at least, rounds before and between draws.
 _CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 3

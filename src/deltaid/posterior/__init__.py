@@ -1,1 +1,0 @@
-"""Consistent models drawn from what data, prior and physical consistency say together."""
