@@ -19,11 +19,11 @@ from deltaid.checks.identified import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
-from deltaid.factors.columns import map_to
-from deltaid.factors.file import FactorFile
-from deltaid.factors.gather import condensed, gathered_columns, with_geometry
-from deltaid.factors.merged import merging_of
-from deltaid.factors.record import Condensed, FactorRecord, Group, record_of
+from deltaid.fleets.factor_columns import map_to
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.factor_record import Condensed, FactorRecord, Group, record_of
+from deltaid.fleets.gather import condensed, gathered_columns, with_geometry
+from deltaid.fleets.merged import merging_of
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording

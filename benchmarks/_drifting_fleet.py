@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.drift.evidence import MONTH, YEAR
+from deltaid.fleets.drift_evidence import MONTH, YEAR
 
 DAYS, DRIVES, WEEKS = 182, 4, 7.0
 WITHIN = 42

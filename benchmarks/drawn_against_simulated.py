@@ -14,9 +14,9 @@ from _table import leave
 from drawn_fleet import Sensing, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.factors.file import FactorFile
-from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

@@ -22,8 +22,8 @@ import numpy as np
 from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, template
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.factors.file import FactorFile
-from deltaid.factors.record import Condensed, FactorRecord, Group, Groups, Temperature
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.factor_record import Condensed, FactorRecord, Group, Groups, Temperature
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia

@@ -22,14 +22,14 @@ from _drifting_fleet import CASES, DAYS, DRIVES, WITHIN, Case, Fleet, drawn
 from _table import leave
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
-from deltaid.drift.evidence import YEAR
-from deltaid.drift.friction import FrictionSeries, friction_series
-from deltaid.drift.recorded import Recorded
-from deltaid.drift.robot_drift import drift_of
-from deltaid.drift.series import Regressors, explained
-from deltaid.drift.settings import DriftSettings
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.factors.identify import identify_gathered
+from deltaid.fleets.drift_evidence import YEAR
+from deltaid.fleets.drift_friction import FrictionSeries, friction_series
+from deltaid.fleets.drift_recorded import Recorded
+from deltaid.fleets.drift_series import Regressors, explained
+from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.robot_drift import drift_of
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import load_robot
 

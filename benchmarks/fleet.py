@@ -69,11 +69,11 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
     """Recordings gathered by so many processes."""
     from datetime import datetime
 
-    from deltaid.fleet.cluster import client, done
-    from deltaid.fleet.fleet import Recorded
-    from deltaid.fleet.gathering import How, Job, gather_recorded
-    from deltaid.fleet.place import Place
-    from deltaid.fleet.store import Store
+    from deltaid.fleets.cluster import client, done
+    from deltaid.fleets.fleet import Recorded
+    from deltaid.fleets.gathering import How, Job, gather_recorded
+    from deltaid.fleets.place import Place
+    from deltaid.fleets.store import Store
     from deltaid.model.record import Settings
     from deltaid.robot.load import load_robot
 
@@ -118,7 +118,7 @@ def nothing(number: int) -> int:
 
 def dispatch(count: int = 2000) -> float:
     """Wall time of a task that does nothing [s]."""
-    from deltaid.fleet.cluster import client, done
+    from deltaid.fleets.cluster import client, done
 
     with client(workers=1) as found:
         list(done(found, nothing, range(10), _fail))
@@ -129,8 +129,8 @@ def dispatch(count: int = 2000) -> float:
 
 def fits(folder: Path, count: int) -> float:
     """Time of processors of reading so many factor files of a robot, and of their fit [s]."""
-    from deltaid.factors.file import read
-    from deltaid.factors.identify import identify_gathered
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.model.record import Settings
     from deltaid.parallel import threads
 

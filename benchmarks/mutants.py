@@ -40,7 +40,7 @@ _PROCESSES = re.compile(r"\bsubprocess\b|\bPopen\b|\bStudio\(")
 _COMMON = {"deltaid", "test", "src", "py"}
 # Mutants that no test can find, by file and replaced expression, and why.
 EQUIVALENT = {
-    ("deltaid/fleet/store.py", "range(_TRIES)"): "the loop returns or raises at k = _TRIES − 1, "
+    ("deltaid/fleets/store.py", "range(_TRIES)"): "the loop returns or raises at k = _TRIES − 1, "
     "so that one more round is never begun",
     ("deltaid/sensors/simulated.py", "one.prior + one.std * size"): "size is drawn from N(0, 1) or "
     "from −a to a, both symmetric, so that prior ± std · size have the same distribution",

@@ -17,12 +17,12 @@ from _drawn_templates import SETTINGS
 from _table import leave
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
-from deltaid.factors.identify import identify_gathered
+from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.member import Member, member
+from deltaid.fleets.next_robot import next_robot
+from deltaid.fleets.population import Population, PopulationSettings
+from deltaid.fleets.type_fit import fitted
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.population.fitted import fitted
-from deltaid.population.member import Member, member
-from deltaid.population.next_robot import next_robot
-from deltaid.population.result import Population, PopulationSettings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import Measured

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from deltaid.drift.recorded import Recorded
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.factors.columns import map_to
-from deltaid.factors.file import ENDING, FactorFile, write
-from deltaid.factors.gather import gathered
-from deltaid.factors.merged import Merging, merging_of
-from deltaid.factors.record import Group, Groups, Temperature
+from deltaid.fleets.drift_recorded import Recorded
+from deltaid.fleets.factor_columns import map_to
+from deltaid.fleets.factor_file import ENDING, FactorFile, write
+from deltaid.fleets.factor_record import Group, Groups, Temperature
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.merged import Merging, merging_of
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording

@@ -10,9 +10,9 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.fleet.fleet import find_fleet
-from deltaid.fleet.run import FleetRun, run_fleet
-from deltaid.fleet.store import Store
+from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.run import FleetRun, run_fleet
+from deltaid.fleets.store import Store
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording

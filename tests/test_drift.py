@@ -10,14 +10,14 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.drift.recorded import Recorded, recorded
-from deltaid.drift.robot_drift import RobotDrift, robot_drift
-from deltaid.drift.settings import DriftSettings
-from deltaid.drift.tables import DRIFT, FRICTION, drift_table, friction_table, save
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.factors.file import ENDING, FactorFile, write
-from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered
+from deltaid.fleets.drift_recorded import Recorded, recorded
+from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table, save
+from deltaid.fleets.factor_file import ENDING, FactorFile, write
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.robot_drift import RobotDrift, robot_drift
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping, TemperatureColumn
 from drifting import ROBOT, SETTINGS, START, days, one_recording, recording

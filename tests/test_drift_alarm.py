@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.drift.evidence import (
+from deltaid.fleets.drift_evidence import (
     _A_YEAR,
     _TOGETHER,
     FREEDOM,
@@ -20,11 +20,11 @@ from deltaid.drift.evidence import (
     first_prior,
     with_others,
 )
-from deltaid.drift.findings import finding
-from deltaid.drift.series import Explained, Regressors, explained
-from deltaid.drift.settings import DriftSettings
-from deltaid.drift.tools import tool_changes
-from deltaid.drift.wander import Scatter, whitened_sums
+from deltaid.fleets.drift_findings import finding
+from deltaid.fleets.drift_noise import Scatter, whitened_sums
+from deltaid.fleets.drift_series import Explained, Regressors, explained
+from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.tool_changes import tool_changes
 
 # How usual changes are, as they are promised: a ramp up or down, a step up or down.
 RAMPS, STEPS = (0.6, 0.1), (0.2, 0.1)

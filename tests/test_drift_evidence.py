@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.drift.evidence import (
+from deltaid.errors import DeltaidError
+from deltaid.fleets.drift_evidence import (
     _A_YEAR,
     FREEDOM,
     KINDS,
@@ -18,12 +19,11 @@ from deltaid.drift.evidence import (
     first_prior,
     with_others,
 )
-from deltaid.drift.findings import finding
-from deltaid.drift.series import Regressors, _slow, explained, inflation
-from deltaid.drift.settings import DriftSettings
-from deltaid.drift.tools import tool_changes
-from deltaid.drift.wander import Scatter, whitened_sums
-from deltaid.errors import DeltaidError
+from deltaid.fleets.drift_findings import finding
+from deltaid.fleets.drift_noise import Scatter, whitened_sums
+from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
+from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.tool_changes import tool_changes
 
 DAYS = np.sort(np.random.default_rng(5).uniform(0.0, 60.0, 30))
 

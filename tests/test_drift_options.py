@@ -5,8 +5,8 @@ from datetime import datetime
 import pytest
 
 from deltaid.cli.drift_options import drift_settings
-from deltaid.drift.settings import DriftSettings
 from deltaid.errors import DeltaidError
+from deltaid.fleets.drift_settings import DriftSettings
 
 
 @pytest.mark.parametrize(

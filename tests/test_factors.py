@@ -13,11 +13,11 @@ from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.factors import gather
-from deltaid.factors.columns import KNOTS, GatheredColumns, map_to, plain, splines
-from deltaid.factors.file import FactorFile, read, write
-from deltaid.factors.gather import Gathering, gather_into, gathered
-from deltaid.factors.identify import identify_gathered, validate_gathered
+from deltaid.fleets import gather
+from deltaid.fleets.factor_columns import KNOTS, GatheredColumns, map_to, plain, splines
+from deltaid.fleets.factor_file import FactorFile, read, write
+from deltaid.fleets.gather import Gathering, gather_into, gathered
+from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.record import Settings

@@ -26,11 +26,11 @@ import s3fs
 from command import run
 from deltaid import libraries
 from deltaid.errors import DeltaidError
-from deltaid.fleet import cluster
-from deltaid.fleet.cluster import client, done, require_shared
-from deltaid.fleet.fleet import find_fleet
-from deltaid.fleet.run import run_fleet
-from deltaid.fleet.store import Store
+from deltaid.fleets import cluster
+from deltaid.fleets.cluster import client, done, require_shared
+from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.run import run_fleet
+from deltaid.fleets.store import Store
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.robot import own
@@ -50,9 +50,9 @@ def cut_short(whole: Plant) -> bytes:
 def no_workers() -> Iterator[None]:
     """All work is done here, one item after the other."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("deltaid.fleet.run.client", lambda *_: nullcontext(Mock()))
-        patch.setattr("deltaid.fleet.run.require_shared", lambda *_: None)
-        patch.setattr("deltaid.fleet.call.done", lambda _, work, items, failed: map(work, items))
+        patch.setattr("deltaid.fleets.run.client", lambda *_: nullcontext(Mock()))
+        patch.setattr("deltaid.fleets.run.require_shared", lambda *_: None)
+        patch.setattr("deltaid.fleets.call.done", lambda _, work, items, failed: map(work, items))
         yield
 
 
@@ -283,7 +283,7 @@ def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
 
 
 def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deltaid.fleet.cluster._PATIENCE", 1)
+    monkeypatch.setattr("deltaid.fleets.cluster._PATIENCE", 1)
     with (
         pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),
         client("tcp://127.0.0.1:1"),

@@ -6,8 +6,8 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.fleet.fleet import find_fleet
-from deltaid.fleet.store import Store
+from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.store import Store
 from plant import DAYS, TYPE, plant
 
 FIRST = [f"north/{day}" for day in DAYS[:2]]

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from deltaid.fleet import fits, known, studies, types
-from deltaid.fleet.manifest import Manifest
+from deltaid.fleets import fits, known, studies, types
+from deltaid.fleets.manifest import Manifest
 from sessions import ROOT
 
 PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from deltaid.errors import DeltaidError
-from deltaid.fleet_site import write
+from deltaid.fleets.site.site import write
 from fleet_tables import START, TYPES, changed, name, write_tables
 from html_page import HOSTILE, Document
 
@@ -176,7 +176,7 @@ def test_a_site_is_of_one_call_or_not_changed(
             raise KeyboardInterrupt
         return "half"
 
-    monkeypatch.setattr("deltaid.fleet_site.site._rendered", fails)
+    monkeypatch.setattr("deltaid.fleets.site.site._rendered", fails)
     with pytest.raises(KeyboardInterrupt):
         write(folder)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

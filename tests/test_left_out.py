@@ -6,10 +6,10 @@ from scipy import stats
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
-from deltaid.population.belonging import LeftOut, _belonging, chance
-from deltaid.population.belonging import left_out as left_out_of
-from deltaid.population.coordinates import Coordinates, _kind
-from deltaid.population.mixed import Mean, Rows
+from deltaid.fleets.belonging import LeftOut, _belonging, chance
+from deltaid.fleets.belonging import left_out as left_out_of
+from deltaid.fleets.coordinates import Coordinates, _kind
+from deltaid.fleets.mixed_model import Mean, Rows
 from deltaid.robot.load import load_robot
 
 RNG = np.random.default_rng(4)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.factors.file import FactorFile, read, write
-from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered, validate_gathered
-from deltaid.factors.merged import merged, merging_of
-from deltaid.factors.record import Group, Groups
+from deltaid.fleets.factor_file import FactorFile, read, write
+from deltaid.fleets.factor_record import Group, Groups
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
+from deltaid.fleets.merged import merged, merging_of
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction

@@ -10,8 +10,14 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
-from deltaid.factors.gather import gathered
-from deltaid.factors.identify import identify_gathered
+from deltaid.fleets.coordinates import Coordinates
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.member import Fact, Member, member
+from deltaid.fleets.mixed_model import Rows, alone
+from deltaid.fleets.next_robot import next_robot, save_next, summary, widest
+from deltaid.fleets.population import MEMBERS, TYPES, Population, members_table, types_table
+from deltaid.fleets.type_fit import fitted
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.record import Settings
@@ -22,12 +28,6 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
-from deltaid.population.coordinates import Coordinates
-from deltaid.population.fitted import fitted
-from deltaid.population.member import Fact, Member, member
-from deltaid.population.mixed import Rows, alone
-from deltaid.population.next_robot import next_robot, save_next, summary, widest
-from deltaid.population.result import MEMBERS, TYPES, Population, members_table, types_table
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import Measured

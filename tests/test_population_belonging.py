@@ -5,10 +5,10 @@ import pytest
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
-from deltaid.population.belonging import left_out
-from deltaid.population.coordinates import KINDS, VAGUE, Coordinates, _kind
-from deltaid.population.mixed import Mean, Rows, mean, slope
-from deltaid.population.spreads import fitted_spreads
+from deltaid.fleets.belonging import left_out
+from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, _kind
+from deltaid.fleets.mixed_model import Mean, Rows, mean, slope
+from deltaid.fleets.spreads import fitted_spreads
 from deltaid.robot.load import load_robot
 
 

@@ -173,8 +173,8 @@ def _drawn(robot: str) -> "Drawing | None":
     """The robot, unless its description cannot be read, which the verdicts tell."""
     from deltaid.dynamics.dynamics import compiled
     from deltaid.errors import DescriptionError
-    from deltaid.view.drawing import drawing
     from deltaid.robot.load import described
+    from deltaid.view.drawing import drawing
 
     try:
         description = described(robot)

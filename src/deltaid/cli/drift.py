@@ -10,8 +10,8 @@ from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.options import AsJson, output_file
 
 if TYPE_CHECKING:
-    from deltaid.drift.robot_drift import RobotDrift
-    from deltaid.factors.file import FactorFile
+    from deltaid.fleets.factor_file import FactorFile
+    from deltaid.fleets.robot_drift import RobotDrift
     from deltaid.model.record import IdentifiedModel
 
 
@@ -45,12 +45,12 @@ def drift(
     """
     from deltaid.cli.gathered import in_folders
     from deltaid.cli.output import console, print_json, progress, require_outputs, shown
-    from deltaid.drift.recorded import recorded
-    from deltaid.drift.robot_drift import robot_drift
-    from deltaid.drift.tables import drift_table, friction_table, require_table, save
     from deltaid.errors import DeltaidError
-    from deltaid.factors.file import read
-    from deltaid.view.drift_tables import drift_shown, sentences
+    from deltaid.fleets.drift_recorded import recorded
+    from deltaid.fleets.drift_tables import drift_table, friction_table, require_table, save
+    from deltaid.fleets.drift_text import drift_shown, sentences
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.robot_drift import robot_drift
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
@@ -87,7 +87,7 @@ def drift(
 
 def _model(robot: str, files: "Sequence[FactorFile]") -> "IdentifiedModel":
     """A model by its file; else what the recordings say together."""
-    from deltaid.factors.identify import identify_gathered
+    from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.model.model import load
     from deltaid.robot.load import described
 
@@ -97,7 +97,7 @@ def _model(robot: str, files: "Sequence[FactorFile]") -> "IdentifiedModel":
 
 def as_dictionary(found: "RobotDrift") -> dict[str, Any]:
     """What was found as one JSON object."""
-    from deltaid.drift.tables import drift_table
+    from deltaid.fleets.drift_tables import drift_table
 
     rows = drift_table([found]).to_dicts()
     for row in rows:

@@ -14,9 +14,9 @@ from deltaid.errors import DeltaidError
 from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
-    from deltaid.fleet.fleet import Fleet
-    from deltaid.fleet.run import FleetRun
-    from deltaid.fleet.store import Store
+    from deltaid.fleets.fleet import Fleet
+    from deltaid.fleets.run import FleetRun
+    from deltaid.fleets.store import Store
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -94,12 +94,12 @@ def fleet(
     """
     from deltaid.cli.output import lag_of, positive, print_error, print_json, print_note
     from deltaid.files import require_writable
-    from deltaid.fleet.cluster import require_dask
+    from deltaid.fleets.cluster import require_dask
 
     require_dask()
-    from deltaid.fleet.fleet import find_fleet
-    from deltaid.fleet.run import run_fleet
-    from deltaid.fleet.store import Store
+    from deltaid.fleets.fleet import find_fleet
+    from deltaid.fleets.run import run_fleet
+    from deltaid.fleets.store import Store
     from deltaid.model.record import Settings
 
     positive("--cutoff", cutoff)
@@ -167,7 +167,7 @@ def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> No
         DeltaidError: the fleet knows nothing of its type, or it cannot be written.
     """
     from deltaid.files import write_bytes
-    from deltaid.fleet.place import Place
+    from deltaid.fleets.place import Place
 
     place = Place.of(output, store)
     data = [store.read(place.at(one.job.file)) for one in run.types if not one.reason]

@@ -47,7 +47,7 @@ def gather(
     cost: a recording that has been gathered before is not read again.
     """
     from deltaid.cli.output import console, lag_of, positive, print_error, print_json, progress
-    from deltaid.factors.gather import gather_into
+    from deltaid.fleets.gather import gather_into
     from deltaid.model.record import Settings
     from deltaid.robot.load import described
 

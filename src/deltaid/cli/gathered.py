@@ -8,7 +8,7 @@ from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.checks.identified import Judged
-    from deltaid.factors.record import FactorRecord
+    from deltaid.fleets.factor_record import FactorRecord
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model.model import Model
     from deltaid.model.record import Settings
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def in_folders(logs: Sequence[Path]) -> list[Path]:
     """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
-    from deltaid.factors.file import ENDING
+    from deltaid.fleets.factor_file import ENDING
 
     found = list[Path]()
     for one in logs:
@@ -30,7 +30,7 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
     Raises:
         DeltaidError: some are and some are not.
     """
-    from deltaid.factors.file import is_factor_file
+    from deltaid.fleets.factor_file import is_factor_file
 
     given = [is_factor_file(one) for one in logs]
     if any(given) and not all(given):
@@ -68,16 +68,16 @@ def require_open(given: Mapping[str, bool], report: Path | None) -> None:
 
 def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judged":
     """The identification from factor files."""
-    from deltaid.factors.file import read
-    from deltaid.factors.identify import identify_gathered
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import identify_gathered
 
     return identify_gathered(robot, [read(one) for one in logs], settings)
 
 
 def validated(model: "Model", path: Path) -> "tuple[TorqueError, FactorRecord]":
     """A model compared with a recording by its factors, and what is known of the recording."""
-    from deltaid.factors.file import read
-    from deltaid.factors.identify import validate_gathered
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import validate_gathered
 
     file = read(path)
     return validate_gathered(model, file), file.record

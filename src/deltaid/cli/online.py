@@ -68,7 +68,7 @@ def online(
         require_outputs,
         within,
     )
-    from deltaid.drift.tables import require_table, save
+    from deltaid.fleets.drift_tables import require_table, save
     from deltaid.model.model import load
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.rows import open_replay

@@ -22,7 +22,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
     from deltaid.cli.output import print_json
-    from deltaid.fleet.manifest import Manifest
+    from deltaid.fleets.manifest import Manifest
     from deltaid.model.record import IdentifiedModel
     from deltaid.planning.offers import Offers
     from deltaid.recording.mapping import ColumnMapping

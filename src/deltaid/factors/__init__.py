@@ -1,1 +1,0 @@
-"""What a recording says as a small file: gathered once where the recording lies, then merged."""

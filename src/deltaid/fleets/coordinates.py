@@ -1,0 +1,192 @@
+"""The free variables of a type, scaled by their sizes, and their prior."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.parameters import parameter_layout
+from deltaid.estimation.information import triangle
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.estimation.regularizer import prior_scale
+from deltaid.fleets.member import Fact, Member, eliminated
+from deltaid.fleets.mixed_model import Square, U
+from deltaid.model.record import Settings
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
+from deltaid.robot.parameter import Parameter
+
+# What spreads of one size are, and what they are likely to be beforehand: the middle, as a share of
+# the size of an entry, and the standard deviation of the logarithm.
+KINDS = {
+    "mass": 0.03,
+    "first moments": 0.03,
+    "second moments": 0.03,
+    "rotor": 0.03,
+    "spring": 0.05,
+    "viscous": 0.2,
+    "coulomb": 0.2,
+    "friction": 0.2,
+}
+VAGUE = 1.5
+# A size is at most so many times that of the description, or that part of it.
+_OTHER = 10.0
+# Friction's prior is so many times wider than described.
+_VAGUE_FRICTION = 20.0
+FRICTION = ("viscous", "coulomb", "friction")
+# Variance of what may be anything: a hundred times its own size.
+ANYTHING = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """u: the free variables x of a type over their sizes; behind them shared geometric errors.
+
+    Attributes:
+        robot: the type, as described.
+        reduction: which variables are free, p = A x + p_0.
+        kinds: of each variable, a key of `KINDS`.
+        quantities: of the geometry.
+        sizes: of x.
+        spread: of the description's prior.
+    """
+
+    robot: RobotDescription
+    reduction: Reduction
+    kinds: tuple[str, ...]
+    quantities: tuple[str, ...]
+    sizes: Float[np.ndarray, " n"]
+    spread: float
+
+    @classmethod
+    def of(
+        cls, robot: RobotDescription, members: Sequence[Member], settings: Settings
+    ) -> "Coordinates":
+        """Those of some robots of a type."""
+        names = parameter_layout(robot).names
+        shown = {name for member in members for name in member.shown}
+        visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
+        reduction = build_reduction(robot, visible, (), settings.prior_spread)
+        reduction = replace(reduction, widened=_widened(members))
+        quantities = tuple(dict.fromkeys(name for member in members for name in member.quantities))
+        kinds = tuple(_kind(variable) for variable in reduction.variables)
+        return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
+
+    def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
+        """The same in sizes of a type with parameters p: spreads are shares of what robots are."""
+        layout, sizes = self.reduction.layout, self.reduction.scale.copy()
+        for k, variable in enumerate(self.reduction.variables):
+            if variable.kind == "inertia":
+                part = layout.body(variable.owner)
+                now, before = p[part], self.reduction.p_reg[part]
+                entries = PSEUDO_INERTIA_ENTRIES[variable.symbol]
+                times = np.prod([_times(now, before, entry) for entry in entries])
+            else:
+                times = abs(p[layout.names.index(variable.name)]) / sizes[k]
+            sizes[k] *= np.clip(times, 1.0 / _OTHER, _OTHER)
+        return replace(self, sizes=sizes)
+
+    @cached_property
+    def precision(self) -> Square:
+        """Of u about `prior` before any recording."""
+        n, changed = self.size, np.any(self.reduction.A != 0, axis=1)
+        scale = prior_scale(self.reduction)[changed][:, None]
+        D = self.reduction.A[changed] * self.sizes / scale
+        # Recordings determine friction; its prior is wide.
+        D[:, self.is_friction[:n]] /= _VAGUE_FRICTION
+        precision = np.eye(n + len(self.quantities))
+        precision[:n, :n] = D.T @ D / self.spread**2
+        return precision
+
+    @property
+    def size(self) -> int:
+        """Number of variables, without those of the geometry."""
+        return self.reduction.size
+
+    @property
+    def prior(self) -> U:
+        """u in the description."""
+        return np.append(self.reduction.prior / self.sizes, np.zeros(len(self.quantities)))
+
+    @cached_property
+    def to_p(self) -> Float[np.ndarray, "parameters u"]:
+        """How p follows from u."""
+        return np.pad(self.reduction.A * self.sizes, ((0, 0), (0, len(self.quantities))))
+
+    @cached_property
+    def is_friction(self) -> np.ndarray:
+        """Which of u are friction."""
+        own = [kind in FRICTION for kind in self.kinds]
+        return np.array([*own, *[False] * len(self.quantities)], dtype=bool)
+
+    @property
+    def worn(self) -> U:
+        """Variances of friction that may be anything."""
+        return np.where(self.is_friction, ANYTHING, 0.0)
+
+    def kind_of(self) -> Int[np.ndarray, " u"]:
+        """Place of each variable's kind among those that there are; −1 of the geometry."""
+        own = [self.present.index(kind) for kind in self.kinds]
+        return np.array([*own, *[-1] * len(self.quantities)], dtype=int)
+
+    @property
+    def present(self) -> tuple[str, ...]:
+        """Kinds that there are."""
+        return tuple(kind for kind in KINDS if kind in self.kinds)
+
+    def owners(self) -> dict[str, list[int]]:
+        """Variables of each body and joint."""
+        variables: dict[str, list[int]] = {}
+        for k, variable in enumerate(self.reduction.variables):
+            word = "" if variable.kind == "inertia" else f"{variable.kind} of "
+            variables.setdefault(f"{word}{variable.owner}", []).append(k)
+        return variables
+
+    def rows(self, member: Member, facts: Sequence[Fact]) -> Float[np.ndarray, "rows augmented"]:
+        """A member's rows and some of its facts: over u, over p_0, and the right side."""
+        names, count = self.reduction.layout.names, len(self.quantities)
+        place = {name: i for i, name in enumerate(member.names)}
+        both = [i for i, name in enumerate(names) if name in place]
+        columns = [place[names[i]] for i in both]
+        # Terms of friction that the type has not.
+        strange = [place[name] for name in member.names if name not in names]
+        H, shared = np.zeros((len(member.rows), len(names))), np.zeros((len(member.rows), count))
+        H[:, both] = member.rows[:, columns]
+        shared[:, [self.quantities.index(name) for name in member.quantities]] = member.shared
+        data = np.column_stack([member.rows[:, strange], H, shared, member.values])
+        weighed = np.zeros((len(facts), len(names) + count + 1))
+        for row, fact in zip(weighed, facts, strict=True):
+            row[both], row[-1] = (fact.coefficients[columns] / fact.std, fact.value / fact.std)
+        wide = np.vstack([eliminated(data, len(strange)), weighed])
+        H, shared, b = np.split(wide, [len(names), len(names) + count], axis=1)
+        over, constant = H @ (self.reduction.A * self.sizes), H @ self.reduction.p_0
+        return triangle(np.column_stack([over, shared, constant, b[:, 0] - constant]))
+
+
+def _widened(members: Sequence[Member]) -> dict[str, float]:
+    """Prior widening that most members require."""
+    factors: dict[str, list[float]] = {}
+    for member in members:
+        for name, factor in (member.widened or {}).items():
+            factors.setdefault(name, []).append(factor)
+    return {n: float(np.median(own)) for n, own in factors.items() if len(own) > len(members) / 2}
+
+
+def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
+    """√(M̄_ii / prior), of the second moments all together: thin ones are hardly known."""
+    M, before = pseudo_inertia(p), pseudo_inertia(prior)
+    rows = [3] if entry == 3 else [0, 1, 2]
+    return float(np.sqrt(np.trace(M[np.ix_(rows, rows)]) / np.trace(before[np.ix_(rows, rows)])))
+
+
+def _kind(variable: Parameter) -> str:
+    """Which spread a variable has."""
+    first = variable.symbol.split("_")[0]
+    if variable.kind == "inertia":
+        moments = "first moments" if first.startswith("mc") else "second moments"
+        return "mass" if first == "m" else moments
+    if variable.kind != "friction":
+        return variable.kind
+    return first if first in FRICTION else "friction"

@@ -1,0 +1,242 @@
+"""How much better a change explains a series than none: Bayes factors, and an alarm from them.
+
+A series in percent, y = X b + u, u of a kind of scatter, has beside that a change d h_k(t): a ramp
+or a step from onset k. b and d: normal with standard deviations in
+units of σ; σ² inverse gamma with few degrees of freedom. All of them are integrated in closed form,
+kinds of scatter and onsets are summed over.
+
+**Alarm.** For an onset k the Bayes factor B_k(n), after the recordings up to n, is 1 before k and a
+martingale as long as nothing changes. So with onsets spread over time,
+
+    R(n) = Σ_k (time between onsets, in years) Σ_kinds of change π B_k(n),
+
+minus the years that have passed is a martingale, and by Doob's inequality
+
+    P(R ever reaches A within Y years) ≤ Y / A,
+
+however often one looks. The alarm is R ≥ A with A the years a drive may run for one false alarm.
+
+**Drives of a robot** are alike and work in the same hall: temperature dependence of friction and
+its scatter from day to day are nearly the same, so those of the others are the prior of a drive.
+Coefficients of a drifting drive count as far as they are known with a change and without.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import inv
+from scipy.special import logsumexp, stdtr
+
+from deltaid.fleets.drift_noise import Scatter, Sums
+
+# Of σ before any recording [%]: degrees of freedom and size.
+FREEDOM, SIZE = 4.0, 1.0
+# Kinds of change with how usual they are: a ramp upwards, a ramp downwards, a step each way.
+KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
+# Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
+RAMP, STEP = 2.5, 6.0
+MONTH, YEAR = 30.4375, 365.25
+# Onsets lie a week apart, or so many in all.
+_APART, _MOST = 7.0, 60
+# Changes that a drive is expected to have in a year.
+_A_YEAR = 0.2
+# Power of the other drives' evidence on scatter, as disturbances are common.
+_TOGETHER = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Candidate changes: ramps, then steps.
+
+    Attributes:
+        onsets: when each begins [days].
+        columns: what each does to the series, for 1 % a month or 1 %.
+        scale: standard deviation of its size in units of σ.
+        years: time between onsets.
+    """
+
+    onsets: Float[np.ndarray, " alternatives"]
+    columns: Float[np.ndarray, "n alternatives"]
+    scale: Float[np.ndarray, " alternatives"]
+    years: float
+
+    @classmethod
+    def over(cls, days: Float[np.ndarray, " n"]) -> "Changes":
+        """Those that recordings at these days can determine."""
+        span = float(days[-1] - days[0])
+        spacing = max(_APART, span / _MOST)
+        onsets = days[0] + np.arange(0.0, max(span, spacing), spacing)
+        since, count = days[:, None] - onsets, len(onsets)
+        columns = np.hstack([np.maximum(since, 0.0) / MONTH, since[:, 1:] >= 0.0])
+        scale = np.repeat([RAMP, STEP], [count, count - 1])
+        return cls(np.append(onsets, onsets[1:]), columns, scale, spacing / YEAR)
+
+    @classmethod
+    def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
+        """Steps at each recording, where they are large enough for a day to matter."""
+        onsets = days[1:]
+        columns = (days[:, None] >= onsets).astype(float)
+        years = float(days[-1] - days[0]) / len(onsets) / YEAR
+        return cls(onsets, columns, np.full(len(onsets), STEP), years)
+
+    @property
+    def is_ramp(self) -> np.ndarray:
+        """Which are ramps."""
+        return self.scale == RAMP
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Prior of a series: mean of b, inverse of its covariance in units of σ², and logarithms of the
+    shares of kinds of scatter."""
+
+    mean: Float[np.ndarray, "series regressors"]
+    precision: Float[np.ndarray, "series regressors regressors"]
+    log_kinds: Float[np.ndarray, "kinds series"]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Evidence of recordings for changes.
+
+    Attributes:
+        log_none: evidence for no change with each kind of scatter, with the share of that kind.
+        log_factor: of each change against none, up and down, prior shares included.
+        size: expected size of each change before its sign is taken for known.
+        deviation: of it.
+        freedom: degrees of freedom of its distribution by Student.
+        plain: coefficients b where nothing changes.
+        per_size: by how much they are less for a change by 1.
+        covariance: of b for a known change.
+        sigma: σ where nothing changes.
+        R: what the alarm goes by [years].
+    """
+
+    log_none: Float[np.ndarray, "kinds series"]
+    log_factor: Float[np.ndarray, "2 kinds series alternatives"]
+    size: Float[np.ndarray, "kinds series alternatives"]
+    deviation: Float[np.ndarray, "kinds series alternatives"]
+    freedom: Float[np.ndarray, " series"]
+    plain: Float[np.ndarray, "kinds series regressors"]
+    per_size: Float[np.ndarray, "kinds series regressors alternatives"]
+    covariance: Float[np.ndarray, "kinds series regressors regressors"]
+    sigma: Float[np.ndarray, "kinds series"]
+    R: Float[np.ndarray, " series"]
+
+    @property
+    def of_kinds(self) -> Float[np.ndarray, "kinds series"]:
+        """Share of each kind of scatter where nothing changes."""
+        return np.exp(self.log_none - logsumexp(self.log_none, axis=0))
+
+    @property
+    def of_changes(self) -> Float[np.ndarray, "2 kinds series alternatives"]:
+        """Share of each change, if there is one: together 1 a series."""
+        log = self.log_factor + self.log_none[None, :, :, None]
+        return np.exp(log - logsumexp(log, axis=(0, 1, 3), keepdims=True))
+
+
+def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
+    """Evidence of all changes."""
+    p, nu = prior.mean.shape[1], FREEDOM + sums.count - 1.0
+    X = sums.base[..., :p, :p]
+    A = X + prior.precision
+    # Series less their prior.
+    b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
+    centred = b - np.einsum("kspq,sq->ksp", X, prior.mean)
+    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
+    inverse = inv(A, assume_a="pos")
+    shift = np.einsum("kspq,ksq->ksp", inverse, centred)
+    plain, per_size = shift + prior.mean, inverse @ C
+    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
+    a = sums.own - np.einsum("kspa,kspa->ksa", C, per_size)
+    c = sums.cross[..., p, :] - np.einsum("kspa,ksp->ksa", C, plain)
+    log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
+    a_known = np.maximum(a, 0.0) + changes.scale**-2.0
+    rest = np.maximum(r[..., None] - c**2 / a_known, 1e-12)
+    gain = -0.5 * (np.log(a_known * changes.scale**2) + nu[:, None] * np.log(rest / r[..., None]))
+    size, deviation = c / a_known, np.sqrt(rest / nu[:, None] / a_known)
+    up = stdtr(nu[:, None], np.stack([size, -size]) / deviation)
+    shares = np.array([share for _, share in KINDS])
+    kinds = np.where(changes.is_ramp, shares[:2, None], shares[2:, None])[:, None, None]
+    with np.errstate(divide="ignore"):
+        log_factor = gain + np.log(2.0 * up) + np.log(kinds)
+    log = log_factor + log_none[None, :, :, None]
+    R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
+    covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
+    return Evidence(
+        log_none, log_factor, size, deviation, nu, plain, per_size, covariance, sigma,
+        np.exp(np.minimum(R, 600.0)),
+    )  # fmt: skip
+
+
+def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int) -> Prior:
+    """Prior of any drive, by standard deviations of coefficients in units of σ."""
+    p = len(scale)
+    precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
+    log = np.repeat(np.log(scatter.usual)[:, None], series, axis=1)
+    return Prior(np.zeros((series, p)), precision, log)
+
+
+def with_others(
+    alone: Evidence,
+    changes: Changes,
+    prior: Prior,
+    unlike: Float[np.ndarray, " regressors"],
+    drives: int,
+) -> Prior:
+    """Prior of each drive by the other drives of its robot.
+
+    Args:
+        alone: evidence of each by itself, with `prior`.
+        unlike: standard deviation between drives of one robot; infinite where nothing is common.
+        drives: series of one robot, which follow each other.
+    """
+    changed = _A_YEAR * alone.R / (1.0 + _A_YEAR * alone.R)
+    kinds = alone.log_none - prior.log_kinds
+    some = logsumexp(alone.log_factor, axis=(0, 3)) + np.log(changes.years)
+    kinds = kinds + np.logaddexp(0.0, np.log(_A_YEAR) + some)
+    by_robot = kinds.reshape(len(kinds), -1, drives)
+    others = (by_robot.sum(axis=2, keepdims=True) - by_robot).reshape(kinds.shape)
+    log = prior.log_kinds + _TOGETHER * others
+    mean, covariance = _moments(alone, changed)
+    common = np.flatnonzero(np.isfinite(unlike))
+    prior = replace(prior, log_kinds=log - logsumexp(log, axis=0))
+    if not common.size:
+        return prior
+    spread = np.diag(unlike[common] ** 2)
+    grid = np.ix_(np.arange(len(mean)), common, common)
+    W = inv(covariance[grid] + spread, assume_a="pos")
+    W = W.reshape(-1, drives, len(common), len(common))
+    Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, common].reshape(-1, drives, len(common)))
+    sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
+    start = (prior.precision[grid] / sigma2[:, None, None]).reshape(W.shape)
+    total = W.sum(axis=1, keepdims=True) - W + start
+    covariance = inv(total, assume_a="pos")
+    middle = np.einsum("rdpq,rdq->rdp", covariance, Wb.sum(axis=1, keepdims=True) - Wb)
+    means, precision = prior.mean.copy(), prior.precision.copy()
+    means[:, common] = middle.reshape(-1, len(common))
+    inverse = inv(covariance + spread, assume_a="pos")
+    inverse = inverse.reshape(-1, len(common), len(common))
+    precision[grid] = inverse * sigma2[:, None, None]
+    return replace(prior, mean=means, precision=precision)
+
+
+def _moments(
+    e: Evidence, changed: Float[np.ndarray, " series"]
+) -> tuple[
+    Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
+]:
+    """Mean and covariance of coefficients, with and without a change."""
+    w, none = e.of_changes.sum(axis=0) * changed[:, None], e.of_kinds * (1.0 - changed)
+    moved = e.plain[..., None] - e.per_size * e.size[..., None, :]
+    mean = np.einsum("ks,ksp->sp", none, e.plain) + np.einsum("ksa,kspa->sp", w, moved)
+    off, away = e.plain - mean, moved - mean[..., None]
+    covariance = (
+        np.einsum("ks,kspq->spq", none + w.sum(axis=2), e.covariance)
+        + np.einsum("ks,ksp,ksq->spq", none, off, off)
+        + np.einsum("ksa,kspa,ksqa->spq", w, away, away, optimize=True)
+        + np.einsum("ksa,kspa,ksqa->spq", w * e.deviation**2, e.per_size, e.per_size,
+                    optimize=True)
+    )  # fmt: skip
+    return mean, covariance

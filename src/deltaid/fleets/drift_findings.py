@@ -1,0 +1,214 @@
+"""Finding on one drive: steady, rising, falling or stepped; since when, how fast, until when.
+
+Distributions are sums over kinds of scatter and onsets of Student's, drawn from as quantiles.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import stdtr, stdtrit
+
+from deltaid.fleets.drift_evidence import KINDS, MONTH, YEAR
+from deltaid.fleets.drift_series import Explained
+from deltaid.fleets.drift_settings import DriftSettings
+
+State = Literal["steady", "rising", "falling", "stepped", "unknown"]
+# With fewer recordings, or over less time [days], drift is undetermined.
+FEWEST, SHORTEST = 12, 21.0
+# A rate that is known no better than this [% a month] is unknown.
+_VAGUE = 5.0
+# How many draws, and how much of a distribution an interval has.
+_DRAWS, _TAIL = 4000, 0.025
+# Beyond so many years no horizon is reported.
+_FAR = 20.0
+
+
+@dataclass(frozen=True)
+class Between:
+    """A number with its 95 % interval; None where an end is not known."""
+
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The finding on one drive.
+
+    Attributes:
+        state: what it does.
+        change: day of the change; nothing where there is none.
+        rate: of friction, as a share a month.
+        step: of friction, as a share.
+        horizon: day on which the limit is passed; nothing where it is not known, or not near.
+        temperature: change of friction with temperature, as a share a degree.
+        level: mean friction before the change, at the mean temperature [N m or N]; NaN where no
+            recording tells any.
+        limit: mean friction that is too much [N m or N]; None if nobody said.
+        recordings: how many determine its friction.
+        scatter: from day to day, as a share.
+        R: what the alarm goes by; `threshold` is where it begins [years].
+        reason: in words.
+    """
+
+    state: State
+    change: Between
+    rate: Between
+    step: Between
+    horizon: Between
+    temperature: Between
+    level: float
+    limit: float | None
+    recordings: int
+    scatter: float
+    R: float
+    threshold: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """Draws of a change: its kind, the kind of scatter, its onset, its size."""
+
+    kind: Int[np.ndarray, " draws"]
+    scatter: Int[np.ndarray, " draws"]
+    at: Int[np.ndarray, " draws"]
+    size: Float[np.ndarray, " draws"]
+
+
+def finding(series: Explained, drive: int, settings: DriftSettings, drives: int) -> Finding:
+    """The finding on one drive from the series of its robot."""
+    threshold = drives / settings.false_alarms
+    R, recorded = float(series.found.R[drive]), np.isfinite(series.y[drive])
+    count = int(recorded.sum())
+    span = float(np.ptp(series.days[recorded])) if count else 0.0
+    too_few = count < FEWEST or span < SHORTEST
+    alarm = threshold <= R and not too_few
+    draws, state = _drawn(series, drive, alarm=alarm), "steady"
+    if alarm:
+        state, draws = _likeliest(draws)
+    b = _coefficients(series, drive, draws)
+    level = float(np.exp((series.start[drive] + np.median(b[:, 0])) / 100.0)) if count else np.nan
+    limit = settings.limit if count else None
+    if limit is not None and settings.limit_is == "share":
+        limit *= level
+    middle, low, high = _between(np.expm1(draws.size / 100.0))
+    shares = Between(middle, low, high)
+    rate = Between() if too_few or state == "stepped" else shares
+    if too_few or (not alarm and 50.0 * (high - low) > _VAGUE):
+        state = "unknown"
+    # Changes began anywhere between the candidate onsets.
+    u = np.random.default_rng(2).uniform(-0.5, 0.5, len(draws.at)) * series.changes.years * YEAR
+    onsets = np.clip(series.changes.onsets[draws.at] + u, series.days[0], series.days[-1])
+    horizon, note = _horizon(series, draws, state, level, limit, b)
+    temperature, names = Between(), series.regressors.names
+    if "temperature" in names and not too_few:
+        temperature = Between(*_between(b[:, names.index("temperature")] / 100.0))
+    return Finding(
+        state=state,
+        change=Between(*_between(onsets)) if alarm else Between(),
+        rate=rate,
+        step=shares if state == "stepped" else Between(),
+        horizon=horizon,
+        temperature=temperature,
+        level=level,
+        limit=limit,
+        recordings=count,
+        scatter=float(series.found.of_kinds[:, drive] @ series.found.sigma[:, drive]) / 100.0,
+        R=R,
+        threshold=threshold,
+        reason=_reason(state, too_few, count, span, series, rate, note),
+    )
+
+
+def _drawn(series: Explained, drive: int, *, alarm: bool) -> _Draws:
+    """Changes by their probability; without an alarm a trend over all the time, either way."""
+    rng, evidence = np.random.default_rng(0), series.found
+    nu = evidence.freedom[drive]
+    shares = evidence.of_changes[:, :, drive] if alarm else evidence.of_kinds[None, :, [drive]]
+    flat = rng.choice(shares.size, _DRAWS, p=shares.ravel() / shares.sum())
+    down, kinds, at = np.unravel_index(flat, shares.shape)
+    m, s = evidence.size[kinds, drive, at], evidence.deviation[kinds, drive, at]
+    u = rng.uniform(size=_DRAWS)
+    if alarm:  # the sign is known
+        edge = stdtr(nu, -m / s)
+        u = np.where(down, u * edge, edge + u * (1.0 - edge))
+    size = m + s * stdtrit(nu, np.clip(u, 1e-12, 1.0 - 1e-12))
+    down = down if alarm else size <= 0
+    return _Draws(down + 2 * ~series.changes.is_ramp[at], kinds, at, size)
+
+
+def _likeliest(draws: _Draws) -> tuple[State, _Draws]:
+    """The likeliest state of a drive that changes, and its draws."""
+    names = np.array([name for name, _ in KINDS])[draws.kind]
+    states: tuple[State, ...] = ("rising", "falling", "stepped")
+    state = max(states, key=lambda name: np.mean(names == name))
+    kept = names == state
+    return state, _Draws(draws.kind[kept], draws.scatter[kept], draws.at[kept], draws.size[kept])
+
+
+def _coefficients(series: Explained, drive: int, draws: _Draws) -> Float[np.ndarray, "draws own"]:
+    """Coefficients beside the change, drawn with it."""
+    evidence, rng = series.found, np.random.default_rng(1)
+    plain = evidence.plain[draws.scatter, drive]
+    per_size = evidence.per_size[draws.scatter, drive, :, draws.at]
+    root = np.linalg.cholesky(evidence.covariance[:, drive])
+    noise = np.einsum("npq,nq->np", root[draws.scatter], rng.standard_normal(plain.shape))
+    return plain - per_size * draws.size[:, None] + noise
+
+
+def _between(values: Float[np.ndarray, " draws"]) -> list[float]:
+    """Median, and the ends of the 95 % interval."""
+    return np.quantile(values, [0.5, _TAIL, 1.0 - _TAIL]).tolist()
+
+
+def _horizon(
+    series: Explained,
+    draws: _Draws,
+    state: State,
+    level: float,
+    limit: float | None,
+    b: Float[np.ndarray, "draws own"],
+) -> tuple[Between, str]:
+    """When the limit is passed, and a note on it."""
+    last, passed = float(series.days[-1]), "the limit is passed"
+    if limit is None:
+        return Between(), "no limit was given" if state == "rising" else ""
+    if state == "stepped" and level * float(np.exp(np.median(draws.size) / 100.0)) >= limit:
+        return Between(last), passed
+    if state != "rising":
+        return Between(), ""
+    spread = (b[:, 0] - np.median(b[:, 0])) / 100.0
+    months = (np.log(limit / level) - spread) / np.maximum(draws.size / 100.0, 1e-9)
+    far = last + _FAR * YEAR
+    when = np.minimum(series.changes.onsets[draws.at] + MONTH * months, far + _FAR * YEAR)
+    middle, low, high = _between(when)
+    if middle > far:
+        return Between(), f"the limit is more than {_FAR:.0f} years away"
+    return Between(middle, low, high if high <= far else None), passed if middle <= last else ""
+
+
+def _reason(
+    state: State, few: bool, count: int, span: float, series: Explained, rate: Between, note: str
+) -> str:
+    if not count:
+        return "no recording tells its friction"
+    if few:
+        return (
+            f"{count} recordings over {span:.0f} days: at least {FEWEST} over {SHORTEST:.0f} days "
+            "are needed"
+        )
+    parts = list[str]()
+    if state == "unknown":
+        parts.append("its trend is not known well enough")
+    if state == "steady" and rate.low is not None and rate.high is not None:
+        parts.append(
+            f"no change; a trend over all the time lies between {100 * rate.low:+.2g} and "
+            f"{100 * rate.high:+.2g} % a month"
+        )
+    if "season" in series.regressors.names:
+        parts.append("no temperature is known, so seasons are not taken out")
+    return "; ".join([*parts, *([note] if note else [])])

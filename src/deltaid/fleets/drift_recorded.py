@@ -1,0 +1,93 @@
+"""Recordings with their time, temperature and load in addition to their factors."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from deltaid.errors import RecordingError
+from deltaid.fleets.factor_file import FactorFile
+
+# A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
+    r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
+)
+# Stamps beyond this are seconds since 1970, and not since a recording began.
+_SINCE_1970 = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """One recording's factors, and when it was made; for the rest None is what the file says.
+
+    Attributes:
+        temperature: of gears or oil [°C].
+        load: mass that was held [kg].
+        name: of the recording; empty for that in the factor file.
+    """
+
+    file: FactorFile
+    time: datetime
+    temperature: float | None = None
+    load: float | None = None
+    name: str = ""
+
+    @property
+    def degrees(self) -> float:
+        """Temperature; NaN where it is not known."""
+        if self.temperature is not None:
+            return float(self.temperature)
+        recorded = self.file.record.temperature
+        return float("nan") if recorded is None else recorded.mean
+
+    @property
+    def held(self) -> float:
+        """Largest mass held [kg]; the identified one of a load without a declared mass."""
+        if self.load is not None:
+            return self.load
+        found = {load.name: load.parameters[0].value for load in self.file.record.model.loads}
+        masses = [
+            found.get(load.load.name, load.load.mass or 0.0) for load in self.file.record.loads
+        ]
+        return max(masses, default=0.0)
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name or self.file.record.log
+
+
+def recorded(
+    files: Sequence[FactorFile], times: Sequence[datetime] | None = None
+) -> list[Recorded]:
+    """Factor files in the order of time, by what is given, their stamps, or dates in their names.
+
+    Raises:
+        RecordingError: nothing says when one was made.
+    """
+    stamps = [_time(file) for file in files] if times is None else times
+    recordings = [Recorded(file, time) for file, time in zip(files, stamps, strict=True)]
+    return sorted(recordings, key=lambda recording: recording.time)
+
+
+def _time(file: FactorFile) -> datetime:
+    record = file.record
+    if record.first > _SINCE_1970:
+        return datetime.fromtimestamp(record.first, UTC).replace(tzinfo=None)
+    reason = (
+        f"nothing says when {record.log} was made: its stamps do not count from 1970, and its name "
+        "has no date"
+    )
+    if match := _DATE.search(record.log):
+        year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
+        try:
+            return datetime(year, month, day, hour, minute, second)
+        except ValueError:
+            reason = f"the date in {record.log} is none"
+    raise RecordingError(
+        reason,
+        where=file.path or record.log,
+        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
+        "or give times",
+    )

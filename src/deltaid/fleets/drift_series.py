@@ -1,0 +1,222 @@
+"""Series of logarithms of friction, with regressors that explain them without a change.
+
+Outliers among their neighbours count less.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
+
+from deltaid.fleets.drift_evidence import (
+    SIZE,
+    YEAR,
+    Changes,
+    Evidence,
+    evidence,
+    first_prior,
+    with_others,
+)
+from deltaid.fleets.drift_noise import Scatter, whitened_sums
+
+# Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
+# drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's
+# seasons where no temperature is known, of a step as a tool changes.
+_TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
+_UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
+# A sensor that errs from day to day makes the slope of all days too small; that of a temperature
+# over weeks [days] may be another, by so much and between drives.
+_WEEKS, _SLOW, _UNLIKE_SLOW = 7.0, 0.4, 0.02
+# A level may be anywhere.
+FLAT = 1e4
+# Outliers: neighbours on each side, how many robust deviations are still usual, the least of these
+# [%], and what makes a median of magnitudes the standard deviation of a normal distribution.
+_SIDE, _USUAL, _LEAST, ROBUST = 7, 3.0, 0.2, 1.4826
+# Friction that is known no better than to this share is not used.
+_VAGUE = 0.3
+# Uncertainty by an unknown temperature, if the others are known [%/K].
+_USUAL_SLOPE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """Regressors of friction without a change, the level first.
+
+    Attributes:
+        scale: standard deviations of coefficients before any recording, in units of σ.
+        unlike: the same between drives of one robot; infinite where nothing is common.
+        unknown: what is not known of a column that should be, as a standard deviation [%].
+    """
+
+    names: tuple[str, ...]
+    columns: Float[np.ndarray, "n regressors"]
+    scale: Float[np.ndarray, " regressors"]
+    unlike: Float[np.ndarray, " regressors"]
+    unknown: Float[np.ndarray, " n"]
+
+    @classmethod
+    def of(
+        cls,
+        days: Float[np.ndarray, " n"],
+        temperature: Float[np.ndarray, " n"],
+        load: Float[np.ndarray, " n"],
+        tools: Sequence[float] = (),
+    ) -> "Regressors":
+        """Those of recordings.
+
+        Args:
+            temperature: [°C], NaN where it is not known.
+            load: [kg].
+            tools: days on which a tool was changed.
+        """
+        rows = [("level", np.ones(len(days)), FLAT, np.inf)]
+        known, unknown = np.isfinite(temperature), np.zeros(len(days))
+        if known.any():
+            T = np.where(known, temperature - temperature[known].mean(), 0.0)
+            unknown[~known] = _USUAL_SLOPE * temperature[known].std()
+            rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
+            rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
+            slow = _slow(days, T, known)
+            rows.append(("slow temperature", slow, _SLOW, _UNLIKE_SLOW))
+        else:
+            angle = 2.0 * np.pi * days / YEAR
+            rows.append(("season", np.sin(angle), _SEASON, np.inf))
+            rows.append(("season'", np.cos(angle), _SEASON, np.inf))
+        if np.ptp(load) > 0:
+            rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
+        rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]
+        names, columns, scale, unlike = zip(*rows, strict=True)
+        return cls(names, np.stack(columns, axis=1), np.array(scale), np.array(unlike), unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Series and the evidence for changes in them.
+
+    Attributes:
+        y: logarithms of friction [%], less `start`, their median; NaN where undetermined.
+    """
+
+    days: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, "series n"]
+    start: Float[np.ndarray, " series"]
+    regressors: Regressors
+    changes: Changes
+    found: Evidence
+
+
+def _slow(
+    days: Float[np.ndarray, " n"], T: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """A temperature over weeks."""
+    weights = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
+    size = weights.sum(axis=1)
+    return np.where(size > 0.0, weights @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)
+
+
+def in_percent(
+    mean: Float[np.ndarray, "drives n"], std: Float[np.ndarray, "drives n"]
+) -> tuple[Float[np.ndarray, "drives n"], Float[np.ndarray, "drives n"]]:
+    """Logarithms of friction and their deviations [%]; NaN where it is not known."""
+    good = (mean > 0) & (std < _VAGUE * np.abs(mean)) & np.isfinite(std)
+    safe = np.where(good, mean, 1.0)
+    return np.where(good, 100.0 * np.log(safe), np.nan), np.where(good, 100.0 * std / safe, np.inf)
+
+
+def explained(
+    days: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, "series n"],
+    std: Float[np.ndarray, "series n"],
+    regressors: Sequence[Regressors],
+) -> Explained:
+    """Evidence of changes in the series of one robot, or of several with recordings on the same
+    days.
+
+    Args:
+        y, std: as of `in_percent`; of a robot after the other.
+        regressors: of each robot, as many columns of each.
+    """
+    drives, first = len(y) // len(regressors), regressors[0]
+    X = np.repeat(np.stack([robot.columns for robot in regressors]), drives, axis=0)
+    unknown = np.repeat(np.stack([robot.unknown for robot in regressors]), drives, axis=0)
+    some = np.isfinite(y).any(axis=1)
+    start = np.zeros(len(y))
+    start[some] = np.nanmedian(y[some], axis=1)
+    z = y - start[:, None]
+    variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
+    changes = Changes.over(days)
+    evidence = evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives)
+    return Explained(days, z, start, first, changes, evidence)
+
+
+def evidence_of(
+    days: Float[np.ndarray, " n"],
+    z: Float[np.ndarray, "series n"],
+    variance: Float[np.ndarray, "series n"],
+    X: Float[np.ndarray, "series n regressors"],
+    changes: Changes,
+    scale: Float[np.ndarray, " regressors"],
+    unlike: Float[np.ndarray, " regressors"],
+    drives: int,
+) -> Evidence:
+    """Evidence of changes beside regressors, whose first is the level.
+
+    Args:
+        z: series, NaN where there is no recording.
+        variance: of each recording, in units of σ² of new scatter; outliers get more.
+        scale, unlike: as of `Regressors`.
+        drives: series of one robot, which follow each other.
+    """
+    variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
+    base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
+    scatter = Scatter.grid()
+    sums = whitened_sums(days, variance, base, changes.columns, scatter)
+    prior = first_prior(scale, scatter, len(z))
+    alone = evidence(sums, changes, prior)
+    if drives == 1:
+        return alone
+    return evidence(sums, changes, with_others(alone, changes, prior, unlike, drives))
+
+
+def inflation(
+    y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
+) -> Float[np.ndarray, "series n"]:
+    """By how much the variance of each recording grows: 1 where it is as its neighbours are.
+
+    Args:
+        y: series in percent, NaN where there is no recording.
+        regressors: what explains it beside its level.
+    """
+    z = y - _explained(y, regressors)
+    wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
+    residual = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
+    scale = np.maximum(ROBUST * _median(residual)[:, None], _LEAST)
+    return np.nan_to_num(np.maximum(residual / (_USUAL * scale), 1.0) ** 2, nan=1.0)
+
+
+def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
+    """Along the last axis without NaN; NaN where nothing is left."""
+    medians, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
+    medians[some] = np.nanmedian(values[some], axis=-1)
+    return medians
+
+
+def _explained(
+    y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
+) -> Float[np.ndarray, "series n"]:
+    """Roughly: by changes from one recording to the next, great ones clipped."""
+    fitted, count = np.zeros_like(y), regressors.shape[2]
+    for k, (series, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
+        recorded = np.isfinite(series)
+        dy, dX = np.diff(series[recorded]), np.diff(X[recorded], axis=0)
+        slope = np.zeros(count)
+        for _ in range(3):
+            residual = dy - dX @ slope
+            scale = max(ROBUST * np.median(np.abs(residual)), _LEAST) if len(residual) else 1.0
+            target = dX @ slope + np.clip(residual, -2.0 * scale, 2.0 * scale)
+            ridge = np.vstack([dX, scale * 0.1 * np.eye(count)])
+            slope = np.linalg.lstsq(ridge, np.append(target, np.zeros(count)), rcond=None)[0]
+        fitted[k] = X @ slope
+    return fitted

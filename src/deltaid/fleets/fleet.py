@@ -1,0 +1,170 @@
+"""All recordings of a fleet, found where its manifest says that they lie."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from deltaid.errors import DescriptionError
+from deltaid.fleets.manifest import Entry, RecordedFile, beside, read_manifest
+from deltaid.fleets.store import Store, has_pattern
+from deltaid.model.options import Period
+from deltaid.robot.load import catalogue
+
+# A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
+    r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
+)
+# Folders such as year=2026/month=01/day=31.
+_KEYS = re.compile(r"\b(?:year|month|day|date|hour)=", re.IGNORECASE)
+
+
+@dataclass(frozen=True, order=True)
+class Recorded:
+    """One recording of a fleet.
+
+    Attributes:
+        robot: whose.
+        time: when it was made.
+        path: where it lies, a path or an address.
+        type: the robot's, as the manifest has it.
+        columns: mapping file; empty for default names.
+        load: mass that was held all the time [kg]; None if nothing is said.
+        temperature: [°C]; None if not known.
+        stamp: changes when the file does; empty where it is no longer there.
+    """
+
+    robot: str
+    time: datetime
+    path: str
+    type: str
+    columns: str = ""
+    load: float | None = None
+    temperature: float | None = None
+    stamp: str = ""
+
+
+@dataclass(frozen=True)
+class Absent:
+    """What the manifest names and no file can be used for.
+
+    Attributes:
+        robot: whose.
+        path: path, address or pattern.
+        reason: why.
+    """
+
+    robot: str
+    path: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """All recordings of a fleet, in the order of robots and time.
+
+    Attributes:
+        recordings: each once.
+        types: where the description of each type is.
+        period: of which recordings are fitted together.
+        absent: what is named and not there, or has no date.
+        entries: robot, and path or pattern, of all that the manifest names.
+    """
+
+    recordings: tuple[Recorded, ...]
+    types: dict[str, str]
+    period: Period = "week"
+    absent: tuple[Absent, ...] = ()
+    entries: tuple[tuple[str, str], ...] = ()
+
+
+def find_fleet(manifest: str, store: Store, period: Period | None = None) -> Fleet:
+    """The fleet of a manifest; paths are seen from its folder.
+
+    Args:
+        period: in the place of the manifest's.
+
+    Raises:
+        DescriptionError: the manifest is wrong, or gives a recording to two robots.
+        StoreError: a store cannot be reached.
+    """
+    read, absent, types = read_manifest(manifest, store), list[Absent](), dict[str, str]()
+    found, entries = dict[str, Recorded](), list[tuple[str, str]]()
+    named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
+    single = store.stamps(pattern for pattern, _ in named if not has_pattern(pattern))
+    for pattern, (robot, kind, file, columns) in named:
+        types[kind] = kind if kind in catalogue() else beside(kind, manifest)
+        entries.append((robot, pattern))
+        matches = (
+            store.matching(pattern)
+            if has_pattern(pattern)
+            else {pattern: single[pattern]}
+            if pattern in single
+            else {}
+        )
+        if not matches:
+            what = "no file answers to it" if has_pattern(pattern) else "no such file"
+            absent.append(Absent(robot, pattern, f"{what}\n  → check the manifest"))
+        for one in _recorded((robot, kind, file, columns), matches, manifest):
+            if isinstance(one, Absent):
+                absent.append(one)
+            elif found.setdefault(one.path, one) != one:
+                raise DescriptionError(
+                    f"{one.path} is given twice, for {found[one.path].robot} and for {one.robot}"
+                    if found[one.path].robot != one.robot
+                    else f"{one.path} is given twice, with different words about it",
+                    where=manifest,
+                    cure="give each recording once; patterns may overlap",
+                )
+    return Fleet(
+        tuple(sorted(found.values())), types, period or read.period, tuple(absent), tuple(entries)
+    )
+
+
+def period_of(time: datetime, period: Period) -> str:
+    """The name of the period that a time falls into: 2026-W05, 2026-01, 2026-01-31, all."""
+    if period == "week":
+        year, week, _ = time.isocalendar()
+        return f"{year}-W{week:02d}"
+    return {"day": f"{time:%Y-%m-%d}", "month": f"{time:%Y-%m}", "all": "all"}[period]
+
+
+def _recorded(entry: Entry, matches: dict[str, str], manifest: str) -> Iterable[Recorded | Absent]:
+    robot, kind, file, columns = entry
+    mapping = beside(columns, manifest) if columns else ""
+    for path, stamp in matches.items():
+        time = _time(file, path)
+        if time is None:
+            yield Absent(
+                robot, path,
+                "nothing says when it was made\n"
+                "  → give its time, or put a date such as 2026-01-31 into its name or folder",
+            )  # fmt: skip
+            continue
+        yield Recorded(robot, time, path, kind, mapping, file.load, file.temperature, stamp)
+
+
+def _numbers(match: re.Match[str]) -> tuple[int, int, int, int, int, int]:
+    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
+    return year, month, day, hour, minute, second
+
+
+def _time(file: RecordedFile, path: str) -> datetime | None:
+    """When a recording was made, by what is said, by its name, or by its folders."""
+    if file.time is not None:
+        given = file.time
+        time = (
+            given if isinstance(given, datetime) else datetime(given.year, given.month, given.day)
+        )
+        return time.astimezone(UTC).replace(tzinfo=None) if time.tzinfo else time
+    name = Path(path).name
+    folders = _KEYS.sub("", path.replace("\\", "/")).replace("/", "-")
+    for text in (name, folders):
+        for match in reversed(list(_DATE.finditer(text))):
+            try:
+                return datetime(*_numbers(match))
+            except ValueError:  # such as the 31st of February
+                continue
+    return None

@@ -1,0 +1,235 @@
+"""One recording condensed: identified alone, corrected, gathered with columns for any law."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.checks.identified import identify
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.effects.lag_columns import LagColumns
+from deltaid.effects.lag_groups import alone
+from deltaid.effects.load_columns import LoadColumns
+from deltaid.errors import DeltaidError
+from deltaid.estimation.information import Information, merge, triangle
+from deltaid.estimation.scatter import Places
+from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
+from deltaid.fleets.factor_file import ENDING, FactorFile, read_key, write
+from deltaid.fleets.factor_record import Condensed, Group, Groups, record_of
+from deltaid.fleets.keys import digest, safe, ways
+from deltaid.identification.fit import FittedProblem, Progress
+from deltaid.identification.gathering import gather
+from deltaid.identification.geometry import geometric_rows
+from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.identification.warmth import Warmth
+from deltaid.model.record import Settings
+from deltaid.recording.mapping import ColumnMapping, mapping_each
+from deltaid.recording.memory import RecordingLike
+from deltaid.recording.opening import open_table
+from deltaid.recording.recording import Recording
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
+
+# Of a recording: consecutive stretches of time, and places of the platform, the last of which holds
+# the seldom visited ones. Together no more than 40 groups.
+_STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
+# Bytes of a file at most, and those of its record; numbers of the whole take twice those of a
+# group, and the rows with tolerances about one and a half.
+_BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
+# A recording's range along an axis is cut into three to seven places.
+_PARTS = 3
+
+
+def gathered(
+    robot: RobotLike,
+    log: RecordingLike,
+    *,
+    columns: ColumnMapping | None = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> FactorFile:
+    """A recording identified alone, corrected and condensed; arguments and errors are those of
+    `deltaid.identify`. Rows are kept as recorded, so that effects of the contest of causes stay in
+    them."""
+    type_ = described(robot)
+    settings = (settings or Settings()).changed(effects="none")
+    result = identify(
+        type_, [log], columns=columns, settings=settings, force=force, progress=progress
+    )
+    progress("condensing")
+    problem, recording = result.problem, result.recordings[0]
+    over = gathered_columns(problem, recording)
+    factors, quantities = with_geometry(condensed(over, recording), over, problem, recording)
+    return FactorFile(record_of(type_, result, factors, quantities), factors)
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """What became of one recording."""
+
+    log: Path
+    path: Path  # its factor file, whether or not it could be made
+    state: Literal["new", "there", "refused"]  # 'there' where it had been made before
+    error: DeltaidError | None = None  # why it was refused
+
+    @property
+    def reason(self) -> str:
+        """Why it was refused; empty if it was not."""
+        return "" if self.error is None else str(self.error)
+
+
+def gather_into(
+    folder: Path,
+    robot: RobotDescription,
+    logs: Sequence[Path],
+    *,
+    columns: Sequence[ColumnMapping | None] | ColumnMapping | None = None,
+    settings: Settings | None = None,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+) -> Iterator[Gathering]:
+    """Gather recordings into a folder, one after the other; those that are there are not read.
+
+    A recording that cannot be used is refused with its reason and does not stop the others. A file
+    follows from the recording's bytes, the mechanism, the mapping, settings of filter, masks and
+    corrections, and the versions of deltaid and of the file: their checksum is in its name. The
+    folder is made if there is none; other arguments are those of `deltaid.identify`.
+    """
+    settings = settings or Settings()
+    for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
+        path = folder / f"{safe(log.name)}{ENDING}"
+        try:
+            sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
+            key = digest([sha256, version("deltaid"), ways(robot, mapping, settings)])
+            path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
+            if read_key(path) == key:
+                yield Gathering(log, path, "there")
+                continue
+            file = gathered(
+                robot, log, columns=mapping, settings=settings, force=force, progress=progress
+            )
+            write(file, path, key)
+        except DeltaidError as error:
+            yield Gathering(log, path, "refused", error)
+            continue
+        yield Gathering(log, path, "new")
+
+
+def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
+    """The columns of a recording that has been fitted alone.
+
+    Lags see the slope of the fitted model's torques.
+    """
+    extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
+    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), extra)
+    p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
+    p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
+    groups = alone(problem.dynamics.dof)
+    lags = LagColumns(columns.dynamics, columns.additions, p, recording, groups)
+    return replace(columns, additions=(*columns.additions, lags))
+
+
+def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
+    """A recording's factors over gathered columns."""
+    rows = MeasuredRows(columns.regressor)
+    box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
+    places = Places(box, rows.dof, len(rows.active) + 1, parts)
+    drives, entries = rows.regressor_pattern
+    felt = tuple(
+        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
+    )
+    column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
+    with_tau = [column[np.append(own, -1)] for own in felt]
+    sizes = [len(own) for own in with_tau]
+    # As many stretches of time and places as a file has room for, by the sizes of its factors.
+    room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
+    most_places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
+    stretches = max(min(_STRETCHES, room - most_places), 2)
+    blocks = gather(rows, recording, places, count=stretches)
+
+    def group(name: str, part: Information) -> Group:
+        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
+        return Group(name, tuple(factors), part.samples, part.torque_max)
+
+    groups = [group(f"time {k}", block) for k, block in enumerate(blocks)]
+    for name, sums in _by_place(places.sums, names, most_places):
+        factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, with_tau, strict=True))
+        groups.append(Group(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
+    whole = group("whole", merge(blocks))
+    return Condensed(tuple(columns.place), felt, whole, Groups.of(groups))
+
+
+def with_geometry(
+    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
+) -> tuple[Condensed, tuple[str, ...]]:
+    """The same with the effect of the description's tolerances on some rows, and their names."""
+    if columns.dynamics.robot.tolerances.exact:
+        return condensed, ()
+    p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
+    rows = next(
+        geometric_rows(
+            columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
+        )
+    )
+    every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
+    shifts = np.arange(len(columns.kept), every[0].shape[1])
+    factors = (
+        triangle(part[:, [*felt, *shifts]])
+        for part, felt in zip(every, condensed.felt, strict=True)
+    )
+    geometry = Group("geometry", tuple(factors), none, none)
+    return replace(condensed, geometry=geometry), rows.names
+
+
+def _cells(
+    robot: RobotDescription, reach: Float[np.ndarray, "2 3"]
+) -> tuple[Float[np.ndarray, "2 3"], tuple[int, int, int], list[str]]:
+    """Cells of the workspace that a recording reaches: their box [m], how many there are along each
+    axis, and names.
+
+    They are the workspace's thirds, halved until they are a third of the recording's range or less,
+    so that recordings of the same robot share cells and their names.
+    """
+    low, high = robot.workspace.bounding_box
+    whole = np.maximum(high - low, 1e-9)
+    times = whole / np.clip(reach[1] - reach[0], 1e-3 * whole, whole)
+    halvings = np.floor(np.log2(times)).astype(int)
+    size = whole / (_PARTS * 2.0**halvings)
+    first = np.floor((reach[0] - low) / size).astype(int)
+    last = np.maximum(np.ceil((reach[1] - low) / size).astype(int), first + 1)
+    x, y, z = (last - first).tolist()
+    cells = first + np.array(list(np.ndindex(z, y, x)))[:, ::-1]
+    kind = ".".join(map(str, halvings))
+    names = [f"place {kind}:{'.'.join(map(str, cell))}" for cell in cells]
+    return low + np.stack([first, last]) * size, (x, y, z), names
+
+
+def _by_place(
+    sums: Float[np.ndarray, "places drives augmented augmented"], names: list[str], count: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """The places that are visited most, and one for all others; so many at most."""
+    weight = np.einsum("pijj->p", sums)
+    visited = np.argsort(-weight, kind="stable")[: np.count_nonzero(weight)]
+    for k in sorted(visited[: count - 1].tolist()):
+        yield names[k], sums[k]
+    if len(visited) >= count:
+        yield "place elsewhere", sums[visited[count - 1 :]].sum(axis=0)
+
+
+def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
+    """R with RᵀR = G, G positive semidefinite."""
+    values, vectors = np.linalg.eigh(G)
+    return triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
+    """The fitted parameters of the robot with plain friction."""
+    robot = plain(problem.dynamics.robot)
+    values = dict(zip(parameter_layout(robot).names, prior_parameters(robot).tolist(), strict=True))
+    fitted = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    return np.array([fitted.get(name, value) for name, value in values.items()])

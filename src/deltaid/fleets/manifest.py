@@ -1,0 +1,195 @@
+"""What a fleet is made of: which robots there are, of which type, and where their recordings lie.
+
+YAML with a list of robots, or a table (CSV, Parquet) with one row a recording or a pattern.
+Recordings are local paths or addresses of any store that fsspec knows, such as
+s3://plant/line1/*.parquet.
+"""
+
+import re
+from collections.abc import Iterator
+from datetime import date, datetime
+from io import BytesIO
+from pathlib import Path
+from typing import Annotated, Any
+
+import polars as pl
+from pydantic import Field, field_validator
+
+from deltaid.errors import DescriptionError, nearest
+from deltaid.fleets.store import Store, is_address
+from deltaid.model.options import Period
+from deltaid.robot.load import parse
+from deltaid.robot.part import Part
+
+_ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
+_TABLES = (".csv", ".parquet")
+# Columns of a table, of which the first two must be there.
+_COLUMNS = ("robot", "recording", "type", "time", "columns", "load", "temperature")
+
+
+class RecordedFile(Part):
+    """One recording, or several by a pattern."""
+
+    path: Annotated[str, Field(min_length=1, description="path, address or pattern")]
+    time: datetime | date | None = Field(
+        default=None, description="when it was made; by a date in its name if left out"
+    )
+    columns: str | None = Field(default=None, description="mapping file")
+    load: Annotated[float, Field(ge=0, le=1e6)] | None = Field(
+        default=None, description="mass that was held all the time, kg; 0 for none"
+    )
+    temperature: Annotated[float, Field(ge=-273.15, le=1e4)] | None = Field(
+        default=None, description="of gears or oil, °C"
+    )
+
+    @field_validator("time", mode="before")
+    @classmethod
+    def _is_written_out(cls, time: object) -> object:
+        # 01/02/2026 is two dates, and 20260131 would be seconds.
+        if isinstance(time, str | int | float) and not _ISO.match(str(time)):
+            raise ValueError("must be written as 2026-01-31 or 2026-01-31T08:30")
+        return time
+
+
+class FleetRobot(Part):
+    """One robot of a fleet."""
+
+    robot: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w][\w.+ -]*$")]
+    type: str | None = Field(
+        default=None, min_length=1, description="catalogue name, or file of a robot or a model"
+    )
+    columns: str | None = Field(default=None, description="mapping file of its recordings")
+    recordings: Annotated[str, Field(min_length=1)] | tuple[str | RecordedFile, ...]
+
+
+class Manifest(Part):
+    """A fleet as a user writes it."""
+
+    type: str | None = Field(
+        default=None, min_length=1, description="of robots that do not say their own"
+    )
+    columns: str | None = Field(default=None, description="mapping file of all recordings")
+    period: Period = Field(default="week", description="recordings of one are fitted together")
+    robots: Annotated[tuple[FleetRobot, ...], Field(min_length=1)]
+
+    def entries(self, where: str) -> "Iterator[Entry]":
+        """All that robots say of recordings, with what holds for all filled in.
+
+        Raises:
+            DescriptionError: a robot has no type, or two.
+        """
+        types = dict[str, str]()
+        for robot in self.robots:
+            kind = robot.type or self.type
+            if kind is None:
+                raise DescriptionError(
+                    f"robot {robot.robot} has no type",
+                    where=where,
+                    cure="give type, a catalogue name or a description file, of the robot or all",
+                )
+            if types.setdefault(robot.robot, kind) != kind:
+                raise DescriptionError(
+                    f"robot {robot.robot} has two types, {types[robot.robot]} and {kind}",
+                    where=where,
+                    cure="give each robot one type, or the two robots names of their own",
+                )
+            given = robot.recordings
+            for one in (given,) if isinstance(given, str) else given:
+                file = RecordedFile(path=one) if isinstance(one, str) else one
+                yield robot.robot, kind, file, file.columns or robot.columns or self.columns
+
+
+# Robot, type, recordings, mapping file.
+Entry = tuple[str, str, RecordedFile, str | None]
+
+
+def read_manifest(name: str, store: Store) -> Manifest:
+    """The manifest of a path or address.
+
+    Raises:
+        DescriptionError: it cannot be read, or is wrong, with line or row, and key.
+    """
+    cure = "give the YAML, CSV or Parquet file of a fleet"
+    if not is_address(name) and Path(name).is_dir():
+        raise DescriptionError("is a folder, not a file", where=name, cure=cure)
+    data = store.read(name)
+    if data is None:
+        raise DescriptionError("no such file", where=name, cure=cure)
+    ending = f".{name.rpartition('.')[2].lower()}"
+    if ending in _TABLES:
+        return _of_table(data, ending, name)
+    try:
+        return parse(data.decode("utf-8-sig"), Manifest, where=name)
+    except UnicodeDecodeError:
+        raise DescriptionError(
+            "is not text in UTF-8", where=name, cure="a fleet is a YAML, CSV or Parquet file"
+        ) from None
+
+
+def beside(name: str, manifest: str) -> str:
+    """What a name in a manifest stands for: an address, or a path from its folder."""
+    if is_address(name):
+        return name
+    if is_address(manifest):
+        return f"{manifest.rpartition('/')[0]}/{name}"
+    path = Path(name).expanduser()
+    return str(path if path.is_absolute() else Path(manifest).parent.resolve() / path)
+
+
+def _of_table(data: bytes, ending: str, where: str) -> Manifest:
+    """A manifest from a table with one row a recording."""
+    try:
+        table = (
+            pl.read_csv(data, infer_schema_length=None)
+            if ending == ".csv"
+            else pl.read_parquet(BytesIO(data))
+        )
+    except (OSError, pl.exceptions.PolarsError) as error:
+        raise DescriptionError(
+            f"cannot be read: {str(error).splitlines()[0]}", where=where, cure="check the file"
+        ) from None
+    _require_columns(table, where)
+    robots: dict[str, dict[str, Any]] = {}
+    for k, row in enumerate(table.iter_rows(named=True), start=2 if ending == ".csv" else 1):
+        place = f"{where}, row {k}"
+        given = {key: _plain(x) for key, x in row.items() if x is not None}
+        for key in ("robot", "recording"):
+            if given.get(key) in (None, ""):
+                raise DescriptionError(f"{key} is missing", where=place, cure="fill it in")
+        for key in ("robot", "type", "columns", "recording"):
+            given |= {key: str(given[key])} if key in given else {}
+        name, kind, path = given.pop("robot"), given.pop("type", None), given.pop("recording")
+        file = RecordedFile.from_dict(given | {"path": path}, place)
+        named = {"robot": name, "recordings": ()} | ({"type": kind} if kind else {})
+        FleetRobot.from_dict(named, place)
+        robots.setdefault(f"{name}\0{kind}", named | {"files": []})["files"].append(file)
+    if not robots:
+        raise DescriptionError("has no rows", where=where, cure="give a row a recording")
+    return Manifest(
+        robots=tuple(
+            FleetRobot(robot=one["robot"], type=one.get("type"), recordings=tuple(one["files"]))
+            for one in robots.values()
+        )
+    )
+
+
+def _require_columns(table: pl.DataFrame, where: str) -> None:
+    for name in table.columns:
+        if name not in _COLUMNS:
+            raise DescriptionError(
+                f"has the unknown column {name}",
+                where=where,
+                cure=f"{nearest(name, _COLUMNS)}its columns may be {', '.join(_COLUMNS)}",
+            )
+    for name in _COLUMNS[:2]:
+        if name not in table.columns:
+            raise DescriptionError(
+                f"has no column {name}",
+                where=where,
+                cure=f"its columns may be {', '.join(_COLUMNS)}; robot and recording must be",
+            )
+
+
+def _plain(value: Any) -> Any:
+    """A cell as JSON would have it."""
+    return value.isoformat() if isinstance(value, datetime | date) else value

@@ -1,0 +1,156 @@
+"""One robot's contribution to its type: rows of unit noise that condense its recordings.
+
+Least squares gives base parameters y of a robot, y = K p + e. The covariance of e comes from the
+scatter between groups of samples, as intervals do, and from tolerances of the geometry that each
+machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y have noise of covariance
+1. What belongs to the recordings alone, such as loads, is eliminated from them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from deltaid.estimation.information import triangle
+from deltaid.estimation.scatter import inverse
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.identify_gathered import prepared
+from deltaid.fleets.merged import fitted
+from deltaid.identification.fit import FittedProblem
+from deltaid.model.record import Settings
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described
+from deltaid.sensors.weighings import weighings
+
+# Below this share of a row's size a direction is rounding.
+_ROUNDING = 1e-9
+# Quantities of the geometry that each machine has for itself; lengths that are not of one limb
+# alone all machines of a type share, if their drawing is off.
+_OWN = ("zero of", "tilt about", "torque constant", " of limb ")
+
+
+@dataclass(frozen=True, eq=False)
+class Fact:
+    """A measured value of the robot: cᵀp = v ± σ.
+
+    Attributes:
+        key: what makes it the same measurement in two descriptions.
+        coefficients: c, over the member's parameters.
+    """
+
+    key: str
+    coefficients: Float[np.ndarray, " parameters"]
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """Rows and facts of one robot.
+
+    Attributes:
+        name: of the robot.
+        names: of its parameters p.
+        rows, values: rows · p = values, with independent noise of one.
+        shared: effect on the rows of geometric quantities common to all machines, for one standard
+            deviation of each.
+        quantities: names of these.
+        freedom: degrees of freedom of the noise's level.
+        facts: measured values in its description.
+        widened: entries whose prior its recordings contradict, with the factor of the spread.
+        recordings: how many.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    rows: Float[np.ndarray, "rows parameters"]
+    values: Float[np.ndarray, " rows"]
+    shared: Float[np.ndarray, "rows quantities"]
+    quantities: tuple[str, ...]
+    freedom: float
+    facts: tuple[Fact, ...] = ()
+    widened: Mapping[str, float] | None = None
+    recordings: int = 1
+
+    @property
+    def shown(self) -> set[str]:
+        """Parameters that its rows or facts show."""
+        every = np.vstack([self.rows, *(fact.coefficients for fact in self.facts)])
+        return {self.names[k] for k in np.flatnonzero(np.any(every != 0, axis=0))}
+
+
+def member(
+    name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
+) -> Member:
+    """The member that factor files of one robot determine.
+
+    Args:
+        name: of the robot.
+        files: of its recordings.
+        robot: its description; measured values in it are those of this robot, unless other robots
+            have the same.
+        settings: of the fit.
+
+    Raises:
+        RecordingError: files do not go together, or not with the robot.
+        IdentificationError: the fit cannot be posed or did not converge.
+    """
+    settings = settings or Settings()
+    files, chosen = prepared(files, described(robot), settings)
+    estimate = _of_problem(name, fitted(files, unmeasured(chosen), settings))
+    facts = tuple(
+        Fact(f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}", row.coefficients, row.value,
+             row.std)
+        for row in weighings(chosen)
+    )  # fmt: skip
+    return replace(estimate, facts=facts, recordings=len(files))
+
+
+def _of_problem(name: str, problem: FittedProblem) -> Member:
+    """The member that a fit without measured values determines.
+
+    Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
+    correlations, and groups are too few to tell others of them.
+    """
+    estimate, count, geometry = problem.estimate, len(problem.p), problem.geometry
+    noise = estimate.noise
+    half = inverse(noise.root) * noise.deviations(np.eye(len(noise.root)))[0]
+    names = geometry.names if geometry else ()
+    shifts = geometry.shifts if geometry else np.zeros((len(half), 0))
+    common = np.array([not any(word in name for word in _OWN) for name in names], dtype=bool)
+    covariance = half @ half.T + shifts[:, ~common] @ shifts[:, ~common].T
+    size = np.sqrt(np.diag(covariance))
+    L = np.linalg.cholesky(covariance / np.outer(size, size) + _ROUNDING * np.eye(len(size)))
+    K = problem.base.combination()
+    wide = np.column_stack([K[:, count:], K[:, :count], shifts[:, common], estimate.values])
+    rows = solve_triangular(L, wide / size[:, None], lower=True)
+    rows = eliminated(rows, K.shape[1] - count)
+    return Member(
+        name=name,
+        names=problem.layout.names[:count],
+        rows=rows[:, :count],
+        values=rows[:, -1],
+        shared=rows[:, count:-1],
+        quantities=tuple(np.array(names, dtype=str)[common].tolist()),
+        freedom=float(np.median(estimate.by_noise[1])),
+        widened=dict(problem.reduction.widened),
+    )
+
+
+def eliminated(
+    rows: Float[np.ndarray, "rows columns"], count: int
+) -> Float[np.ndarray, "left rest"]:
+    """Rows with their first columns projected out."""
+    if not count or not len(rows):
+        return rows[:, count:]
+    U, singular, _ = np.linalg.svd(rows[:, :count])
+    rank = int(np.sum(singular > _ROUNDING * max(singular[0], 1.0)))
+    return triangle(U[:, rank:].T @ rows[:, count:])
+
+
+def unmeasured(robot: RobotDescription) -> RobotDescription:
+    """The robot without measured values."""
+    bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
+    return robot.changed(bodies=bodies, measured=())

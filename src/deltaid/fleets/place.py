@@ -1,0 +1,136 @@
+"""The folder of a fleet: on this machine, on one that all workers share, or in a store."""
+
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import polars as pl
+
+from deltaid.errors import DeltaidError, RecordingError
+from deltaid.fleets.factor_file import ENDING, FactorFile, read, read_key, write
+from deltaid.fleets.store import Store, is_address
+
+
+@dataclass(frozen=True)
+class Place:
+    """A folder, by its path or its address, and how to get at it.
+
+    Attributes:
+        root: its absolute path, or its address.
+        store: of it, and of recordings.
+    """
+
+    root: str
+    store: Store = field(default_factory=Store)
+
+    @classmethod
+    def of(cls, folder: str | Path, store: Store) -> "Place":
+        """The folder of a name."""
+        text = str(folder)
+        return cls(text.rstrip("/") if is_address(text) else str(Path(text).resolve()), store)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a path."""
+        return not is_address(self.root)
+
+    def require(self) -> None:
+        """Find out before any work whether the folder can be written to.
+
+        Raises:
+            DeltaidError: it is a file, or cannot be made or written to.
+        """
+        if not self.is_local:
+            return
+        path = Path(self.root)
+        there = next(one for one in (path, *path.parents) if one.exists())
+        if not there.is_dir():
+            raise DeltaidError(
+                "is a file, not a folder", where=str(there), cure="give another name"
+            )
+        if not os.access(there, os.W_OK):
+            raise DeltaidError(
+                "cannot be written to",
+                where=str(there),
+                cure="check the folder's permissions, or give another place",
+            )
+
+    def at(self, name: str) -> str:
+        """Path or address of a file in it."""
+        return f"{self.root}/{name}"
+
+    def table(self, name: str) -> pl.DataFrame | None:
+        """A Parquet table in it; None if there is none.
+
+        Raises:
+            DeltaidError: it is no table.
+        """
+        data = self.store.read(self.at(name))
+        if data is None:
+            return None
+        try:
+            return pl.read_parquet(BytesIO(data))
+        except (OSError, pl.exceptions.PolarsError) as error:
+            raise DeltaidError(
+                f"is no Parquet table: {str(error).splitlines()[0]}",
+                where=self.at(name),
+                cure="remove it; it is made again",
+            ) from None
+
+    def finished(self, name: str) -> pl.DataFrame | None:
+        """A table that a task has left; None if there is none that is whole."""
+        try:
+            return self.table(name)
+        except DeltaidError:
+            return None
+
+    def save(self, name: str, frame: pl.DataFrame) -> None:
+        """Write a Parquet table."""
+        buffer = BytesIO()
+        frame.write_parquet(buffer, compression="zstd")
+        self.store.write(self.at(name), buffer.getvalue())
+
+    def factors(self, name: str, key: str | None = None) -> FactorFile:
+        """A factor file in it.
+
+        Args:
+            key: of what it has to follow from, if that is known.
+
+        Raises:
+            RecordingError: there is none, or it is damaged, or of something else.
+        """
+        with self._here(name) as path:
+            if key is not None and read_key(path) != key:
+                raise RecordingError(
+                    "is not there, damaged, or of another call",
+                    where=self.at(name),
+                    cure="call again: it is gathered anew",
+                )
+            return replace(read(path), path=name)
+
+    def size(self, name: str) -> int:
+        """Bytes of a file; zero if there is none."""
+        return int(self.store.stamp(self.at(name)).partition(" ")[0] or 0)
+
+    def save_factors(self, name: str, found: FactorFile, key: str) -> int:
+        """Write a factor file; its size in bytes."""
+        with TemporaryDirectory(prefix="deltaid-") as folder:
+            path = Path(folder) / f"a{ENDING}"
+            write(found, path, key)
+            data = path.read_bytes()
+        self.store.write(self.at(name), data)
+        return len(data)
+
+    @contextmanager
+    def _here(self, name: str) -> Generator[Path]:
+        try:
+            with self.store.local(self.at(name)) as path:
+                yield path
+        except FileNotFoundError:
+            raise RecordingError(
+                "is not there", where=self.at(name), cure="call again: it is gathered anew"
+            ) from None

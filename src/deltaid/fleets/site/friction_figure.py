@@ -1,0 +1,167 @@
+"""Friction of drives over time: what was seen, when it changed, how fast, and until when."""
+
+from datetime import datetime, timedelta
+
+import polars as pl
+
+from deltaid.fleets.site.panels import Data, Panel, dates, numbers
+from deltaid.fleets.site.state import Row
+from deltaid.view import style
+from deltaid.view.numbers import WIDTH, number
+
+# The quantity that drift is told of.
+MAIN = "friction"
+_NAME = "friction, with 95 % intervals"
+_MONTH = timedelta(days=30.4375)
+
+
+def main_quantity(seen: pl.DataFrame) -> pl.DataFrame:
+    """Rows of mean friction, which drift is told of."""
+    return seen.filter(pl.col("quantity") == MAIN).sort("time")
+
+
+def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
+    """One drive over time.
+
+    Args:
+        seen: its rows of the table of friction, of one quantity, in the order of time.
+        drift: its row of the table of drift, if the quantity is the one that is told of.
+    """
+    unit = f"[{seen['unit'][0]}]"
+    slope = None if drift is None else drift["temperature_slope"]
+    if drift is None or slope is None or seen["temperature"].null_count() == len(seen):
+        traces = [_dots(seen, "value", _NAME) | _errors(seen)]
+    else:
+        warm = pl.col("temperature") - pl.col("temperature").mean()
+        cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
+        seen = seen.with_columns(cooled=cooled)
+        traces = [_faint(seen), _dots(seen, "cooled", f"{_NAME}, at one temperature")]
+        traces[1] |= _errors(seen)
+    if drift is None:
+        return Panel(title, tuple(traces), unit=unit)
+    if drift["state"] in ("rising", "falling"):
+        traces += _trend(drift, seen)
+    elif drift["state"] == "stepped":
+        traces += _step(drift, seen)
+    return Panel(title, tuple(traces), _change(drift), unit)
+
+
+def time_axis(seen: pl.DataFrame) -> Data:
+    """Of all panels alike; a single time has some days around it."""
+    axis = {"type": "date", "matches": "x"}
+    first, last = seen["time"].min(), seen["time"].max()
+    if not isinstance(first, datetime) or first != last:
+        return axis
+    return axis | {"range": [_at(first - timedelta(days=3)), _at(first + timedelta(days=3))]}
+
+
+def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
+    """What was seen."""
+    return {
+        "type": "scatter",
+        "x": dates(seen["time"]),
+        "y": numbers(seen[value]),
+        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}<extra></extra>",
+        "name": name,
+        "mode": "markers",
+        "marker": {"color": style.MEASURED, "size": 5},
+    }
+
+
+def _errors(seen: pl.DataFrame) -> Data:
+    half = numbers(WIDTH * seen["std"].fill_null(0.0))
+    return {"error_y": {"type": "data", "array": half, "width": 0, "thickness": 1}}
+
+
+def _faint(seen: pl.DataFrame) -> Data:
+    """Values as they were, at whatever temperature."""
+    marker = {"color": style.PRIOR, "size": 4, "opacity": 0.5}
+    warm = seen["temperature"].to_list()
+    return _dots(seen, "value", "as recorded") | {
+        "marker": marker,
+        "text": ["" if t is None else f" at {number(t, 3)} °C" for t in warm],
+        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
+    }
+
+
+def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
+    """The line of the rate with its interval, from the change on, and the limit.
+
+    A rate is a share a month of what friction is then, so it grows by itself; over what is drawn a
+    straight line is as good.
+    """
+    first, last = seen["time"][0], seen["time"][-1]
+    begin = row["change"] or first
+    if row["rate"] is None or row["level"] is None:
+        return []
+    end = _end(row, begin, last)
+    months = (end - begin) / _MONTH
+
+    def at_end(rate: float) -> float:
+        return row["level"] * (1 + rate) ** months
+
+    traces = list[Data]()
+    if row["rate_low"] is not None and row["rate_high"] is not None:
+        traces.append(
+            {
+                "type": "scatter",
+                "x": [_at(begin), _at(end), _at(end)],
+                "y": [row["level"], at_end(row["rate_high"]), at_end(row["rate_low"])],
+                "name": "its 95 % interval",
+                "mode": "lines",
+                "line": {"width": 0},
+                "fill": "toself",
+                "fillcolor": style.PREDICTED,
+                "opacity": 0.25,
+                "hoverinfo": "skip",
+            }
+        )
+    ends = [row["level"], at_end(row["rate"])]
+    traces.append(_line("rate", [begin, end], ends, style.PREDICTED, "solid"))
+    if row["limit"] is not None:
+        traces.append(_line("limit", [first, end], [row["limit"]] * 2, style.LIMIT, "dash"))
+    return traces
+
+
+def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
+    """Levels before and after a step, and the limit."""
+    first, last = seen["time"][0], seen["time"][-1]
+    on, level, step = row["change"], row["level"], row["step"]
+    if on is None or level is None or step is None:
+        return []
+    x, y = [first, on, on, last], [level, level, level * (1 + step), level * (1 + step)]
+    traces = [_line("level", x, y, style.PREDICTED, "solid")]
+    if row["limit"] is not None:
+        traces.append(_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash"))
+    return traces
+
+
+def _end(row: Row, begin: datetime, last: datetime) -> datetime:
+    """As far as a line is drawn: to the limit, but not much beyond what was seen."""
+    furthest = last + max(last - begin, _MONTH)
+    return min(max(row["horizon"] or last, last), furthest)
+
+
+def _line(name: str, times: list[datetime], y: list[float], color: str, dash: str) -> Data:
+    return {
+        "type": "scatter", "x": [_at(time) for time in times], "y": y, "name": name,
+        "mode": "lines", "line": {"color": color, "width": 2, "dash": dash},
+    }  # fmt: skip
+
+
+def _change(row: Row) -> tuple[Data, ...]:
+    """The day of a change, and the days that it may have been."""
+    if row["change"] is None:
+        return ()
+    on, low, high = (row[key] for key in ("change", "change_low", "change_high"))
+    line = {"type": "line", "x0": _at(on), "x1": _at(on),
+            "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}}  # fmt: skip
+    if low is None or high is None:
+        return (line,)
+    band = {"type": "rect", "x0": _at(low), "x1": _at(high), "fillcolor": style.RESIDUAL,
+            "opacity": 0.18, "line": {"width": 0}}  # fmt: skip
+    return line, band
+
+
+def _at(time: datetime) -> str:
+    return f"{time:%Y-%m-%d %H:%M}"

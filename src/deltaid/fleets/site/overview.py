@@ -1,0 +1,223 @@
+"""The page of a whole fleet: which robots need attention and why, then all of them."""
+
+from collections.abc import Mapping, Sequence
+
+import polars as pl
+
+from deltaid.fleets.site.chapters import deviations, levels, quarantine, type_section
+from deltaid.fleets.site.friction_figure import friction_panel, main_quantity
+from deltaid.fleets.site.panels import Panel, grid
+from deltaid.fleets.site.parts import NOTHING, WORDS, bounds, share, shown
+from deltaid.fleets.site.state import Robot, Urgency, day
+from deltaid.fleets.site.tables import Tables
+from deltaid.view.page import Block, Chart, Fact, Page, Section
+from deltaid.view.summary import Grade, Summary
+from deltaid.view.table import Table
+
+# Robots that the verdict tells of, those in the table below it, panels of friction.
+_TOLD, _LISTED, _PANELS = 3, 20, 12
+
+
+def overview(
+    tables: Tables,
+    robots: Sequence[Robot],
+    title: str,
+    links: Mapping[str, str],
+    types: Mapping[str, str],
+    labels: Mapping[str, str],
+) -> Page:
+    """The page of a fleet.
+
+    Args:
+        title: of the page.
+        links: addresses of the robots' pages.
+        types: addresses of the types' pages.
+        labels: what types are called.
+    """
+    urgent = [one for one in robots if one.urgency < Urgency.NONE]
+    return Page(
+        title=title,
+        subtitle=_subtitle(robots, types),
+        verdict=verdict(tables, robots),
+        facts=_facts(tables, robots, urgent),
+        warnings=(*tables.words, *_of_types(tables, labels)),
+        front=(*_attention(urgent, links), *_rising(tables, urgent)),
+        sections=(
+            Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
+            *levels(tables, robots, labels),
+            *deviations(tables, labels),
+            *type_section(tables, robots, types, labels),
+            *quarantine(tables),
+        ),
+    )
+
+
+def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
+    """In one sentence how many robots need attention, then which and why."""
+    urgent = [one for one in robots if one.urgency < Urgency.NONE]
+    act = sum(one.urgency is Urgency.ACT for one in urgent)
+    lines = [
+        f"{one.name}: {'; '.join(concern.text for concern in one.concerns)}."
+        for one in urgent[:_TOLD]
+    ]
+    if len(urgent) > _TOLD:
+        lines.append(f"And {len(urgent) - _TOLD} more, told below.")
+    lines += _untold(tables, robots)
+    many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
+    if act:
+        now = "now" if act == len(urgent) else f", {act} of them now"
+        grade, said = Grade.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
+    elif urgent:
+        grade, said = Grade.FAIR, f"{many} attention."
+    elif tables.absent & {"drift", "recordings"}:
+        grade, said = Grade.UNTESTED, "No robot is known to need attention, but tables are missing."
+    elif 2 * _unknown(robots) > sum(len(one.drives) for one in robots):
+        said = "No robot is known to need attention, but there is too little to tell of most."
+        grade = Grade.UNTESTED
+    else:
+        grade, said = Grade.GOOD, f"None of {len(robots)} robots needs attention."
+    return Summary(grade, said, tuple(lines))
+
+
+def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
+    """What nobody can tell yet, and what was not used."""
+    drives = [row for one in robots for row in one.drives]
+    unknown = _unknown(robots)
+    lines = []
+    if unknown:
+        lines.append(
+            f"Of {unknown} of {len(drives)} drives there is too little to tell whether their "
+            "friction changes."
+        )
+    bad = sum(one.quarantined for one in robots)
+    if bad:
+        all_of_them = sum(one.recordings for one in robots)
+        lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
+    return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
+
+
+def _unknown(robots: Sequence[Robot]) -> int:
+    """Drives of which nobody can tell yet whether their friction changes."""
+    return sum(row["state"] == "unknown" for one in robots for row in one.drives)
+
+
+def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
+    """Types of which nothing could be said, and why."""
+    lost = tables.quarantine.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
+    return [
+        f"Robots of type {labels.get(row['which'], row['which'])} could not be compared: "
+        f"{row['reason']}"
+        for row in lost.iter_rows(named=True)
+    ]
+
+
+def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
+    firsts = [one.first for one in robots if one.first is not None]
+    lasts = [one.last for one in robots if one.last is not None]
+    span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
+    count = len(types)
+    return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
+
+
+def _facts(tables: Tables, robots: Sequence[Robot], urgent: Sequence[Robot]) -> tuple[Fact, ...]:
+    recordings = sum(one.recordings for one in robots)
+    bad = sum(one.quarantined for one in robots)
+    facts = [Fact("need attention", str(len(urgent)), f"of {len(robots)} robots")]
+    if "recordings" not in tables.absent:
+        facts += [Fact("recordings", str(recordings)), Fact("in quarantine", str(bad))]
+    if "drift" not in tables.absent:
+        rising = sum(row["state"] == "rising" for one in robots for row in one.drives)
+        facts.append(Fact("drives with rising friction", str(rising)))
+    if "members" not in tables.absent:
+        foreign = sum(one.belongs is False for one in robots)
+        facts.append(Fact("not like their type", str(foreign)))
+    return tuple(facts)
+
+
+def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
+    """Why each robot needs attention, the most urgent first."""
+    if not urgent:
+        return ()
+    listed = urgent[:_LISTED]
+    rows = tuple(
+        (one.name, WORDS[one.urgency], "; ".join(concern.text for concern in one.concerns))
+        for one in listed
+    )
+    more = len(urgent) - len(listed)
+    return (
+        Table(
+            ("robot", "how soon", "why"),
+            rows,
+            "Robots that need attention: act within four weeks, or look when there is time."
+            + f" {more} more are the next in the table of all robots." * (more > 0),
+            marked=frozenset(range(len(rows))),
+            links=tuple(links[one.name] for one in listed),
+        ),
+    )
+
+
+def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
+    """Friction over time of drives where it changes."""
+    changed = [(one, row) for one in urgent for row in one.changed]
+    panels = list[Panel]()
+    for one, row in changed[:_PANELS]:
+        whose = (pl.col("robot") == one.name) & (pl.col("drive") == row["drive"])
+        seen = main_quantity(tables.friction.filter(whose))
+        if len(seen):
+            panels.append(friction_panel(f"{one.name}, {row['drive']}", seen, row))
+    if not panels:
+        return ()
+    more = len(changed) - len(panels)
+    told = f" {more} more drives are on the pages of their robots." if more else ""
+    return (
+        Chart(
+            grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True),
+            "Friction over time of drives where it changes. Dotted: the day of the change, with "
+            f"the days it may have been.{told}",
+        ),
+    )
+
+
+def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
+    """All robots, to be sorted and searched."""
+    rows = tuple(
+        (
+            one.name,
+            WORDS[one.urgency],
+            labels.get(one.type, one.type) or NOTHING,
+            _changed(one),
+            day(one.until),
+            {True: "yes", False: "no", None: NOTHING}[one.belongs],
+            day(one.last),
+            str(one.recordings),
+            str(one.quarantined),
+            shown(one.noise, 3),
+            share(one.worst_error),
+        )
+        for one in robots
+    )
+    columns = ("robot", "state", "type", "friction", "limit on", "like its type",
+               "last recording", "recordings", "in quarantine", "noise",
+               "torque error")  # fmt: skip
+    return Table(
+        columns,
+        rows,
+        "Noise and torque error, the worst drive's, are those of the last fit. A click on a head "
+        "sorts.",
+        marked=frozenset(k for k, one in enumerate(robots) if one.urgency < Urgency.NONE),
+        links=tuple(links[one.name] for one in robots),
+        choices=(1, 2, 5),
+    )
+
+
+def _changed(robot: Robot) -> str:
+    """Drives whose friction changes, or what is said of all."""
+    if robot.changed:
+        kinds: dict[str, list[str]] = {}
+        for row in robot.changed:
+            kinds.setdefault(row["state"], []).append(row["drive"])
+        return "; ".join(f"{state} in {' and '.join(names)}" for state, names in kinds.items())
+    states = {row["state"] for row in robot.drives}
+    if not states:
+        return NOTHING
+    return "unknown" if "unknown" in states else "steady"

@@ -1,0 +1,113 @@
+"""A fleet's site: pages beside each other that share style, scripts and Plotly, and ask nobody."""
+
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+
+import polars as pl
+from plotly.offline import get_plotlyjs
+
+from deltaid.errors import DeltaidError
+from deltaid.files import together, written_whole
+from deltaid.fleets.site.chapters import unit_of
+from deltaid.fleets.site.names import address, file_names, type_labels
+from deltaid.fleets.site.overview import overview
+from deltaid.fleets.site.robot_page import robot_page
+from deltaid.fleets.site.state import Robot, by_robot, robots_of
+from deltaid.fleets.site.tables import Tables, read_tables
+from deltaid.fleets.site.type_page import type_page
+from deltaid.view.page import Page, contents, environment, part
+
+SITE, ROBOTS, TYPES = "site", "robots", "types"
+_UP = "../"
+
+
+def write(folder: Path, name: str = "") -> Path:
+    """Write the site of a fleet from the tables in its folder, into `site` there.
+
+    Pages of robots that the tables no longer have are removed. Either all pages are of this call,
+    or none is.
+
+    Args:
+        name: of the fleet; the folder's if left out.
+
+    Returns:
+        The first page.
+
+    Raises:
+        DeltaidError: there is no table, one cannot be read, or a page cannot be written.
+    """
+    tables = read_tables(folder)
+    robots = robots_of(tables)
+    if not robots:
+        raise DeltaidError(
+            "has no robot in its tables",
+            where=str(folder),
+            cure="call `deltaid fleet MANIFEST -o FOLDER` with recordings first",
+        )
+    site = folder / SITE
+    written = set[Path]()
+    with together():
+        for place, text in _pages(tables, robots, f"Fleet {name or folder.resolve().name}"):
+            with written_whole(site / place) as file:
+                file.write(text)
+            written.add(site / place)
+    _remove_others(site, written)
+    return site / "index.html"
+
+
+def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tuple[str, str]]:
+    """All files of a site: where each belongs, and what it holds."""
+    kinds = tuple(sorted({one.type for one in robots} | set(tables.types["type"].to_list())))
+    labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
+    pages, of_types = file_names(one.name for one in robots), file_names(kinds)
+    yield from _shared()
+    links = {name: address(ROBOTS, file) for name, file in pages.items()}
+    types = {kind: address(TYPES, of_types[kind]) for kind in kinds}
+    yield "index.html", _rendered(overview(tables, robots, title, links, types, labels), "", ())
+    home = (title, f"{_UP}index.html")
+    parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
+    empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}
+    for one in robots:
+        own = {
+            name: part[one.name] if one.name in part else empty[name]
+            for name, part in parts.items()
+        }
+        way = (home, (labels[one.type], _UP + types[one.type]))
+        page = robot_page(one, labels[one.type], own)
+        yield f"{ROBOTS}/{pages[one.name]}", _rendered(page, _UP, way)
+    above = {name: _UP + link for name, link in links.items()}
+    for kind in kinds:
+        own = [one for one in robots if one.type == kind]
+        means, members = (
+            frame.filter(pl.col("type") == kind) for frame in (tables.types, tables.members)
+        )
+        page = type_page(kind, labels[kind], own, means, members, above, unit_of(tables))
+        yield f"{TYPES}/{of_types[kind]}", _rendered(page, _UP, (home,))
+
+
+_OF_ROBOTS = ("recordings", "quarantine", "parameters", "friction", "members")
+
+
+def _shared() -> Iterable[tuple[str, str]]:
+    """What all pages use."""
+    own = files("deltaid.fleets.site")
+    for name in ("page.css", "page.js"):
+        yield name, part(name)
+    for name in ("site.css", "site.js"):
+        yield name, own.joinpath(name).read_text(encoding="utf-8")
+    yield "plotly.js", get_plotlyjs()
+
+
+def _rendered(page: Page, root: str, way: tuple[tuple[str, str], ...]) -> str:
+    """A page that lies `root` below the files it shares, with links to those above it."""
+    template = environment("fleets/site").get_template("site.html.jinja")
+    return template.render(**contents(page), root=root, way=way)
+
+
+def _remove_others(site: Path, written: set[Path]) -> None:
+    """Remove pages of robots and types that are no more."""
+    for folder in (ROBOTS, TYPES):
+        for page in (site / folder).glob("*.html"):
+            if page not in written:
+                page.unlink(missing_ok=True)

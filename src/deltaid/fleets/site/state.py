@@ -1,0 +1,228 @@
+"""What the tables say of each robot, and what speaks for looking at it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from enum import IntEnum
+from itertools import pairwise
+from statistics import median
+from typing import Any
+
+import polars as pl
+
+from deltaid.fleets.site.tables import Tables
+from deltaid.view.numbers import percent
+
+Row = Mapping[str, Any]
+# A limit that may be reached within these is acted upon.
+_SOON = timedelta(days=28)
+# A robot is silent after so long and so many times its usual pause between recordings.
+_SILENT, _PAUSES = timedelta(days=14), 4
+# What cannot be done with a robot, by what the quarantine calls it.
+_CANNOT = {"drift": "drift cannot be looked for", "type": "cannot be compared with its type"}
+# The period of all recordings of a robot together.
+ALL = "all"
+_CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
+
+
+class Urgency(IntEnum):
+    """How soon somebody should look."""
+
+    ACT = 0
+    LOOK = 1
+    NONE = 2
+
+
+@dataclass(frozen=True)
+class Concern:
+    """Why somebody should look at a robot."""
+
+    urgency: Urgency
+    text: str
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot.
+
+    Attributes:
+        name, type: its own.
+        recordings: how many there are, with those in quarantine.
+        quarantined: how many of them are.
+        first, last: times of the first and last recording that could be used.
+        drives: its rows of the table of drift.
+        noise, worst_error: of its last fit.
+        belongs: whether it is as its type is; None where nobody knows.
+        concerns: the most urgent first.
+    """
+
+    name: str
+    type: str
+    recordings: int = 0
+    quarantined: int = 0
+    first: datetime | None = None
+    last: datetime | None = None
+    drives: tuple[Row, ...] = ()
+    noise: float | None = None
+    worst_error: float | None = None
+    belongs: bool | None = None
+    concerns: tuple[Concern, ...] = field(default=())
+
+    @property
+    def urgency(self) -> Urgency:
+        """Of what is most urgent."""
+        return min((one.urgency for one in self.concerns), default=Urgency.NONE)
+
+    @property
+    def changed(self) -> tuple[Row, ...]:
+        """Drives whose friction has changed."""
+        return tuple(one for one in self.drives if one["state"] in _CHANGED)
+
+    @property
+    def until(self) -> datetime | None:
+        """The first day that a drive reaches its limit."""
+        return min((x["horizon"] for x in self.changed if x["horizon"] is not None), default=None)
+
+
+def robots_of(tables: Tables) -> tuple[Robot, ...]:
+    """All robots of all tables: the most urgent first, then by limits to come, then by names."""
+    types = dict[str, str]()
+    for frame in (tables.members, tables.parameters, tables.recordings):
+        types |= dict(frame.select("robot", "type").unique().iter_rows())
+    for frame in (tables.friction, tables.drift, tables.quarantine):
+        types = dict.fromkeys(frame["robot"].to_list(), "") | types
+    now = tables.recordings.filter(pl.col("reason") == "")["time"].max()
+    parts = {key: by_robot(getattr(tables, key)) for key in _PARTS}
+    robots = [
+        _robot(name, kind, {key: part.get(name) for key, part in parts.items()}, now)
+        for name, kind in types.items()
+        if name
+    ]
+    far = datetime.max
+    return tuple(sorted(robots, key=lambda one: (one.urgency, one.until or far, one.name)))
+
+
+_PARTS = ("recordings", "drift", "parameters", "members", "quarantine")
+
+
+def by_robot(frame: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    """A table's rows by robot, in their order."""
+    parts = frame.partition_by("robot", as_dict=True, maintain_order=True)
+    return {str(key[0]): part for key, part in parts.items()}
+
+
+def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: Any) -> Robot:
+    recordings, members = parts["recordings"], parts["members"]
+    parameters, drift = parts["parameters"], parts["drift"]
+    rows = [] if recordings is None else recordings.sort("time").to_dicts()
+    usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
+    last = None if parameters is None else last_period(parameters).row(-1, named=True)
+    drives = () if drift is None else tuple(drift.to_dicts())
+    concerns = [one for row in drives if (one := _friction(row, now)) is not None]
+    concerns += _recorded(rows, usable, now)
+    foreign = [] if members is None else members.filter(~pl.col("belongs")).to_dicts()
+    concerns += _foreign(foreign)
+    period = last["period"] if last and last["period"] != ALL else ""
+    concerns += _refused(parts["quarantine"], period, recorded=bool(rows))
+    return Robot(
+        name,
+        kind,
+        recordings=len(rows),
+        quarantined=sum(bool(row["reason"]) for row in rows),
+        first=usable[0] if usable else None,
+        last=usable[-1] if usable else None,
+        drives=drives,
+        noise=last["noise"] if last else None,
+        worst_error=last["worst_error"] if last else None,
+        belongs=None if members is None or members["belongs"].has_nulls() else not foreign,
+        concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
+    )
+
+
+def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
+    """A robot's parameters of its last period; of all recordings where there is no other."""
+    periods = parameters.filter(pl.col("period") != ALL)
+    found = parameters if periods.is_empty() else periods
+    return found.filter(pl.col("period") == found["period"].max())
+
+
+def _friction(row: Row, now: datetime | None) -> Concern | None:
+    """What a drive's friction asks for."""
+    if row["state"] not in _CHANGED:
+        return None
+    stepped = row["state"] == "stepped"
+    said = f"friction of {row['drive']} {_CHANGED[row['state']]}"
+    size = row["step"] if stepped else row["rate"]
+    if size is not None:
+        sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
+        said += f" by {sign}{percent(abs(size))}{'' if stepped else ' a month'}"
+    if row["change"] is not None:
+        said += f"{' about' if stepped else ' since'} {day(row['change'])}"
+    if row["state"] == "falling" or row["horizon"] is None:
+        return Concern(Urgency.LOOK, said)
+    soonest = row["horizon_low"] or row["horizon"]
+    if now is not None and row["horizon"] <= now:
+        return Concern(Urgency.ACT, f"{said} and is beyond its limit")
+    said += f" and reaches its limit about {day(row['horizon'])}"
+    if row["horizon_low"] is not None:
+        said += f", hardly before {day(row['horizon_low'])}"
+    urgent = now is not None and soonest <= now + _SOON
+    return Concern(Urgency.ACT if urgent else Urgency.LOOK, said)
+
+
+def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:
+    """Recordings that are missing or cannot be used."""
+    if rows and not usable:
+        many = f"none of its {len(rows)} recordings" if len(rows) > 1 else "its recording not"
+        return [Concern(Urgency.ACT, f"{many} can be used: {_short(rows[-1]['reason'])}")]
+    late = 0
+    while rows and late < len(rows) and rows[-1 - late]["reason"]:
+        late += 1
+    if late > 2:
+        why = _short(rows[-1]["reason"])
+        return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
+    if usable and now is not None:
+        pauses = [(b - a).total_seconds() for a, b in pairwise(usable)]
+        usual = timedelta(seconds=median(pauses or [0.0]))
+        if now - usable[-1] > max(_SILENT, _PAUSES * usual):
+            return [Concern(Urgency.LOOK, f"no recording since {day(usable[-1])}")]
+    return []
+
+
+def _foreign(rows: Sequence[Row]) -> list[Concern]:
+    """Parameters that do not belong to its type."""
+    if not rows:
+        return []
+    reasons = dict.fromkeys(row["reason"] for row in rows if row["reason"])
+    names = ", ".join(row["parameter"] for row in rows[:4])
+    why = "; ".join(list(reasons)[:2]) or names
+    return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
+
+
+def _refused(quarantine: pl.DataFrame | None, last: str, *, recorded: bool) -> list[Concern]:
+    """What the quarantine holds beside recordings that are there; no period before the last fit."""
+    if quarantine is None:
+        return []
+    found = list[Concern]()
+    what = pl.col("what")
+    others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
+    for row in others.tail(1).iter_rows(named=True):
+        which = "all of its recordings together" if row["which"] == ALL else row["which"]
+        said = _CANNOT.get(row["what"], f"no fit of {which}")
+        found.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
+    if not recorded and len(absent := quarantine.filter(what == "recording")):
+        row = absent.row(-1, named=True)
+        why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"
+        found.append(Concern(Urgency.ACT, why))
+    return found
+
+
+def _short(reason: str, most: int = 160) -> str:
+    """The first line of a reason, not too long."""
+    line = (reason.strip().splitlines() or [""])[0]
+    return line if len(line) <= most else f"{line[: most - 1]}…"
+
+
+def day(time: datetime | None) -> str:
+    """A date as ISO has it; a dash where there is none."""
+    return "—" if time is None else f"{time:%Y-%m-%d}"

@@ -1,0 +1,176 @@
+"""A type from its robots: mean, spreads, every robot within it, and those that do not belong."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import Objective
+from deltaid.estimation.regularizer import Quadratic, Regularizer
+from deltaid.estimation.scatter import half_width
+from deltaid.fleets.belonging import LEAST, Sorted, sorted_out
+from deltaid.fleets.coordinates import ANYTHING, Coordinates
+from deltaid.fleets.member import Member
+from deltaid.fleets.mixed_model import Rows, Square, U, alone, mean, within
+from deltaid.fleets.population import Estimates, MemberEstimate, Population, PopulationSettings
+from deltaid.fleets.reasons import friction_reason, reason
+from deltaid.fleets.spreads import NORMAL
+from deltaid.robot.load import RobotLike, described
+
+# Eigenvalues of a covariance below this share of the largest are rounding.
+_ROUNDING = 1e-13
+
+
+def fitted(
+    members: Sequence[Member], robot: RobotLike, settings: PopulationSettings | None = None
+) -> Population:
+    """A type from its robots.
+
+    Args:
+        members: of `member`, in any order.
+        robot: the type's description; parameters of robots are about its priors.
+        settings: as of `PopulationSettings`.
+
+    Raises:
+        IdentificationError: there is no robot, or one twice.
+    """
+    settings, type_ = settings or PopulationSettings(), described(robot)
+    members = sorted(members, key=lambda member: member.name)
+    if not members:
+        raise IdentificationError("no robot was given", where="members", cure="give one or more")
+    name, times = Counter(member.name for member in members).most_common(1)[0]
+    if times > 1:
+        raise IdentificationError(
+            f"robot '{name}' is given {times} times, and would count as so many robots",
+            where="members",
+            cure="give all recordings of a robot to one call of `member`",
+        )
+    coordinates = Coordinates.of(type_, members, settings.fit)
+    first = _sorted(coordinates, members, settings.naming).mean
+    coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
+    sorting = _sorted(coordinates, members, settings.naming)
+    sorting, reasons = _reasons(sorting, settings.naming)
+    return _population(sorting, members, reasons, settings.naming)
+
+
+def _sorted(coordinates: Coordinates, members: Sequence[Member], naming: float) -> Sorted:
+    """Those that belong. Measurements in several robots' descriptions count once, as another
+    robot's."""
+    times = Counter(fact.key for member in members for fact in member.facts)
+    common = {fact.key: fact for member in members for fact in member.facts if times[fact.key] > 1}
+    rows = [
+        coordinates.rows(member, [fact for fact in member.facts if fact.key not in common])
+        for member in members
+    ]
+    if common:
+        first = members[0]
+        nothing = replace(first, rows=first.rows[:0], values=first.values[:0],
+                          shared=first.shared[:0])  # fmt: skip
+        rows.append(coordinates.rows(nothing, list(common.values())))
+    freedom = np.array([member.freedom for member in members])
+    return sorted_out(Rows.of(rows), coordinates, freedom, naming)
+
+
+def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
+    """Reasons of robots that do not belong, and of deviating friction of those that do."""
+    coordinates, rows, m = sorting.coordinates, sorting.rows, sorting.mean.m
+    extra, reasons = rows.extra.copy(), list[str]()
+    now, count = replace(sorting, rows=replace(rows, extra=extra)), len(sorting.freedom)
+    for k in range(count):
+        if not rows.counts[k]:
+            robot = sorting.against_others(k, coordinates.worn)
+            reasons.append(reason(robot, coordinates, m, naming))
+            continue
+        texts = list[str]()
+        for _ in coordinates.robot.friction_joints if count >= LEAST else ():
+            robot = now.against_others(k, np.zeros_like(m))
+            places, text = friction_reason(robot, coordinates, m, naming)
+            if not places or extra[k, places].any():
+                break
+            extra[k, places] = ANYTHING
+            texts.append(text)
+        reasons.append("; ".join(texts))
+    return (sorting if np.array_equal(extra, rows.extra) else sorting.with_rows(now.rows)), reasons
+
+
+def _population(
+    sorting: Sorted, members: Sequence[Member], reasons: Sequence[str], naming: float
+) -> Population:
+    """Results, averaged over the uncertainty of the spreads."""
+    coordinates, rows, count = sorting.coordinates, sorting.rows, len(members)
+    T, precision, prior = coordinates.to_p, coordinates.precision, coordinates.prior
+    logs, size = sorting.spreads.draws(), len(prior)
+    every = [mean(rows, sorting.spreads.variance(log), precision, prior) for log in logs]
+    values, variances = np.zeros((count, size)), np.zeros((count, size, size))
+    for drawn in every:
+        for robots, u, C in within(rows.at(slice(count)), drawn):
+            values[robots] += u / len(logs)
+            variances[robots] += (C + u[:, :, None] * u[:, None, :]) / len(logs)
+    variances -= values[:, :, None] * values[:, None, :]
+    means = np.array([drawn.m for drawn in every])
+    centre = means.mean(axis=0)
+    square = np.mean([drawn.covariance for drawn in every], axis=0) + np.cov(means.T, bias=True)
+    p, std, is_moved = _parameters(coordinates, centre, square)
+    adjusted, estimates = ["mean"] if is_moved else [], list[MemberEstimate]()
+    for k, (robot, single) in enumerate(zip(members, alone(rows, precision, prior), strict=False)):
+        belongs = bool(rows.counts[k])
+        u, C = (values[k], variances[k]) if belongs else single
+        value, deviation, is_moved = _parameters(coordinates, u, C)
+        adjusted += [robot.name] if is_moved else []
+        by_noise = np.linalg.norm(T @ C @ rows.H[k].T, axis=1)
+        half = half_width(deviation, by_noise, np.full(len(deviation), robot.freedom))
+        estimates.append(
+            MemberEstimate(robot.name, Estimates(value, deviation, half), _std(T, single[1]),
+                           belongs, reasons[k], float(sorting.chances[k]))
+        )  # fmt: skip
+    spreads = sorting.spreads.of_unknown_sizes(square)
+    return Population(
+        coordinates,
+        Estimates(p, std, NORMAL * std),
+        square,
+        np.mean([drawn.variance for drawn in every], axis=0),
+        *spreads.of_parameters(T),
+        members=tuple(estimates),
+        spreads=spreads,
+        moved=tuple(adjusted),
+        naming=naming,
+    )
+
+
+def _std(T: np.ndarray, C: np.ndarray) -> Float[np.ndarray, " parameters"]:
+    """Standard deviations of p for a covariance of u."""
+    return np.sqrt(np.maximum(np.sum((T @ C) * T, axis=1), 0.0))
+
+
+def _parameters(coordinates: Coordinates, u: U, C: Square) -> tuple[np.ndarray, np.ndarray, bool]:
+    """p of u with its standard deviation, and whether some entry had to be moved by more than
+    that."""
+    p, std = _consistent(coordinates, u, C), _std(coordinates.to_p, C)
+    off = np.abs(p - coordinates.to_p @ u - coordinates.reduction.p_0)
+    return p, std, bool(np.any(off[std > 0] > std[std > 0]))
+
+
+def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, " parameters"]:
+    """p of u, or of the most likely u whose bodies can exist.
+
+    This is the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.
+
+    Raises:
+        IdentificationError: the solver did not reach its end.
+    """
+    reduction, n = coordinates.reduction, coordinates.size
+    x = u[:n] * coordinates.sizes
+    try:
+        return reduction.parameters(x)
+    except IdentificationError:
+        values, vectors = np.linalg.eigh(C[:n, :n])
+        values = np.maximum(values, _ROUNDING * values[-1])
+        R = triangle(vectors.T / np.sqrt(values)[:, None] / coordinates.sizes)
+        none = Regularizer(Quadratic(np.zeros((1, n)), np.zeros(1)), None)
+        objective = Objective(reduction, Quadratic(R, R @ x), none, 1.0)
+        return reduction.parameters(Conic().solve(objective).x)
