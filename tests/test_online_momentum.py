@@ -6,8 +6,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.motion.random_motion import random_motion
-from deltaid.online.filtered import Lowpass
-from deltaid.online.momentum import build_momentum, filtered_torque
+from deltaid.online.momentum import Lowpass, build_momentum, filtered_torque
 from deltaid.robot.load import load_robot
 
 CORNER = 80.0

@@ -20,10 +20,10 @@ from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
-from deltaid.online.filtered import Lowpass
 from deltaid.online.graph import Kept
 from deltaid.online.kalman import Estimate, Told
 from deltaid.online.layout import Field
+from deltaid.online.momentum import Lowpass
 
 # How many times of onset are kept, and how long each [s].
 _ONSETS, _LIFE = 3, 0.15
