@@ -13,10 +13,10 @@ from deltaid.exports.precision import DOUBLE
 from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import Model, load
 from deltaid.online.found import Watched
+from deltaid.online.instant import Line, Waits, line, waits
 from deltaid.online.layout import Field, Layout
 from deltaid.online.rows import open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.waiting import Line, Waits, line, waits
 from deltaid.online.watch import watch
 from online_runs import RATE, running
 from picking import HELD, MASS, PUSHES, Picked, picked

@@ -23,7 +23,7 @@ from deltaid.exports.precision import SINGLE
 from deltaid.exports.straight_line import Array, straight_line
 from deltaid.forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
-from deltaid.online.pose import pose
+from deltaid.online.instant import pose
 from exports import (
     CC,
     compiled,

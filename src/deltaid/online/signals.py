@@ -8,12 +8,11 @@ import numpy as np
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
 from deltaid.online.graph import Kept, Part, all_finite, chosen, only_if
+from deltaid.online.instant import Line, line, pose, waits
 from deltaid.online.knowledge import Knowledge
 from deltaid.online.layout import Field, Layout
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum, filtered_torque
-from deltaid.online.pose import pose
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.waiting import Line, line, waits
 
 # How long filters remember what they began with, in their time constants.
 _SETTLED = 3.0

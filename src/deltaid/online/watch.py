@@ -13,11 +13,11 @@ from deltaid.online.contact import least_force
 from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touches
 from deltaid.online.found import FollowedFriction, Series, Watched
+from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.rows import Replay, Rows
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
-from deltaid.online.waiting import waits
 
 # [m/s²].
 _GRAVITY = 9.81
