@@ -20,12 +20,11 @@ from deltaid.online.changes import Onsets, Rules, after, change, waits
 from deltaid.online.graph import Given, Part, chosen
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import Knowledge
-from deltaid.online.lacking import Lacking
 from deltaid.online.layout import Field
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
-from deltaid.online.states import States
+from deltaid.online.states import Lacking, States
 
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
