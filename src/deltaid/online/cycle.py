@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.model.model import Model
-from deltaid.online.friction import friction_bounds, friction_part
+from deltaid.online.estimates import Estimates, estimates, friction_bounds, friction_part
 from deltaid.online.graph import Part, StepGraph, assembled
 from deltaid.online.knowledge import Knowledge, knowledge
-from deltaid.online.load import Estimates, estimates
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
 
