@@ -11,8 +11,8 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model
 from deltaid.online.cycle import step_graph
 from deltaid.online.estimates import friction_bounds
-from deltaid.online.feedforward import FeedForward
 from deltaid.online.knowledge import knowledge
+from deltaid.online.online import FeedForward
 from deltaid.online.settings import OnlineSettings
 from deltaid.robot.load import load_robot
 from online_runs import outputs, robot, running
