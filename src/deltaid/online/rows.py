@@ -16,9 +16,8 @@ from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.words import percent
+from deltaid.online.columns import Speeds, judged_wiring, speeds_of
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.speeds import Speeds, speeds_of
-from deltaid.online.wired import judged_wiring
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
