@@ -24,7 +24,7 @@ from deltaid.model.settings import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.online.found import Watched
-from deltaid.online.rows import open_replay
+from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
 from deltaid.robot.load import load_robot

@@ -24,7 +24,7 @@ from _table import leave
 from drawn_picks import Produced, Production, produced, production_of
 
 from deltaid.online.found import Touch, Watched
-from deltaid.online.rows import open_replay
+from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
 from deltaid.recording.memory import Recording

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from command import refused, run
-from deltaid.online.rows import open_replay
+from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
 from picking import HELD, MASS, PUSHES, Picked, picked

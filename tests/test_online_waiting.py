@@ -15,7 +15,7 @@ from deltaid.model.model import Model, load
 from deltaid.online.found import Watched
 from deltaid.online.instant import Line, Waits, line, waits
 from deltaid.online.layout import Field, Layout
-from deltaid.online.rows import open_replay
+from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
 from online_runs import RATE, running

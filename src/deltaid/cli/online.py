@@ -11,7 +11,7 @@ from deltaid.cli.options import AsJson, output_file
 if TYPE_CHECKING:
     from deltaid.model.model import Model
     from deltaid.online.found import HeldLoad, Touch, Watched
-    from deltaid.online.rows import Replay
+    from deltaid.online.replay import Replay
 
 # Rate of false alarms, an hour, that is asked for where nothing is said.
 _FALSE_ALARMS = 1.0
@@ -71,7 +71,7 @@ def online(
     from deltaid.fleets.drift_tables import require_table, save
     from deltaid.model.model import load
     from deltaid.online.contact import FALSE_ALARMS
-    from deltaid.online.rows import open_replay
+    from deltaid.online.replay import open_replay
     from deltaid.online.settings import LONGEST_GRIP, OnlineSettings
     from deltaid.online.table import over_time
     from deltaid.online.watch import watch

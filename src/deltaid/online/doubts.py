@@ -11,7 +11,7 @@ from deltaid.model.words import listed, percent
 from deltaid.online.found import HeldLoad, Touch
 from deltaid.online.gripping import gripper_doubts
 from deltaid.online.lags import judged_lag
-from deltaid.online.rows import Replay
+from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Seen
 

@@ -7,7 +7,7 @@ import numpy as np
 from deltaid.errors import Doubt
 from deltaid.online.found import HeldLoad
 from deltaid.online.grip_timing import Offset
-from deltaid.online.rows import EMPTY, HOLDS
+from deltaid.online.replay import EMPTY, HOLDS
 from deltaid.online.suspicion import Seen
 
 # Share of the time that the gripper calls empty with a contact, beyond which something is held.

@@ -19,7 +19,7 @@ from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.words import listed
 from deltaid.online.found import HeldLoad
-from deltaid.online.rows import Replay
+from deltaid.online.replay import Replay
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import with_filter
 

@@ -17,7 +17,7 @@ from deltaid.online.graph import Given, Part
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
-from deltaid.online.rows import EMPTY, HOLDS, Rows
+from deltaid.online.replay import EMPTY, HOLDS, Rows
 
 # No gain is known better than by so much, and filters remember a torque for so long [s].
 _SURE, _REMEMBERED = 0.004, 0.05

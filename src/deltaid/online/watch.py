@@ -15,7 +15,7 @@ from deltaid.online.events import Loads, Touches
 from deltaid.online.found import FollowedFriction, Series, Watched
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
-from deltaid.online.rows import Replay, Rows
+from deltaid.online.replay import Replay, Rows
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 
