@@ -11,7 +11,7 @@ from deltaid.errors import RecordingError
 from deltaid.online.doubts import doubts
 from deltaid.online.found import Entry, HeldLoad, Watched
 from deltaid.online.grip_timing import GripTiming, Offset
-from deltaid.online.gripping import gripper_doubts
+from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import EMPTY, HOLDS, Replay, open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Seen

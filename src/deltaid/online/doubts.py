@@ -21,7 +21,7 @@ from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.words import listed, percent
 from deltaid.online.found import HeldLoad, Touch
-from deltaid.online.gripping import gripper_doubts
+from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Seen
