@@ -23,10 +23,9 @@ from deltaid.model.model import Model, load
 from deltaid.model.settings import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.online.found import Watched
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.watch import watch
+from deltaid.online.watch import Watched, watch
 from deltaid.robot.load import load_robot
 
 ROBOT, PAYLOAD, RATE, NOISE = "clavel-delta3", 1.0, 1000.0, 0.02

@@ -23,10 +23,10 @@ from _pick_robots import RATE
 from _table import leave
 from drawn_picks import Produced, Production, produced, production_of
 
-from deltaid.online.found import Touch, Watched
+from deltaid.online.events import Touch
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.watch import watch
+from deltaid.online.watch import Watched, watch
 from deltaid.recording.memory import Recording
 
 # Kinds of robots and the largest mass that they pick [kg].

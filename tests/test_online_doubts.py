@@ -9,13 +9,13 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.online.doubts import doubts
-from deltaid.online.found import Entry, HeldLoad, Watched
+from deltaid.online.events import Entry, HeldLoad
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import EMPTY, HOLDS, Replay, open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Seen
-from deltaid.online.watch import watch
+from deltaid.online.watch import Watched, watch
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
 from picking import HELD, MASS, PUSHES, Picked, picked

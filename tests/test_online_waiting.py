@@ -12,12 +12,11 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.precision import DOUBLE
 from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import Model, load
-from deltaid.online.found import Watched
 from deltaid.online.instant import Line, Waits, line, waits
 from deltaid.online.layout import Field, Layout
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.watch import watch
+from deltaid.online.watch import Watched, watch
 from online_runs import RATE, running
 from picking import HELD, MASS, PUSHES, Picked, picked
 from st_program import Program

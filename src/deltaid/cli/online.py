@@ -10,8 +10,9 @@ from deltaid.cli.options import AsJson, output_file
 
 if TYPE_CHECKING:
     from deltaid.model.model import Model
-    from deltaid.online.found import HeldLoad, Touch, Watched
+    from deltaid.online.events import HeldLoad, Touch
     from deltaid.online.replay import Replay
+    from deltaid.online.watch import Watched
 
 # Rate of false alarms, an hour, that is asked for where nothing is said.
 _FALSE_ALARMS = 1.0
@@ -73,8 +74,7 @@ def online(
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.replay import open_replay
     from deltaid.online.settings import LONGEST_GRIP, OnlineSettings
-    from deltaid.online.table import over_time
-    from deltaid.online.watch import watch
+    from deltaid.online.watch import over_time, watch
     from deltaid.recording.mapping import load_mapping
 
     positive("--payload-max", payload_max)

@@ -1,10 +1,8 @@
-"""Whether a recording's velocities are worth taking, or positions are better differenced.
+"""Whether a recording's columns are what they are taken for, and its velocities worth taking.
 
 A drive's velocity often comes filtered, and so late against its position, or with more noise than
 differences of the positions have. Both make loads look lighter: what is late, and what is noise,
 stands in the columns of the load and not in the torques.
-
-Whether a recording's columns are what they are taken for, as far as that shows before it runs.
 
 Where the model's torques go along with those recorded, drive by drive, columns are what they are
 taken for. Else signs, order and units are judged as an identification judges them, and what is
@@ -132,7 +130,7 @@ def _noisy(noise: np.ndarray, made: np.ndarray, names: Sequence[str]) -> Doubt:
 
 
 # What is judged elsewhere: the size of torques by the run, as the model knows it better than the
-# prior does, and velocities with what comes of it (`speeds`).
+# prior does, and velocities with what comes of it (`speeds_of`).
 _ELSEWHERE = {"torque-unit", "velocity"}
 # Torques that correlate so much with the model's are those of the same drives. Loads that nobody
 # told take from that, so it is no more.

@@ -1,8 +1,6 @@
 """What speaks against the loads and contacts that were found, in words: one cause each.
 
-Whether torques lag by what is put right, as far as a recording shows it.
-
-It is looked for as an identification does, parameters free, so that a model which is a little off
+A lag is searched as an identification does, parameters free, so that a model which is a little off
 makes no lag; loads that are held are taken out, as the gripper told of them or as they were found.
 """
 
@@ -20,7 +18,7 @@ from deltaid.identification.study import studied
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.words import listed, percent
-from deltaid.online.found import HeldLoad, Touch
+from deltaid.online.events import HeldLoad, Touch
 from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
@@ -213,7 +211,7 @@ def _too_heavy(settings: OnlineSettings, loads: Sequence[HeldLoad]) -> Iterator[
 
 # A lag that the model has not is told beyond this [s], and beyond so many half widths of its
 # interval, or so many where other causes explain more.
-_LAG, _CLEAR, _HIDDEN = 3e-4, 2.0, 4.0
+_LAG, _CLEAR_LAG, _HIDDEN_LAG = 3e-4, 2.0, 4.0
 
 Delay = Float[np.ndarray, " drives"]
 
@@ -240,7 +238,7 @@ def judged_lag(
     if study is None:
         return ()
     lag = study.common if study.alike else study.each
-    surely = lag.interval * (_HIDDEN if study.hidden else _CLEAR)
+    surely = lag.interval * (_HIDDEN_LAG if study.hidden else _CLEAR_LAG)
     clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
     if not clear.any():
         return ()

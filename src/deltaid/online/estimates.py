@@ -11,15 +11,13 @@ before, stays, and what it did not show remains in the load's interval however l
 
 Only the load begins anew when it is taken.
 
-Slow adaptation of the drives' friction, with what physics asks of it kept.
-
-Coefficients are states of the estimate (`load`): they move only as far as residuals tell, forget
-towards the covariance of their prior and not towards zero, so without motion nothing happens. They
-stay within a share of what was identified and never fall below zero. Friction h(v) with such
-coefficients takes energy from the robot at any speed, and mass matrix and Coriolis matrix with a
-consistent load keep M positive definite and Ṁ − 2C skew. That is what is claimed: the model that
-runs is passive at any instant. While coefficients change, energy may flow, slowly; no passivity of
-a whole loop is claimed.
+Friction adapts slowly, with what physics asks of it kept. Its coefficients move only as far as
+residuals tell, forget towards the covariance of their prior and not towards zero, so without motion
+nothing happens. They stay within a share of what was identified and never fall below zero. Friction
+h(v) with such coefficients takes energy from the robot at any speed, and mass matrix and Coriolis
+matrix with a consistent load keep M positive definite and Ṁ − 2C skew. That is what is claimed: the
+model that runs is passive at any instant. While coefficients change, energy may flow, slowly; no
+passivity of a whole loop is claimed.
 """
 
 from dataclasses import dataclass
@@ -192,8 +190,6 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Esti
         x = x + P[:, k] * (beyond / ca.fmax(P[k, k], 1e-12))
     return Estimate(x, P)
 
-
-Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # An offset is near zero, so it may move by so many deviations.
 _DEVIATIONS = 3.0

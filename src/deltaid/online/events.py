@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.online.found import Entry, HeldLoad, Touch
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
@@ -24,6 +23,75 @@ _STEP = 0.06
 _APART = 0.02
 
 Times = Float[np.ndarray, " rows"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of a load, such as its mass, with a 95 % interval.
+
+    Attributes:
+        name: m, mcx, …
+        shown: whether the motion showed it: its interval is below half of what was assumed.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    shown: bool
+
+
+@dataclass(frozen=True)
+class HeldLoad:
+    """A load, as it was known when it was left.
+
+    Attributes:
+        start, end: [s]; None where it is held still.
+        soon: mass 0.2 s after it was taken, with its interval; None where it was left before.
+        entries: the mass first.
+    """
+
+    start: float
+    end: float | None
+    soon: tuple[float, float, float] | None
+    entries: tuple[Entry, ...]
+
+    @property
+    def mass(self) -> Entry:
+        """[kg]."""
+        return self.entries[0]
+
+    @property
+    def centre(self) -> tuple[tuple[str, float], ...]:
+        """Coordinates of its centre of mass that the motion showed [m]."""
+        first = [one for one in self.entries if one.name.startswith("mc") and one.shown]
+        return tuple((one.name[2:], one.value / self.mass.value) for one in first)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact.
+
+    Attributes:
+        start, end: [s].
+        place: 'platform', or the drive whose limb was touched.
+        force: largest force on the platform [N], as a vector; None at a limb.
+        effort: largest torque on the limb's drive [N m or N]; None at the platform.
+        size: of the residual at most, in thresholds.
+    """
+
+    start: float
+    end: float
+    place: str
+    force: tuple[float, ...] | None
+    effort: float | None
+    size: float
+
+    @property
+    def strength(self) -> float:
+        """Size of the force [N], or of the torque on the drive [N m or N]."""
+        return float(np.linalg.norm(self.force)) if self.force else abs(self.effort or 0.0)
 
 
 @dataclass

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from deltaid.errors import Doubt
-from deltaid.online.found import HeldLoad
+from deltaid.online.events import HeldLoad
 from deltaid.online.grip_timing import Offset
 from deltaid.online.replay import EMPTY, HOLDS
 from deltaid.online.suspicion import Seen

@@ -1,12 +1,12 @@
-"""Signals that wait for one another, where torques come later or earlier than their motion.
+"""What a cycle reads, all of one instant, and the pose there.
 
-A torque that is reported δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion of δ_i
-ago. So a cycle takes the motion of w = max(0, δ_1, …) ago, and of each drive the torque that was
-reported w − δ_i ago: all of one instant. What lies between two cycles is interpolated along a
-straight line. The numbers that wait stand one behind the other and move on by one a cycle, so
-their count and the work are fixed.
-
-The pose z of measured drive coordinates: in closed form, or by Newton steps cycle by cycle.
+Where torques come later or earlier than their motion, signals wait for one another. A torque that
+is reported δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion of δ_i ago. So a cycle
+takes the motion of w = max(0, δ_1, …) ago, and of each drive the torque that was reported w − δ_i
+ago: all of one instant. What lies between two cycles is interpolated along a straight line. The
+numbers that wait stand one behind the other and move on by one a cycle, so their count and the work
+are fixed.
+The pose z of measured drive coordinates is a closed form, or found by Newton steps cycle by cycle.
 """
 
 from collections.abc import Sequence

@@ -1,16 +1,4 @@
-"""First-order filters of signals that are straight lines, or constant, between two samples.
-
-    y' = K (x − y)
-
-is solved exactly over a sample of length h: with a = e^(−Kh) and g = (1 − a) / (Kh),
-
-    y_{k+1} = a y_k + (1 − g) x_{k+1} + (g − a) x_k     for straight lines,
-    y_{k+1} = a y_k + (1 − a) x_k                       for x held from k to k + 1.
-
-One number is kept for each signal, s_k = a y_k + (what x_k adds), so that
-y_{k+1} = s_k + … x_{k+1}.
-
-Torques that a motion takes, filtered, without any acceleration: by generalised momentum.
+"""Torques that a motion takes, filtered, without any acceleration: by generalised momentum.
 
 With M, C, g and f of (1), and Ṁ = C + Cᵀ because C comes from Christoffel symbols,
 
@@ -28,6 +16,18 @@ K (H D − F H D) + F W D, and
 
 for a robot that carries a load the model does not know; the torque that the surroundings put on
 the drives is −ρ.
+
+F of signals that are straight lines, or constant, between two samples,
+
+    y' = K (x − y),
+
+is solved exactly over a sample of length h: with a = e^(−Kh) and g = (1 − a) / (Kh),
+
+    y_{k+1} = a y_k + (1 − g) x_{k+1} + (g − a) x_k     for straight lines,
+    y_{k+1} = a y_k + (1 − a) x_k                       for x held from k to k + 1.
+
+One number is kept for each signal, s_k = a y_k + (what x_k adds), so that
+y_{k+1} = s_k + … x_{k+1}.
 """
 
 from collections.abc import Mapping

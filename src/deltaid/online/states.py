@@ -1,8 +1,7 @@
 """What is estimated, from one cycle to the next: how long it is remembered, and its prior.
 
-How large the torques are that a model has not, learnt while the robot runs.
-
-They are d, one number a drive, of the size
+How large the torques are that a model has not is learnt. They are d, one number a drive, of the
+size
 
     a + b / (1 + (q̇/v)²),
 

@@ -5,24 +5,107 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, Doubt
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force
 from deltaid.online.doubts import doubts
-from deltaid.online.events import Loads, Touches
-from deltaid.online.found import FollowedFriction, Series, Watched
+from deltaid.online.events import HeldLoad, Loads, Touch, Touches
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.replay import Replay, Rows
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
+from deltaid.robot.description import RobotDescription
 
 # [m/s²].
 _GRAVITY = 9.81
 # Rows of a series at most.
 _SERIES = 200_000
+
+
+@dataclass(frozen=True)
+class FollowedFriction:
+    """A coefficient of friction that was followed.
+
+    Attributes:
+        name: of the parameter.
+        before: in the model.
+        value, std: at the end of the recording.
+    """
+
+    name: str
+    unit: str
+    before: float
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Some cycles, one a row, for figures and tables.
+
+    Attributes:
+        time: [s].
+        mass, low, high: of what is held [kg]; 0 where nothing is.
+        held: whether something is.
+        size: of the residual, in thresholds; the largest since the row before.
+        limb: as the cycle gives it.
+        force: on the platform, while it is pushed [N].
+        effort: from outside, on each drive [N m or N].
+        best, worst: smallest force that is told [N].
+    """
+
+    time: Float[np.ndarray, " rows"]
+    mass: Float[np.ndarray, " rows"]
+    low: Float[np.ndarray, " rows"]
+    high: Float[np.ndarray, " rows"]
+    held: Float[np.ndarray, " rows"]
+    size: Float[np.ndarray, " rows"]
+    limb: Float[np.ndarray, " rows"]
+    force: Float[np.ndarray, "rows moves"]
+    effort: Float[np.ndarray, "rows dof"]
+    best: Float[np.ndarray, " rows"]
+    worst: Float[np.ndarray, " rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """A recording that was run through, cycle by cycle.
+
+    Attributes:
+        robot: its description.
+        log: name of the recording.
+        cycles: how many, of them
+        bad: that could not be used.
+        rate: [Hz].
+        told: whether a gripper's signal said when something is held.
+        false_alarms: accepted in an hour.
+        loads, touches, friction: what was found.
+        best, worst: smallest force on the platform that is told in 95 % of cases [N], the median
+            over all cycles, along the best and along the worst direction; None without any cycle.
+        seconds: processor time of a cycle, as run here [s].
+        series: over time.
+        doubts: what speaks against it, one cause each.
+    """
+
+    robot: RobotDescription
+    log: str
+    cycles: int
+    bad: int
+    rate: float
+    told: bool
+    false_alarms: float
+    loads: tuple[HeldLoad, ...]
+    touches: tuple[Touch, ...]
+    friction: tuple[FollowedFriction, ...]
+    best: float
+    worst: float
+    seconds: float
+    series: Series
+    doubts: tuple[Doubt, ...]
 
 
 def watch(
@@ -182,3 +265,24 @@ def _friction(online: Online) -> tuple[FollowedFriction, ...]:
             )
         )
     return tuple(found)
+
+
+def over_time(found: Watched) -> pl.DataFrame:
+    """One row a cycle, or every so many cycles of a long recording (`Series`)."""
+    s, names = found.series, found.robot.task.names
+    force = {f"force_{name}": x for name, x in zip(names, s.force.T, strict=False)}
+    effort = {f"effort{i + 1}": x for i, x in enumerate(s.effort.T)}
+    columns = {
+        "t": s.time,
+        "held": s.held,
+        "mass": s.mass,
+        "mass_low": s.low,
+        "mass_high": s.high,
+        "contact_size": s.size,
+        "contact_limb": s.limb,
+        **force,
+        **effort,
+        "least_force_best": s.best,
+        "least_force_worst": s.worst,
+    }
+    return pl.DataFrame(columns)

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.online.found import Series, Watched
+from deltaid.online.watch import Series, Watched
 from deltaid.view import style
 from deltaid.view.numbers import number
 from deltaid.view.online_tables import (

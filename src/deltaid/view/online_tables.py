@@ -1,6 +1,7 @@
 """Tables of a recording that was run through online, for the terminal and for a page."""
 
-from deltaid.online.found import HeldLoad, Touch, Watched
+from deltaid.online.events import HeldLoad, Touch
+from deltaid.online.watch import Watched
 from deltaid.view.numbers import number
 from deltaid.view.table import Table
 
