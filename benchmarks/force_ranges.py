@@ -17,9 +17,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.forces.constraint_forces import ConstraintForces
-from deltaid.forces.ranges import Ranges, evidence
 from deltaid.identification.identify import identify
+from deltaid.joint_forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.ranges import Ranges, evidence
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     SensorNoise,

@@ -29,7 +29,7 @@ from deltaid.control.simulation import integrate
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
 

@@ -19,7 +19,7 @@ from deltaid.control.comparison import gains
 from deltaid.control.control_model import ControlModel
 from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import MotionTrajectory
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import Motion, SensorNoise, simulate_recording, surrogate_parameters

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 
 from command import refused, run
-from deltaid.forces.constraint_forces import ConstraintForces, motion_of
-from deltaid.forces.study import with_struts
 from deltaid.identification.as_identified import model_filtered
+from deltaid.joint_forces.constraint_forces import ConstraintForces, motion_of
+from deltaid.joint_forces.study import with_struts
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.opening import open_log
 from identified import identified

@@ -21,7 +21,7 @@ from composed import dynamics as composed_dynamics
 from composed import twin as composed_twin
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot

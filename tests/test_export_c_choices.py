@@ -17,7 +17,7 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.options import FURTHER as NAMES
 from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot

@@ -10,7 +10,7 @@ import pytest
 
 from composed import Make
 from deltaid.exports.mjcf import mjcf
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from exports import COMPOSED, model, states, subject, the, title, tree_motion
 from test_export_mjcf import Simulation
 

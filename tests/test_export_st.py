@@ -15,7 +15,7 @@ from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.st_statements import StructuredText
 from deltaid.exports.straight_line import Array, body
 from deltaid.exports.structured_text import plc_program, structured_text
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from exports import floats, model, states, subject, towards_singularities
 from st_program import Program

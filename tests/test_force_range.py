@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.forces.ball import Ball
-from deltaid.forces.constraint_forces import ConstraintForces
-from deltaid.forces.ranges import (
+from deltaid.identification.generic_motion import random_motion_base
+from deltaid.identification.identify import identify
+from deltaid.joint_forces.ball import Ball
+from deltaid.joint_forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.ranges import (
     Determinacy,
     Evidence,
     Ranges,
     evidence,
     structural_determinacy,
 )
-from deltaid.forces.unknowns import Block, Unknowns, unknowns
-from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.identify import identify
+from deltaid.joint_forces.unknowns import Block, Unknowns, unknowns
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion

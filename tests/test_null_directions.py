@@ -10,7 +10,7 @@ import pytest
 from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.halves import with_turned_half
 from deltaid.planning.exchange import exchanges
 from deltaid.planning.joints import instances

@@ -21,7 +21,7 @@ from deltaid.exports.fill import rendered
 from deltaid.exports.pairs import pairs_of_c, split
 from deltaid.exports.precision import SINGLE
 from deltaid.exports.straight_line import Array, straight_line
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.online.instant import pose
 from exports import (

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
     from deltaid.exports.files import write_export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
-    from deltaid.forces.constraint_forces import ConstraintForces
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
+    from deltaid.joint_forces.constraint_forces import ConstraintForces
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 _HOME = {
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.mapping",
-    "ConstraintForces": "deltaid.forces.constraint_forces",
+    "ConstraintForces": "deltaid.joint_forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
     "Excitation": "deltaid.excitation.excite",

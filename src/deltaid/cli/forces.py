@@ -9,8 +9,8 @@ import typer
 from deltaid.cli.options import mappings, output_file
 
 if TYPE_CHECKING:
-    from deltaid.forces.constraint_forces import ConstraintForces
-    from deltaid.forces.study import Finding, Study, Viewer
+    from deltaid.joint_forces.constraint_forces import ConstraintForces
+    from deltaid.joint_forces.study import Finding, Study, Viewer
     from deltaid.model.model import Model
 
 
@@ -66,10 +66,10 @@ def forces(
         require_outputs,
     )
     from deltaid.files import together
-    from deltaid.forces.constraint_forces import ConstraintForces
-    from deltaid.forces.ranges import left_aside
-    from deltaid.forces.study import study, with_struts
     from deltaid.identification.as_identified import model_filtered
+    from deltaid.joint_forces.constraint_forces import ConstraintForces
+    from deltaid.joint_forces.ranges import left_aside
+    from deltaid.joint_forces.study import study, with_struts
     from deltaid.model.model import load
     from deltaid.recording.mapping import load_mapping
     from deltaid.recording.opening import open_log
@@ -123,7 +123,7 @@ def _viewers(
 ) -> "list[Viewer]":
     """What sees all forces on their way: a CSV file, the figure of a report."""
     from deltaid.files import written_whole
-    from deltaid.forces.study import CsvFile
+    from deltaid.joint_forces.study import CsvFile
 
     found: list[Viewer] = []
     if output is not None:

@@ -20,7 +20,7 @@ from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched

@@ -12,7 +12,7 @@ from deltaid.exports.options import FURTHER
 from deltaid.exports.parameter_table import ParameterTable
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.straight_line import Array
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.tree_joints import passive_joints
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings

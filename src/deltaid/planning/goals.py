@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.planning.knowledge import Knowledge
 from deltaid.planning.rows import Scene
 from deltaid.planning.unknowns import Unknowns

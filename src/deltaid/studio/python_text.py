@@ -128,7 +128,7 @@ def forces_text(
 from pathlib import Path
 
 import deltaid
-from deltaid.forces.study import CsvFile, study, with_struts
+from deltaid.joint_forces.study import CsvFile, study, with_struts
 from deltaid.identification.as_identified import model_filtered
 from deltaid.recording.opening import open_log
 

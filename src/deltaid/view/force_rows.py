@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 
-from deltaid.forces.study import Finding, Study
+from deltaid.joint_forces.study import Finding, Study
 from deltaid.view.numbers import number, span, with_uncertainty
 from deltaid.view.table import Table
 

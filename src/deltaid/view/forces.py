@@ -5,8 +5,8 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.forces.constraint_forces import ConstraintForces, Motion
-from deltaid.forces.study import Study
+from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion
+from deltaid.joint_forces.study import Study
 from deltaid.model.model import ModelLike, load
 from deltaid.view import style
 from deltaid.view.drawing import drawing

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
-from deltaid.forces.constraint_forces import ConstraintForces
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import yaml_text

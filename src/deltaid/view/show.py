@@ -22,7 +22,7 @@ _KINDS = {
     "excitation.excite.Excitation": "motions",
     "excitation.excite.Exciter": "exciters",
     "excitation.run.Run": "runs",
-    "forces.constraint_forces.ConstraintForces": "robots",
+    "joint_forces.constraint_forces.ConstraintForces": "robots",
     "estimation.base_parameters.BaseParameters": "values",
     "identification.identify.Identification": "identifications",
     "identification.torque_error.TorqueError": "values",

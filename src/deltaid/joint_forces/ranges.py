@@ -6,11 +6,11 @@ consistency. The range of c·p is its least and largest value over all consisten
 
     ‖(Y p − τ)/σ_c‖²_W + ‖u‖² ≤ m² + 1.96²,
 
-where u are the unknowns in units of their prior's standard deviation (`forces.unknowns`), m²
+where u are the unknowns in units of their prior's standard deviation (`joint_forces.unknowns`), m²
 the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
 by the scatter of the recordings as for all intervals (`estimation.scatter`). Without active
 cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
-triangular R of data and prior, it is a linear function over a ball and cones (`forces.ball`).
+triangular R of data and prior, it is a linear function over a ball and cones (`joint_forces.ball`).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +28,6 @@ from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.scatter import half_width
-from deltaid.forces.ball import REACH, Ball
-from deltaid.forces.unknowns import Unknowns, unknowns
 from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.balance import balanced
 from deltaid.identification.gathering import gather_all
@@ -38,6 +36,8 @@ from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.joint_forces.ball import REACH, Ball
+from deltaid.joint_forces.unknowns import Unknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings

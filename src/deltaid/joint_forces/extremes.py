@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import RecordingError
-from deltaid.forces.constraint_forces import ConstraintForces, Motion
+from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import definite, quiet_settings, svec
 from deltaid.estimation.information import triangle
-from deltaid.forces.unknowns import Unknowns
+from deltaid.joint_forces.unknowns import Unknowns
 
 # Half the width of a 95 % interval in standard deviations.
 REACH = 1.959963984540054

@@ -10,9 +10,9 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import DescriptionError
-from deltaid.forces.constraint_forces import ConstraintForces, Motion, motion_of
-from deltaid.forces.extremes import Extremes, Worst, extremes, worst_cases
-from deltaid.forces.ranges import (
+from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion, motion_of
+from deltaid.joint_forces.extremes import Extremes, Worst, extremes, worst_cases
+from deltaid.joint_forces.ranges import (
     Openness,
     Range,
     Ranges,
