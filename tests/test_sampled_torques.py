@@ -98,3 +98,9 @@ def test_a_coarse_unit_is_no_hold(unit: float, noise: float) -> None:
     tau = wave(TIME) + noise * np.random.default_rng(1).standard_normal(SAMPLES)
     tau = np.round(tau / unit) * unit if unit else tau
     assert not any(holds([blocks(rows(tau), 777)], COLUMNS, RATE))
+
+
+def test_pulses_that_begin_in_every_fifth_row_are_no_hold() -> None:
+    noise = 0.01 * np.random.default_rng(2).standard_normal(SAMPLES)
+    pulses = np.maximum(1 - np.arange(SAMPLES) % 100 / 13, 0)
+    assert not any(holds([blocks(rows(wave(TIME) + noise + pulses), 777)], COLUMNS, RATE))

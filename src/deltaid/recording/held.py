@@ -29,7 +29,7 @@ _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
 # an update's rise, that those of other rows surely stay below.
 _SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.5
 
-# Share of rows that have no step of friction near.
+# Share of rows that have no step of friction near, and of rises of a phase that no jump made.
 _USUAL = 0.9
 # Parts of a recording that have to agree.
 _PARTS = 2
@@ -103,6 +103,12 @@ def _parts(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
     return [list(part) for part in zip(*split, strict=True)]
 
 
+def _limit(rises: np.ndarray, phases: np.ndarray, k: int) -> float:
+    """What most rises of every phase stay below: a few jumps that share a phase are no updates."""
+    own = (np.abs(rises[phases == phase]) for phase in range(k))
+    return max(float(np.quantile(rise, _USUAL)) for rise in own if rise.size)
+
+
 def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
     """The same of one part."""
     products, squares = np.zeros(k), np.zeros(k)
@@ -117,10 +123,12 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
         d = tau[n] - tau[n - 1]
         usual = np.abs(s) <= np.quantile(np.abs(s), _USUAL)
         d, s, r = d[usual], s[usual], numbers[n[usual]] % k
+        usual = np.abs(d) <= _limit(d, r, k)
+        d, s, r = d[usual], s[usual], r[usual]
         products += np.bincount(r, d * s, k)
         squares += np.bincount(r, s**2, k)
         rises, count = rises + float(d @ d), count + len(d)
-    if count == 0 or np.any(squares == 0):
+    if rises == 0 or np.any(squares == 0):
         return None
     c, variance = products / squares, rises / count / squares
     common = float(np.sum(c / variance) / np.sum(1 / variance))
