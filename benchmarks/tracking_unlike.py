@@ -29,8 +29,7 @@ from deltaid.control.control_model import ControlModel
 from deltaid.control.plant import Plant, Ripple
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import MotionTrajectory
-from deltaid.dynamics.parameters import prior_parameters
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import prior_parameters, with_prior
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.model.model import Model, load

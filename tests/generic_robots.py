@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.robot.telescope import Telescope
+from deltaid.robot.platform import Telescope
 from support import random_states, random_twin
 
 

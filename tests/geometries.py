@@ -8,7 +8,7 @@ import numpy as np
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.limbs import Limbs
-from deltaid.robot.telescope import Telescope
+from deltaid.robot.platform import Telescope
 from support import random_twin
 
 # Lengths like a 1.6 m robot's, unless a name says otherwise.

@@ -15,7 +15,7 @@ from deltaid.effects.point import Point
 from deltaid.identification import contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
-from deltaid.identification.outcome import Outcome
+from deltaid.identification.setup import Outcome
 from deltaid.identification.study import studied_trace
 from deltaid.robot.load import described
 from drives import case

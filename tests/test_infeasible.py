@@ -13,7 +13,7 @@ from deltaid.control.comparison import Run
 from deltaid.control.infeasible import of_motion, of_tracking
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.control.trajectory import MotionTrajectory
-from deltaid.dynamics.limits_along import LimitsAlong
+from deltaid.dynamics.limits import LimitsAlong
 from deltaid.model.model import Model, load
 from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion

@@ -11,8 +11,7 @@ import pytest
 import deltaid
 from command import refused, run
 from deltaid.dynamics.limits import effort_limits
-from deltaid.dynamics.parameters import inertia_scale, least_margin
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import inertia_scale, least_margin, with_prior
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from identified import identified

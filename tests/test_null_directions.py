@@ -11,7 +11,7 @@ from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.halves import with_turned_half
+from deltaid.mechanism.platform import with_turned_half
 from deltaid.planning.exchange import exchanges
 from deltaid.planning.joints import instances
 from deltaid.planning.motion import generic_motion

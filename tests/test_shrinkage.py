@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deltaid.estimation.selection import reduced, rivals
 from deltaid.estimation.shrinkage import Block, Group, Shrunk
+from deltaid.identification.contest import reduced, rivals
 
 LEAST = 6.0
 

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import with_prior
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot, save_yaml

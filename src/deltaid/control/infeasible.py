@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.control.tracking import Tracking
 from deltaid.control.trajectory import Trajectory
-from deltaid.dynamics.limits import effort_limits
-from deltaid.dynamics.limits_along import LimitsAlong
+from deltaid.dynamics.limits import LimitsAlong, effort_limits
 from deltaid.errors import sentence
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.model.model import Model

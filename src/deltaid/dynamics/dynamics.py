@@ -8,10 +8,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.equations import Equations, build_equations
+from deltaid.dynamics.equations import Equations, beyond_rounding, build_equations
 from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.dynamics.rounding import beyond_rounding
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples

@@ -28,9 +28,9 @@ import numpy as np
 
 from deltaid.dynamics.force_parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
 from deltaid.dynamics.speed_forces import SpeedForces
-from deltaid.mechanism.halves import with_turned_half
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.platform import with_turned_half
+from deltaid.mechanism.rotation import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltaid.dynamics.rigid_body import Wrench
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.rotation import fixed
 from deltaid.robot.limbs import LimbGeometry
 
 

@@ -15,7 +15,7 @@ from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.growth import Growth, grown_by
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.rotation import fixed
 from deltaid.robot.description import RobotDescription
 
 # Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
-from deltaid.robot.body import Entry, Prior, reduced_prior
+from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
 from deltaid.robot.load import RobotLike, described
@@ -181,3 +181,21 @@ def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -
             margins[parameter.name] = parameter.margin(float(value))
     worst = min(margins, key=lambda name: margins[name])
     return worst, margins[worst]
+
+
+def with_prior(
+    robot: RobotDescription, p: Float[np.ndarray, " parameters"], **changes: object
+) -> RobotDescription:
+    """The same robot with parameters p as its prior, and other changes of its keys.
+
+    Constant offsets of friction are left out: their prior is zero in any description.
+
+    Raises:
+        DescriptionError: the parameters are not those of a robot that can be.
+    """
+    layout, data = parameter_layout(robot), robot.model_dump()
+    for name in layout.bodies:
+        data["bodies"][name]["prior"] = ExplicitInertia.of(p[layout.body(name)]).model_dump()
+    for column, value in zip(joint_columns(robot), p[layout.coefficients].tolist(), strict=True):
+        column.describe(data, value)
+    return RobotDescription.model_validate(data | changes)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.mechanism.mechanism import MovingBody
-from deltaid.mechanism.vectors import skew
+from deltaid.mechanism.rotation import skew
 
 
 @dataclass(frozen=True)

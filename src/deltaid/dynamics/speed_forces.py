@@ -15,8 +15,7 @@ from deltaid.dynamics.joint_columns import JointColumn, JointMotion, Sign, joint
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.dynamics.rigid_body import Wrench, potential, wrench
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
-from deltaid.mechanism.rotation import Path, along
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.rotation import Path, along, fixed
 from deltaid.robot.description import RobotDescription
 
 

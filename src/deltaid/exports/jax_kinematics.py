@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 
 from deltaid.exports.jax_graph import as_jax
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.rotation import inverse
 
 # Steps along the way from home, Newton iterations at each and at the end, as in mechanism.newton.
 _ON_THE_WAY, _AT_EACH, _AT_THE_END = 6, 2, 8

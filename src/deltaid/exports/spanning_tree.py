@@ -9,8 +9,7 @@ from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.mechanism.tree_joints import i4_direction, tree_coordinates
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
-from deltaid.robot.telescope import Telescope
+from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
 
 _X, _Y, _Z = np.eye(3)
 # What two struts are drawn apart whose distance is not described, as a share of their length.

@@ -16,10 +16,9 @@ from deltaid.estimation.span import Span
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import Group
-from deltaid.identification.balance import balanced
 from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_curves import LawConstants
-from deltaid.identification.gathering import Gathered
+from deltaid.identification.gathering import Gathered, balanced
 from deltaid.identification.geometry import GeometricRows, shifted
 from deltaid.identification.loads import Held, joined
 from deltaid.identification.widening import widened

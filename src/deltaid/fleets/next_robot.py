@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import inv
 
-from deltaid.dynamics.parameters import inertia_scale
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import inertia_scale, with_prior
 from deltaid.fleets.member import unmeasured
 from deltaid.fleets.population import Population
 from deltaid.robot.body import ExplicitInertia

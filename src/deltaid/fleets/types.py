@@ -19,7 +19,7 @@ from deltaid.fleets.type_fit import PopulationSettings, fitted
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_tree import yaml_text
 
 FOLDER = "types"
 TABLES = {"types": {**TYPES, "key": pl.String}, "members": {**MEMBERS, "key": pl.String}}

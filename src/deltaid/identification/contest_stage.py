@@ -20,8 +20,7 @@ from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
-from deltaid.identification.outcome import WIND_UP, Coefficients, Outcome
-from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progress, Setup, Stage
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Kind, cause_in_words
 from deltaid.model.inseparable import Inseparable

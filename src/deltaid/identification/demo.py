@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import with_prior
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate

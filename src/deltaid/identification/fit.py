@@ -16,8 +16,7 @@ from deltaid.estimation.information import Information
 from deltaid.estimation.objective import Objective, Solution, noise_level
 from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.identification.balance import balanced
-from deltaid.identification.gathering import Gathered, gather_all
+from deltaid.identification.gathering import Gathered, balanced, gather_all
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows

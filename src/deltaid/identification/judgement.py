@@ -11,8 +11,8 @@ from deltaid.identification.friction_curves import friction_curves
 from deltaid.identification.gains import torque_scale
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
-from deltaid.identification.outcome import Outcome
 from deltaid.identification.sensor_stage import fitted_sensors
+from deltaid.identification.setup import Outcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction

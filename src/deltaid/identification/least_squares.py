@@ -21,8 +21,7 @@ from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.regularizer import parameter_scale
 from deltaid.estimation.scatter import Groups, Noise, half_width, inverse, observe, quantile
-from deltaid.identification.balance import balanced
-from deltaid.identification.gathering import gather_all
+from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.geometry import geometry
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.torque_error import torque_error

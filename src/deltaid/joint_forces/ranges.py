@@ -29,8 +29,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.scatter import half_width
 from deltaid.identification.as_identified import model_filtered
-from deltaid.identification.balance import balanced
-from deltaid.identification.gathering import gather_all
+from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base

@@ -3,16 +3,15 @@
 import casadi as ca
 import numpy as np
 
+from deltaid.mechanism.forward import meeting_point
 from deltaid.mechanism.growth import Growth
 from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
 from deltaid.mechanism.platform import PlatformParts, build_platform
-from deltaid.mechanism.rotation import Path
+from deltaid.mechanism.rotation import Path, fixed
 from deltaid.mechanism.speeds import Speed, Speeds
-from deltaid.mechanism.spheres import meeting_point
 from deltaid.mechanism.telescope import build_telescope
-from deltaid.mechanism.vectors import fixed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform

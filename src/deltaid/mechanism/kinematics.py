@@ -11,12 +11,11 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
-from deltaid.mechanism.joint_states import WithJointStates
+from deltaid.mechanism.joint_states import PassiveJoints, WithJointStates
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
-from deltaid.mechanism.passive_joints import PassiveJoints
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.rotation import inverse
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 

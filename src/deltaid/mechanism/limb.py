@@ -14,9 +14,8 @@ from jaxtyping import Float
 
 from deltaid.mechanism.growth import LimbGrowth
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
-from deltaid.mechanism.rotation import Path, Turn, pointing, rotation
+from deltaid.mechanism.rotation import Path, Turn, fixed, pointing, reciprocal, rotation
 from deltaid.mechanism.speeds import Speed
-from deltaid.mechanism.vectors import fixed, reciprocal
 from deltaid.robot.limbs import LimbGeometry
 
 _Length = float | ca.SX

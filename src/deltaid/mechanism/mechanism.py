@@ -11,9 +11,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.rotation import Path, Rotation
+from deltaid.mechanism.rotation import Path, Rotation, inverse
 from deltaid.mechanism.speeds import Speeds
-from deltaid.mechanism.vectors import inverse
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.rotation import inverse
 
 Samples = Float[np.ndarray, "samples dof"]
 

@@ -4,16 +4,17 @@ The task coordinates are z = [r; ψ] for a platform that turns its tool, z = r f
 Formulas and sources: `robot/platform.py`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.mechanism import MovingBody
-from deltaid.mechanism.rotation import Path, Turn, along, rotation
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.rotation import Path, Rotation, Turn, along, fixed, rotation
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
+
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -112,3 +113,24 @@ def _joining(
             return (_body("R", r, turn, count=2),)
         case I4Platform():
             return ()
+
+
+def with_turned_half(mechanism: Mechanism) -> Mechanism:
+    """The same mechanism with its second half platform turned; itself where there is none.
+
+    Both half platforms are the same part, of which one is mounted turned by 180° about z. Parts
+    only translate, so torques show their masses alone, and both may be described in world axes.
+    What carries first and second moments, such as a base or a single strut, sees the second turned.
+    """
+    parts = mechanism.platform
+    if len(parts) < 2 or parts[0].name != parts[1].name:
+        return mechanism
+    second = _turned(parts[1])
+    bodies = tuple(second if body is parts[1] else body for body in mechanism.bodies)
+    return replace(mechanism, bodies=bodies, platform=(parts[0], second, *parts[2:]))
+
+
+def _turned(body: MovingBody) -> MovingBody:
+    turn: ca.SX = fixed(_HALF_TURN)
+    was = body.rotation
+    return replace(body, rotation=Rotation(was.R @ turn, turn.T @ was.w, turn.T @ was.alpha))

@@ -1,4 +1,4 @@
-"""Rotations as chains of turns about axes of the turned frame, with angular velocity.
+"""Vectors, and rotations as chains of turns about axes of the turned frame with angular velocity.
 
 Each turn adds its own rate to the angular velocity and nothing else, so what is zero by geometry
 is zero by structure: columns of the regressor that no motion shows stay empty. Angles are given by
@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
-
-from deltaid.mechanism.vectors import fixed, reciprocal, skew
 
 
 @dataclass(frozen=True)
@@ -117,3 +115,27 @@ def pointing(axes: str, v: Path, length: Path) -> tuple[Turn, Turn]:
     lifted = y.acceleration - s_g * length.acceleration - 2 * c_g * length.rate * g_rate
     first = Turn(axes[0], c_b, s_b, b_rate, -turned * inverse)
     return first, Turn(axes[1], c_g, s_g, g_rate, (lifted + y.at * g_rate**2) * inverse)
+
+
+def fixed(A: Float[np.ndarray, "..."]) -> ca.SX:
+    """Numbers without entries for what is zero but for rounding, so that no graph computes them."""
+    A = np.asarray(A, dtype=float)
+    return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(A) < 1e-15, 0.0, A))))
+
+
+def skew(v: ca.SX) -> ca.SX:
+    """[v]ₓ without entries for the components of v that are zero by construction."""
+    return ca.sparsify(ca.skew(v))
+
+
+def reciprocal(x: ca.SX) -> ca.SX:
+    """1 / x as x / x², because CasADi makes a division of every product with 1 / x; NaN at 0."""
+    return x / (x * x)
+
+
+def inverse(A: ca.SX) -> ca.SX:
+    """Inverse of a small square matrix by cofactors; decoupled rows and columns cost nothing.
+
+    Infinite where A is singular.
+    """
+    return ca.inv_minor(A)

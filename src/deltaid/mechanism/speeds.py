@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from deltaid.mechanism.vectors import reciprocal
+from deltaid.mechanism.rotation import reciprocal
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ import numpy as np
 
 from deltaid.mechanism.mechanism import MovingBody, TelescopeBodies
 from deltaid.mechanism.platform import turn_z
-from deltaid.mechanism.rotation import Path, Rotation, along, pointing, rotation
+from deltaid.mechanism.rotation import Path, Rotation, along, pointing, rotation, skew
 from deltaid.mechanism.speeds import Speed
-from deltaid.mechanism.vectors import skew
-from deltaid.robot.telescope import Telescope
+from deltaid.robot.platform import Telescope
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
-from deltaid.robot.telescope import Telescope
+from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
 
 
 @dataclass(frozen=True, eq=False)

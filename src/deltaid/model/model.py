@@ -13,8 +13,12 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
-from deltaid.dynamics.prior import with_prior
+from deltaid.dynamics.parameters import (
+    ParameterLayout,
+    parameter_layout,
+    prior_parameters,
+    with_prior,
+)
 from deltaid.errors import DescriptionError, unknown
 from deltaid.model.above import above
 from deltaid.model.names import place

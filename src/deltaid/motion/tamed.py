@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.limits_along import LimitsAlong
+from deltaid.dynamics.limits import LimitsAlong
 from deltaid.errors import KinematicsError
 from deltaid.motion.fourier import FourierMotion
 

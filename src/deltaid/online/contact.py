@@ -35,7 +35,7 @@ from scipy.stats import chi, chi2, norm
 
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import DeltaidError
-from deltaid.mechanism.vectors import reciprocal
+from deltaid.mechanism.rotation import reciprocal
 
 # Friction at rest may exceed Coulomb friction, by so much at most.
 _BREAKAWAY = 1.3

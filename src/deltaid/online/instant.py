@@ -19,7 +19,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.vectors import inverse
+from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model
 from deltaid.online.graph import Kept, only_if
 from deltaid.online.layout import Field, Layout

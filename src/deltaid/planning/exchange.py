@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.planning.joints import Instance, Shared, move_alike, shared, turn_alike
-from deltaid.robot.body_words import body_in_words
+from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform

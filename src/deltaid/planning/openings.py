@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.mechanism.halves import with_turned_half
+from deltaid.mechanism.platform import with_turned_half
 from deltaid.planning.exchange import exchanges
 from deltaid.planning.joints import instances
 from deltaid.planning.motion import PlannedMotion

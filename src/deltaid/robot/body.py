@@ -1,5 +1,6 @@
 """A body as a user writes it: its prior, and which of its ten parameters may change."""
 
+import re
 from typing import Literal, get_args
 
 import numpy as np
@@ -20,6 +21,23 @@ from deltaid.robot.shapes import Shape
 
 InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz"]
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
+
+# What the short names of bodies stand for; of those that several limbs have, each one.
+_BODIES = {
+    "U": "upper arm",
+    "C": "carriage",
+    "S": "strut",
+    "P": "platform",
+    "SB": "side bar",
+    "MB": "middle bar",
+    "MP": "main part",
+    "R": "rod",
+    "HP": "half platform",
+    "TU": "upper telescope bar",
+    "TL": "lower telescope bar",
+    "EE": "end effector",
+}
+_NUMBERED = re.compile(r"([USC])(\d+)")
 
 
 class InertiaTensor(Part):
@@ -126,3 +144,10 @@ def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:
     if isinstance(prior, ExplicitInertia):
         return prior.parameters()
     return np.sum([shape.parameters() for shape in prior], axis=0)
+
+
+def body_in_words(name: str) -> str:
+    """'upper arm' of U, 'upper arm 2' of U2; the name itself of a body of an own mechanism."""
+    if numbered := _NUMBERED.fullmatch(name):
+        return f"{_BODIES[numbered[1]]} {numbered[2]}"
+    return _BODIES.get(name, name)

@@ -22,11 +22,10 @@ from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.part import Part
-from deltaid.robot.platform import Platform, RigidPlatform
+from deltaid.robot.platform import Platform, RigidPlatform, Telescope
 from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.sensors import Sensor
 from deltaid.robot.task import NAMES, Task
-from deltaid.robot.telescope import Telescope
 from deltaid.robot.tolerances import Tolerances
 from deltaid.robot.workspace import Workspace
 from deltaid.shown import Plotted, Reported, Shown

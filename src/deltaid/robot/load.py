@@ -16,8 +16,7 @@ from deltaid.robot.closing import open_limb
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import with_named_file
-from deltaid.robot.yaml_text import yaml_text
-from deltaid.robot.yaml_tree import Entry, child, plain, read_tree
+from deltaid.robot.yaml_tree import Entry, child, plain, read_tree, yaml_text
 
 _Model = TypeVar("_Model", bound=BaseModel)
 

@@ -1,4 +1,4 @@
-"""Platforms of Delta-like robots as a user writes them.
+"""Platforms of Delta-like robots, and the telescope of a 4-DOF Delta, as a user writes them.
 
 With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i holds the point
 
@@ -23,6 +23,8 @@ from deltaid.robot.quantities import Coordinate, Length, Point, Positive
 # What `_check` below refuses, for editors too.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
 LimbNumber = Annotated[int, Field(json_schema_extra={"minimum": 1, "maximum": 4})]
+# Positive, which `_check` says in its own words.
+Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 
 def _direction(angle: float) -> Float[np.ndarray, " 3"]:
@@ -141,3 +143,24 @@ class I4Platform(_Articulated):
 Platform = Annotated[
     RigidPlatform | H4Platform | Par4Platform | I4Platform, Field(discriminator="kind")
 ]
+
+
+class Telescope(Part):
+    """Telescope bar (Cardan axle) from base to platform; adds the rotation ψ as fourth axis."""
+
+    base_joint: Point = Field(
+        default=(0.0, 0.0, 0.0), description="centre of the upper universal joint in the world, m"
+    )
+    platform_joint: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description="centre of the lower universal joint from the platform point, m",
+    )
+    stroke: tuple[Stroke, Stroke] | None = Field(
+        default=None, description="shortest and longest distance of the two universal joints, m"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Telescope":
+        if self.stroke is not None and not 0 < self.stroke[0] < self.stroke[1]:
+            raise ValueError("stroke must be given as [shortest, longest], both positive")
+        return self

@@ -5,6 +5,7 @@ schema of YAML 1.2 and without tags: no text can name a type, run a constructor 
 """
 
 import functools
+import io
 import math
 import re
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from ruamel.yaml.events import (
     StreamEndEvent,
 )
 from ruamel.yaml.reader import ReaderError
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from deltaid.errors import DescriptionError
 
@@ -34,6 +36,8 @@ Value = Scalar | list["Entry"] | dict[str, "Entry"]
 # A model file has some 700 nodes. Aliases may refer to aliases, so a short text can have billions.
 _MOST_NODES, _DEEPEST = 20_000, 30
 _WORDS: dict[str, Scalar] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
+
+
 _WORDS |= dict.fromkeys(("true", "True", "TRUE"), True)
 _WORDS |= dict.fromkeys(("false", "False", "FALSE"), False)
 _WORDS |= dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
@@ -253,3 +257,26 @@ def _too_much(where: str) -> DescriptionError:
     return DescriptionError(
         "has too many entries or levels", where=where, cure="is it a description at all?"
     )
+
+
+def yaml_text(data: dict[str, Any]) -> str:
+    """Plain data as YAML, the innermost lists and mappings on one line each."""
+    yaml, text = YAML(), io.StringIO()
+    yaml.default_flow_style = None
+    yaml.width = 100
+    yaml.dump(_quoted(data), text)
+    return text.getvalue()
+
+
+def _quoted(value: Any) -> Any:
+    """Text between quotes where something of it would be lost without.
+
+    Line breaks and control characters; and a question mark or colon at its beginning, which the
+    writer leaves plain and the parser takes for the mark of a key or a value.
+    """
+    if isinstance(value, dict):
+        return {key: _quoted(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_quoted(entry) for entry in value]
+    special = isinstance(value, str) and (not value.isprintable() or value[:1] in ("?", ":"))
+    return DoubleQuotedScalarString(value) if special else value

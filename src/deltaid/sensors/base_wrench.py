@@ -25,8 +25,8 @@ from jaxtyping import Float
 from deltaid.dynamics.force_parts import Part
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.errors import DescriptionError
-from deltaid.mechanism.halves import with_turned_half
-from deltaid.mechanism.vectors import fixed
+from deltaid.mechanism.platform import with_turned_half
+from deltaid.mechanism.rotation import fixed
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.graph_rows import GraphRows, Shown, Unknown

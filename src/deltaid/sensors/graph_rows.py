@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.rounding import beyond_rounding
+from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.parameter import Parameter
 from deltaid.sensors.rows import Motion, SensorChannel, SensorRows

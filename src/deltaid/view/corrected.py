@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from deltaid.model.corrections import NAMES, Correction, Kind
-from deltaid.robot.body_words import body_in_words
+from deltaid.robot.body import body_in_words
 
 # Longer rows of drives are told by their ends.
 _LONG = 2

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from deltaid.errors import visible
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
-from deltaid.robot.body_words import body_in_words
+from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.view.members import members
 

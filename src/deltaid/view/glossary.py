@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from deltaid.robot.body_words import body_in_words
+from deltaid.robot.body import body_in_words
 
 _ENTRIES = {"m": "mass"}
 _ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"}

@@ -5,7 +5,7 @@ import re
 from markupsafe import Markup, escape
 
 from deltaid.errors import visible
-from deltaid.robot.body_words import body_in_words
+from deltaid.robot.body import body_in_words
 from deltaid.view.glossary import NAME, bodies_in, in_words, is_short
 from deltaid.view.table import Table
 
