@@ -71,7 +71,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
 
     from deltaid.fleets.cluster import client, done
     from deltaid.fleets.fleet import Recorded
-    from deltaid.fleets.gathering import How, Job, gather_recorded
+    from deltaid.fleets.gather_one import How, Job, gather_recorded
     from deltaid.fleets.place import Place
     from deltaid.fleets.store import Store
     from deltaid.model.record import Settings

@@ -52,7 +52,7 @@ def no_workers() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("deltaid.fleets.run.client", lambda *_: nullcontext(Mock()))
         patch.setattr("deltaid.fleets.run.require_shared", lambda *_: None)
-        patch.setattr("deltaid.fleets.call.done", lambda _, work, items, failed: map(work, items))
+        patch.setattr("deltaid.fleets.step.done", lambda _, work, items, failed: map(work, items))
         yield
 
 

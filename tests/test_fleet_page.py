@@ -4,16 +4,16 @@ import re
 
 import pytest
 
-from deltaid.fleets import fits, known, studies, types
+from deltaid.fleets import fit_step, known, study_step, type_step
 from deltaid.fleets.manifest import Manifest
 from sessions import ROOT
 
 PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
 TABLES = {
-    "parameters": fits.SCHEMA,
+    "parameters": fit_step.SCHEMA,
     "recordings": known.RECORDINGS_SCHEMA,
-    **studies.TABLES,
-    **types.TABLES,
+    **study_step.TABLES,
+    **type_step.TABLES,
 }
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.fits import PARAMETERS
-from deltaid.fleets.fits import SCHEMA as PARAMETERS_SCHEMA
+from deltaid.fleets.fit_step import PARAMETERS
+from deltaid.fleets.fit_step import SCHEMA as PARAMETERS_SCHEMA
 from deltaid.fleets.fleet import Absent, Recorded
-from deltaid.fleets.gathering import Outcome
+from deltaid.fleets.gather_one import Outcome
 from deltaid.fleets.place import Place
-from deltaid.fleets.studies import TABLES as STUDY_TABLES
-from deltaid.fleets.types import TABLES as TYPE_TABLES
+from deltaid.fleets.study_step import TABLES as STUDY_TABLES
+from deltaid.fleets.type_step import TABLES as TYPE_TABLES
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
 RECORDINGS_SCHEMA = {

@@ -8,12 +8,20 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from deltaid.fleets.call import Call, Say
 from deltaid.fleets.cluster import client, require_shared
 from deltaid.fleets.drift_settings import DriftSettings
-from deltaid.fleets.fits import JOURNAL, PARAMETERS, SCHEMA, Fitted
+from deltaid.fleets.fit_step import JOURNAL, PARAMETERS, SCHEMA, Fitted
 from deltaid.fleets.fleet import Fleet
-from deltaid.fleets.gathering import Outcome
+from deltaid.fleets.gather_all import (
+    fit_all,
+    gather_again,
+    gather_all,
+    how_digest,
+    study_all,
+    type_all,
+)
+from deltaid.fleets.gather_one import Outcome
+from deltaid.fleets.gather_plan import Ways, with_cutoffs
 from deltaid.fleets.known import (
     QUARANTINE,
     RECORDINGS,
@@ -26,12 +34,11 @@ from deltaid.fleets.known import (
 from deltaid.fleets.place import Place
 from deltaid.fleets.site.site import SITE
 from deltaid.fleets.site.site import write as write_site
-from deltaid.fleets.steps import fit_all, gather_again, gather_all, how_digest, study_all, type_all
+from deltaid.fleets.step import Call, Say
 from deltaid.fleets.store import Store
-from deltaid.fleets.studies import MEMBERS, TABLES, Studied
-from deltaid.fleets.types import TABLES as TYPE_TABLES
-from deltaid.fleets.types import Typed
-from deltaid.fleets.ways import Ways, with_cutoffs
+from deltaid.fleets.study_step import MEMBERS, TABLES, Studied
+from deltaid.fleets.type_step import TABLES as TYPE_TABLES
+from deltaid.fleets.type_step import Typed
 from deltaid.model.record import Settings
 
 if TYPE_CHECKING:

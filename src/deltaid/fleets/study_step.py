@@ -16,9 +16,9 @@ from deltaid.fleets.drift_recorded import Recorded as Dated
 from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.fits import ALL, JOURNAL, Fitted, model_file
+from deltaid.fleets.fit_step import ALL, JOURNAL, Fitted, model_file
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gathering import ALONE, Outcome
+from deltaid.fleets.gather_one import ALONE, Outcome
 from deltaid.fleets.keys import digest
 from deltaid.fleets.member import member
 from deltaid.fleets.members import packed

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.fleets.cluster import done
 from deltaid.fleets.fleet import Fleet
+from deltaid.fleets.gather_plan import Ways
 from deltaid.fleets.known import Known
 from deltaid.fleets.place import Place
-from deltaid.fleets.ways import Ways
 
 if TYPE_CHECKING:
     from distributed import Client

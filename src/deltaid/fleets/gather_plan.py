@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.fleet import Fleet, Recorded
-from deltaid.fleets.gathering import How, Job, told_cutoff
+from deltaid.fleets.gather_one import How, Job, told_cutoff
 from deltaid.fleets.place import Place
 from deltaid.fleets.store import is_address
 from deltaid.model.record import Settings

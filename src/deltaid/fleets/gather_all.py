@@ -5,9 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.call import Call
 from deltaid.fleets.drift_settings import DriftSettings
-from deltaid.fleets.fits import (
+from deltaid.fleets.fit_step import (
     ALL,
     MODELS,
     PARAMETERS,
@@ -18,13 +17,14 @@ from deltaid.fleets.fits import (
     model_file,
 )
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gathering import FACTORS, Job, Outcome, gather_recorded
+from deltaid.fleets.gather_one import FACTORS, Job, Outcome, gather_recorded
 from deltaid.fleets.known import Named
+from deltaid.fleets.step import Call
 from deltaid.fleets.store import has_pattern
-from deltaid.fleets.studies import MEMBERS, TABLES, Studied, StudyJob, study_jobs, study_robot
-from deltaid.fleets.types import FOLDER as TYPES
-from deltaid.fleets.types import TABLES as TYPE_TABLES
-from deltaid.fleets.types import Typed, TypeJob, fit_type, type_jobs
+from deltaid.fleets.study_step import MEMBERS, TABLES, Studied, StudyJob, study_jobs, study_robot
+from deltaid.fleets.type_step import FOLDER as TYPES
+from deltaid.fleets.type_step import TABLES as TYPE_TABLES
+from deltaid.fleets.type_step import Typed, TypeJob, fit_type, type_jobs
 
 
 def gather_all(call: Call) -> tuple[list[Outcome], int]:

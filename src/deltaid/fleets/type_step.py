@@ -7,14 +7,14 @@ from importlib.metadata import version
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.gathering import ALONE
+from deltaid.fleets.gather_one import ALONE
 from deltaid.fleets.keys import digest, safe
 from deltaid.fleets.members import unpacked
 from deltaid.fleets.next_robot import next_robot
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
 from deltaid.fleets.store import StoreError
-from deltaid.fleets.studies import Studied
+from deltaid.fleets.study_step import Studied
 from deltaid.fleets.type_fit import PopulationSettings, fitted
 from deltaid.model.record import Settings
 from deltaid.parallel import threads

@@ -11,7 +11,7 @@ import polars as pl
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import period_of
-from deltaid.fleets.gathering import ALONE, Outcome, poor
+from deltaid.fleets.gather_one import ALONE, Outcome, poor
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.keys import FIT_SETTINGS, digest
 from deltaid.fleets.place import Place
