@@ -18,7 +18,7 @@ from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
 from deltaid.robot.load import load_robot
-from deltaid.view.events import event_table
+from deltaid.view.corrections import event_table
 from faults.case import Setting
 from pushes import Force, moving, places, recorded, torques
 from sweeps import swept

@@ -19,8 +19,7 @@ from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.motion.tamed import tamed
-from deltaid.view.tracking import comparison_page
-from deltaid.view.tracking_tables import infeasible_lines
+from deltaid.view.tracking import comparison_page, infeasible_lines
 
 TELESCOPE = "irb360-6-1600"
 TIME = np.linspace(0.0, 10.0, 2000)

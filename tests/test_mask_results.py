@@ -13,7 +13,7 @@ from deltaid.model.left_out import LeftOut, Span
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording, open_recordings, with_filter
-from deltaid.view.left_out import left_out_table, reversals
+from deltaid.view.corrections import left_out_table, reversals
 from interrupted import Interrupted, cost_of_masks, interrupted, mass_error
 from masked import CLAVEL, IRB, opened
 from sweeps import swept

@@ -18,11 +18,11 @@ from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.view.comparison import Comparison, compare
+from deltaid.view.corrections import put_right_sections
 from deltaid.view.friction import law
 from deltaid.view.identification import Verification, identification_page
 from deltaid.view.page import Figure, Table, render
 from deltaid.view.parameters import parameter_section
-from deltaid.view.put_right_section import put_right_sections
 from deltaid.view.validation import validation_page
 from html_page import HOSTILE, Document
 from logs import recorded, write

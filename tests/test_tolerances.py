@@ -20,7 +20,7 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_
 from deltaid.recording.memory import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from deltaid.view.shares import share_table, shares_sentence
+from deltaid.view.parameters import share_table, shares_sentence
 from poor_priors import PLAIN
 
 slow = pytest.mark.slow

@@ -77,7 +77,7 @@ def compare_controllers(
     from deltaid.control.infeasible import of_motion
     from deltaid.control.plant import Plant
     from deltaid.model.model import load
-    from deltaid.view.tracking_tables import infeasible_lines
+    from deltaid.view.tracking import infeasible_lines
 
     drives = drives_of(rate, bandwidth, encoder, delay, current_loop)
     held = payload_of(payload, known=False)
@@ -133,7 +133,7 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
 
 def _print(robot: "RobotDescription", runs: "tuple[Run, ...]", report: Path | None) -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.view.tracking_tables import comparison_table
+    from deltaid.view.tracking import comparison_table
 
     console.print(shown(comparison_table(robot, runs)))
     if report is not None:

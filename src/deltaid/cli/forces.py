@@ -153,7 +153,7 @@ def _write_report(
 def print_tables(computed: "ConstraintForces", result: "Study") -> None:
     """Worst cases as tables, and a sentence on what is known of them."""
     from deltaid.cli.output import console, shown
-    from deltaid.view.force_rows import tables, what_is_open
+    from deltaid.view.forces import tables, what_is_open
 
     for each in tables(result, computed.socket_force):
         console.print(shown(each))

@@ -90,13 +90,13 @@ def print_result(
     """The result as tables, and the verdict at their end; `log` was verified on."""
     from deltaid.cli.output import console, print_verdict, shown
     from deltaid.model.model import load
+    from deltaid.view.corrections import put_right_tables
     from deltaid.view.model_tables import (
         choice_sentence,
         choice_table,
         error_table,
         parameter_table,
     )
-    from deltaid.view.put_right import put_right_tables
     from deltaid.view.summary import summary as verdict
 
     model = result.model
@@ -129,8 +129,8 @@ def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.estimation.posing import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
-    from deltaid.view.left_out import reversals
-    from deltaid.view.shares import shares_sentence
+    from deltaid.view.corrections import reversals
+    from deltaid.view.parameters import shares_sentence
 
     fit, model = result.model.fit, result.model
     lines = []

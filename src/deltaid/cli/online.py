@@ -129,7 +129,7 @@ def _report(found: "Watched", model: "Model", path: Path) -> None:
 
 def _print(found: "Watched", written: list[Path]) -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.view.online_tables import (
+    from deltaid.view.online import (
         friction_table,
         loads_table,
         told_lines,

@@ -267,7 +267,7 @@ def as_table(
 
 def _print(robot: "RobotDescription", result: "Tracking") -> None:
     from deltaid.cli.output import console, shown
-    from deltaid.view.tracking_tables import drive_table
+    from deltaid.view.tracking import drive_table
 
     error = result.error
     console.print(shown(drive_table(robot, result)))

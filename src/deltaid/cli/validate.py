@@ -51,7 +51,7 @@ def validate(
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
     from deltaid.recording.mapping import load_mapping
-    from deltaid.view.left_out import left_out_table
+    from deltaid.view.corrections import left_out_table
     from deltaid.view.model_tables import error_table
     from deltaid.view.summary import summary
 

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import load
-from deltaid.view.members import members
-from deltaid.view.workspace import outline
+from deltaid.view.robot_shape import members, outline
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest

@@ -10,9 +10,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.recording import Recording
 from deltaid.view import style
-from deltaid.view.members import members
 from deltaid.view.page import Figure
-from deltaid.view.workspace import outline
+from deltaid.view.robot_shape import members, outline
 
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # From slightly above, as far away as the axes' titles need.

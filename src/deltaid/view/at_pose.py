@@ -1,17 +1,22 @@
-"""What a live view shows for a pose that is asked for; no window and no server in here."""
+"""A robot at a pose that is asked for, and its readings as a small table; no window in here."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from jinja2 import Environment, PackageLoader, Template
 
 from deltaid.dynamics.at_rest import AtRest
+from deltaid.view import style
 
 State = Literal["good", "near", "over"]
 
 # Share of a limit from which on it counts as near.
 _NEAR = 0.8
+_COLORS = {"good": style.RESIDUAL, "near": "#b59400", "over": style.LIMIT}
+_DECIMALS = {"deg": 1, "m": 4, "N": 1}
 
 
 @dataclass(frozen=True)
@@ -111,3 +116,23 @@ def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
 def _limit(name: str, share: float) -> LimitReading:
     state: State = "over" if share > 1 else "near" if share > _NEAR else "good"
     return LimitReading(name, share, state)
+
+
+def panel(view: View) -> str:
+    """HTML of a view's readings."""
+    return _template().render(view=view, colors=_COLORS)
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("deltaid", "view"), autoescape=True, trim_blocks=True
+    )
+    environment.filters["reading"] = _reading
+    return environment.get_template("panel.html.jinja")
+
+
+def _reading(value: float, unit: str = "") -> str:
+    """A number that does not jump: as many decimals whatever its size, and no zero with a sign."""
+    digits = _DECIMALS.get(unit, 2)
+    return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()

@@ -1,14 +1,37 @@
-"""Table of what an identification put right, for the terminal and for pages alike."""
+"""What an identification put right, found and left out, as tables and as a chapter."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 
+import numpy as np
+
 from deltaid.model.corrections import Correction
-from deltaid.view.numbers import number, with_uncertainty
+from deltaid.model.events import Event
+from deltaid.model.left_out import LeftOut, Span
+from deltaid.model.parameter_record import HeldLoad
+from deltaid.model.record import IdentifiedModel
+from deltaid.model.sensor_record import FittedSensor
+from deltaid.view.model_tables import MEASURED, origin, value_and_width
+from deltaid.view.numbers import number, percent, with_uncertainty
+from deltaid.view.page import Section
 from deltaid.view.table import Table
 
 # Units that are shown by a thousandth, with what they then are called.
 _SMALLER = {"s": (1e3, "ms")}
+# What of a load is shown, where a torque shows it or it was declared.
+_SHOWN_OF_LOADS = ("data", "fixed")
+_EVENT_COLUMNS = (
+    "event",
+    "from [s]",
+    "to [s]",
+    "platform at x, y, z [m]",
+    "force on it x, y, z [N]",
+    "|F| [N]",
+)
+# Spans that a cell lists.
+_SPANS = 3
+# Events that a page lists.
+_EVENTS = 200
 
 
 def correction_table(corrections: Sequence[Correction]) -> Table | None:
@@ -49,3 +72,176 @@ def _size(one: Correction) -> str:
         return f"{number(scale * one.value)} {unit}".rstrip()
     value, half = with_uncertainty(scale * one.value, 0.5 * scale * (one.high - one.low))
     return f"{value}{half and f' ± {half}'} {unit}".rstrip()
+
+
+def load_table(loads: Sequence[HeldLoad]) -> Table | None:
+    """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
+    if not loads:
+        return None
+    rows = tuple(
+        (
+            parameter.name,
+            *value_and_width(parameter),
+            parameter.unit,
+            "declared" if parameter.determined_by == "fixed" else "data",
+            load.body,
+            ", ".join(load.logs),
+        )
+        for load in loads
+        for parameter in load.parameters
+        if parameter.determined_by in _SHOWN_OF_LOADS and parameter.value
+    )
+    return Table(
+        ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
+        rows,
+        "Moments and inertia are about the origin of the body that holds the load. The model is of "
+        "the robot without it.",
+        title="loads",
+    )
+
+
+def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
+    """What the fit leaves of each channel, and what it found of the sensors; none without any."""
+    if not sensors:
+        return ()
+    channels = Table(
+        ("channel", "largest", "left by the fit", "noise stated", "unit"),
+        tuple(
+            (one.name, number(one.largest, 3), number(one.left, 2), number(one.stated, 2), one.unit)
+            for sensor in sensors
+            for one in sensor.channels
+        ),
+        "Root mean square of what the fit leaves, after the low-pass, which lets only a part of "
+        "the stated noise through. Each channel counts by what is left of it.",
+        title="sensors",
+    )
+    found = [one for sensor in sensors for one in sensor.parameters]
+    unknown = Table(
+        ("of the sensor", "value", "± (95 %)", "unit", "from"),
+        tuple((one.name, *value_and_width(one), one.unit, origin(one)) for one in found),
+        "What was unknown of sensors, fitted with the robot.",
+        frozenset(i for i, one in enumerate(found) if one.determined_by not in MEASURED),
+        "unknowns of sensors",
+    )
+    return (channels, unknown) if found else (channels,)
+
+
+def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
+    """Events with time, place and force; of many the largest, in the order of time.
+
+    Args:
+        logs: names of recordings, and their events.
+        most: so many rows at most.
+
+    Returns:
+        None if there are no events.
+    """
+    all_of_them = [(name, event) for name, events in logs for event in events]
+    if not all_of_them:
+        return None
+    size = np.array([_force_size(event) for _, event in all_of_them])
+    shown = np.sort(np.argsort(-size, kind="stable")[:most])
+    several = len({name for name, _ in all_of_them}) > 1
+    rows = tuple(
+        (*((all_of_them[k][0],) if several else ()), *_event_cells(all_of_them[k][1]))
+        for k in shown
+    )
+    fewer = len(all_of_them) - len(shown)
+    which = (
+        f" The {len(shown)} largest of {len(all_of_them)}; --json and the model file have all."
+        if fewer
+        else ""
+    )
+    return Table(
+        (*(("recording",) if several else ()), *_EVENT_COLUMNS),
+        rows,
+        "What acted on the robot beside its drives, with the platform's place and the force on it "
+        f"when it was largest, F = −Jᵀ r from the torques r that were left.{which}",
+        title="events",
+    )
+
+
+def _force_size(event: Event) -> float:
+    return 0.0 if event.force is None else float(np.linalg.norm(event.force))
+
+
+def _event_cells(event: Event) -> tuple[str, ...]:
+    times = (f"{event.start:.3f}", f"{event.end:.3f}")
+    if event.place is None or event.force is None:
+        return (f"{event.reason}, {', '.join(event.drives)}", *times, "", "", "")
+    place = ", ".join(f"{x:.3f}" for x in event.place)
+    force = ", ".join(f"{x:.0f}" for x in event.force)
+    return event.reason, *times, place, force, number(_force_size(event), 3)
+
+
+def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | None:
+    """Reason, share and times; None where nothing was left out but reversals.
+
+    Args:
+        logs: names of recordings, and what was left out of them.
+    """
+    logs = [(name, found) for name, found in logs if found]
+    several = len(logs) > 1
+    rows = tuple(
+        (
+            *((name,) if several else ()),
+            one.reason,
+            _named(one.drives),
+            percent(one.share),
+            _when(one.spans, one.more),
+        )
+        for name, found in logs
+        for one in found
+    )
+    if not any(one.spans for _, found in logs for one in found):
+        return None
+    why = {one.reason: one.why for _, found in logs for one in found}
+    words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
+    return Table(
+        (*(("recording",) if several else ()), "left out", "drives", "of the rows", "when [s]"),
+        rows,
+        f"What was left out because it says nothing about the drives' torques, or something "
+        f"wrong. {words[0].upper()}{words[1:]}. --keep-all (keep_all of the settings) goes without "
+        "all of this.",
+    )
+
+
+def _named(drives: Sequence[str]) -> str:
+    numbers = [drive.removeprefix("drive") for drive in drives]
+    return ", ".join(numbers)
+
+
+def _when(spans: Sequence[Span], more: int) -> str:
+    shown = ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in spans[:_SPANS])
+    rest = len(spans) + more - _SPANS
+    return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def reversals(found: Sequence[LeftOut]) -> str:
+    """What was left out at reversals, as the end of a sentence; empty if nothing was."""
+    return "".join(
+        f", {percent(one.share)} left out at reversals" for one in found if not one.spans
+    )
+
+
+def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
+    """Corrections, loads, sensors, events and what was left out, as far as there are any."""
+    sources = model.sources
+    tables = (
+        correction_table(model.corrections),
+        load_table(model.loads),
+        *sensor_tables(model.sensors),
+        event_table(((source.log, source.events) for source in sources), most_events),
+        left_out_table((source.log, source.left_out) for source in sources),
+    )
+    return tuple(table for table in tables if table is not None)
+
+
+def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
+    """The chapter of a page on it; none where nothing was put right."""
+    tables = put_right_tables(model, _EVENTS) if model else ()
+    return (
+        (Section("Corrections", tables, "what was found, put right and left out"),)
+        if tables
+        else ()
+    )

@@ -11,7 +11,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
-from deltaid.view.members import members
+from deltaid.view.robot_shape import members
 
 # The robot's largest width and height, the room for names at either side, their least distance,
 # and what is free above the robot [px].

@@ -11,7 +11,7 @@ from deltaid.view import style
 from deltaid.view.animation import fix_scene, robot_lines
 from deltaid.view.page import Figure
 from deltaid.view.reach import Reach, Survey, kind
-from deltaid.view.workspace import outline
+from deltaid.view.robot_shape import outline
 
 _GRID = 161
 NOTHING = "nothing"

@@ -19,6 +19,7 @@ from deltaid.view.animation import animation, recorded_motion
 from deltaid.view.bodies import body_section
 from deltaid.view.check_tables import page_table, short_table, tally
 from deltaid.view.comparison import Comparison, compare
+from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.friction import friction_section
 from deltaid.view.information import information_section
@@ -27,7 +28,6 @@ from deltaid.view.numbers import percent
 from deltaid.view.page import Fact, Page, Section
 from deltaid.view.parameters import parameter_section
 from deltaid.view.provenance import certificate, file_names, provenance_section
-from deltaid.view.put_right_section import put_right_sections
 from deltaid.view.summary import summary, without_doubts
 from deltaid.view.torques import over_time, residual_blocks, torque_blocks
 

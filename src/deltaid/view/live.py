@@ -17,14 +17,12 @@ from deltaid.errors import DeltaidError
 from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
-from deltaid.view.at_pose import View, home_view, moved
+from deltaid.view.at_pose import View, home_view, moved, panel
 from deltaid.view.figures import limit_kinds, patches
-from deltaid.view.members import Member, members
 from deltaid.view.own_page import answering_own_page_only
-from deltaid.view.panel import panel
 from deltaid.view.reach import reach
+from deltaid.view.robot_shape import Member, members, outline
 from deltaid.view.shapes import along, cylinder
-from deltaid.view.workspace import outline
 
 # Only this machine can open the view.
 HOST = "127.0.0.1"

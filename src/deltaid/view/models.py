@@ -84,11 +84,11 @@ def figure(value: Model | IdentifiedModel) -> "go.Figure":
 def page(value: Model | IdentifiedModel) -> "Page":
     """What a model is by itself, without the recordings that it comes from."""
     from deltaid.view.bodies import body_section
+    from deltaid.view.corrections import put_right_sections
     from deltaid.view.drawing import drawing
     from deltaid.view.page import Fact, Page
     from deltaid.view.parameters import parameter_section
     from deltaid.view.provenance import provenance_section
-    from deltaid.view.put_right_section import put_right_sections
     from deltaid.view.robots import page as of_robot
 
     model = load(value)

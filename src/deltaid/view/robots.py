@@ -95,7 +95,7 @@ def drawn(robot: RobotDescription) -> "go.Figure":
     from deltaid.mechanism.skeleton import Skeleton
     from deltaid.view import style
     from deltaid.view.animation import CAMERA, fix_scene, robot_lines
-    from deltaid.view.workspace import outline
+    from deltaid.view.robot_shape import outline
 
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
     shape, edges = skeleton.evaluate(robot.home[None])[0], outline(robot.workspace)

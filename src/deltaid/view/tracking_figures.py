@@ -13,8 +13,8 @@ from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.page import Figure
-from deltaid.view.tracking_tables import NO_MODEL
 
+NO_MODEL = "no model"
 # Points a line is drawn with.
 _POINTS = 4000
 COLOURS = {

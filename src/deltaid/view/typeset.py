@@ -1,12 +1,12 @@
 """Text as a page sets it: numbers, units, and short names with what they stand for."""
 
 import re
+from collections.abc import Iterable
 
 from markupsafe import Markup, escape
 
 from deltaid.errors import visible
 from deltaid.robot.body import body_in_words
-from deltaid.view.glossary import NAME, bodies_in, in_words, is_short
 from deltaid.view.table import Table
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
@@ -19,6 +19,13 @@ _IN_PROSE = re.compile(
 # What a cell of numbers holds besides them.
 _AROUND = re.compile(r"[\s…,×≥≤±%]*")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_ENTRIES = {"m": "mass"}
+_ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
+# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
+NAME = re.compile(
+    rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
+    r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
+)
 
 
 def numeric(table: Table, column: int) -> bool:
@@ -70,7 +77,7 @@ def explained(text: str) -> Markup:
         return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
     pieces, at = [], 0
     for name in NAME.finditer(text):
-        pieces += [escape(_prose(text[at : name.start()])), _short(name[0], in_words(name))]
+        pieces += [escape(_prose(text[at : name.start()])), _short(name[0], name_in_words(name))]
         at = name.end()
     return Markup("").join([*pieces, escape(_prose(text[at:]))])
 
@@ -84,3 +91,41 @@ def legend(table: Table) -> tuple[tuple[str, str], ...]:
 
 def _short(name: str, words: str) -> Markup:
     return Markup('<abbr title="{}">{}</abbr>').format(visible(words), visible(name))
+
+
+_ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"}
+_ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
+_ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
+             for pair in ("xy", "xz", "yz")}  # fmt: skip
+_ENTRIES |= {f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"}
+_ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
+             for pair in ("xy", "xz", "yz")}  # fmt: skip
+
+
+def name_in_words(name: "re.Match[str]") -> str:
+    """'upper arm: mass' of a `NAME`."""
+    entry = name["entry"] or name["first"]
+    if name["tool"]:
+        return f"{name['tool']}: {body_in_words(name['on'])}"
+    return body_in_words(body_of(name)) + (f": {_ENTRIES[entry]}" if entry else "")
+
+
+def body_of(name: "re.Match[str]") -> str:
+    """U of a `NAME`."""
+    return name["body"] or name["of"] or name["key"] or name["on"]
+
+
+def is_short(name: str) -> bool:
+    """Whether a word is a body's short name, which needs explaining."""
+    return body_in_words(name) != name
+
+
+def bodies_in(cells: Iterable[str]) -> tuple[str, ...]:
+    """Short names of bodies in the cells of a table, each once: alone, in a list, in names."""
+    found: dict[str, None] = {}
+    for cell in cells:
+        parts = cell.split(", ")
+        if all(is_short(part) for part in parts):
+            found |= dict.fromkeys(parts)
+        found |= dict.fromkeys(body_of(name) for name in NAME.finditer(cell))
+    return tuple(name for name in found if is_short(name))

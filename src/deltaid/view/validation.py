@@ -9,16 +9,15 @@ from deltaid.model.model import ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.recording import Recording
 from deltaid.view.comparison import compare
+from deltaid.view.corrections import left_out_table, put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.friction import friction_section
 from deltaid.view.identification import motion_section, torque_section
-from deltaid.view.left_out import left_out_table
 from deltaid.view.model_tables import base_table, error_table
 from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
 from deltaid.view.parameters import parameter_section
 from deltaid.view.provenance import provenance_section
-from deltaid.view.put_right_section import put_right_sections
 from deltaid.view.summary import summary, without_doubts
 from deltaid.view.torques import over_time
 

@@ -10,7 +10,7 @@ from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
 from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
-from deltaid.view.panel import panel
+from deltaid.view.at_pose import panel
 
 # Of the ground and of the workspace's edges, on a light page and on a dark one.
 _LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")
