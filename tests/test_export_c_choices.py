@@ -12,7 +12,7 @@ from c_library import BAD_INPUT, COMPILERS, FURTHER, OK, WARNINGS, Library, buil
 from c_library import written as written_to
 from deltaid.errors import DeltaidError
 from deltaid.exports.c_code import c_code
-from deltaid.exports.files import write_export
+from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.options import FURTHER as NAMES
 from deltaid.exports.precision import DOUBLE, SINGLE, Precision
@@ -155,11 +155,11 @@ def test_what_a_mechanism_of_ones_own_has_not(precision: Precision) -> None:
 def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
     for options in ({"single": True}, {"functions": ["regressor"]}):
         with pytest.raises(DeltaidError, match="urdf is none"):
-            write_export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
+            export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
     with pytest.raises(DeltaidError, match="no further function 'regresor'"):
-        write_export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
+        export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
     assert not list(tmp_path.iterdir())
-    found = write_export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES[:1])
+    found = export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES[:1])
     assert "single" in (tmp_path / "r.h").read_text()
     assert "only the sum of the forces" in found.warnings[0]  # of struts, as `deltaid forces` says
 

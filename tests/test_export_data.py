@@ -18,7 +18,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.exports import fmu_binaries
 from deltaid.exports.casadi_function import casadi_file
-from deltaid.exports.files import TARGETS, output_path, write_export
+from deltaid.exports.files import TARGETS, export, output_path
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import Compiler
 from deltaid.exports.mjcf import mjcf
@@ -55,7 +55,7 @@ def test_casadi_function(name: str, tmp_path: Path) -> None:
 
 def test_numpy_arrays(tmp_path: Path) -> None:
     chosen, path = subject("irb360-6-1600"), tmp_path / "delta.npz"
-    write_export(chosen, "npz", path)
+    export(chosen, "npz", path)
     data = np.load(path)  # without pickle
     layout = chosen.dynamics.layout
     assert (data["p"] == chosen.p).all()
@@ -172,14 +172,14 @@ def test_files_that_nobody_named_have_names_that_code_may_begin_with(tmp_path: P
     ):
         assert output_path(target, robot, tmp_path) == tmp_path / name
     chosen = load_robot("clavel-delta3").changed(name="7 robots of a plant")
-    written = write_export(Model(chosen, prior_parameters(chosen), "mine"), "st", tmp_path)
+    written = export(Model(chosen, prior_parameters(chosen), "mine"), "st", tmp_path)
     assert written.paths[0].name == "robot_7_robots_of_a.st"
 
 
 @pytest.mark.parametrize("version", ["4", 1])
 def test_only_versions_of_fmi_that_there_are(version: str | int, tmp_path: Path) -> None:
     with pytest.raises(DeltaidError, match=rf"(?s)version of FMI '{version}'.*there are: 2, 3"):
-        write_export("clavel-delta3", "fmu", tmp_path / "a.fmu", fmi=version)
+        export("clavel-delta3", "fmu", tmp_path / "a.fmu", fmi=version)
     assert not list(tmp_path.iterdir())
 
 
@@ -236,7 +236,7 @@ def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.Monke
     tau = model(chosen, z[None], qd[None], qdd[None]).tau[0]
     for target in TARGETS:
         if target != "fmu-inverse":
-            write_export(chosen, target, tmp_path / f"irb360{TARGETS[target].suffixes[0]}")
+            export(chosen, target, tmp_path / f"irb360{TARGETS[target].suffixes[0]}")
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
     examples = [text for _, text in blocks(page, "python") if not text.startswith("--8<--")]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from deltaid.control.simulation import integrate
-from deltaid.exports.files import write_export
+from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.urdf import urdf
@@ -116,7 +116,7 @@ def test_urdf(name: str) -> None:
 def test_the_example_holds_the_loops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_export(subject("par4").without_friction(), "urdf", tmp_path / "robot.urdf")
+    export(subject("par4").without_friction(), "urdf", tmp_path / "robot.urdf")
     monkeypatch.chdir(tmp_path)
     scope = runpy.run_path(str(ROOT / "examples" / "in_drake.py"))
     assert "drive4" in capsys.readouterr().out

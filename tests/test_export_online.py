@@ -12,7 +12,7 @@ import pytest
 from c_library import BAD_INPUT, OK, Library, build
 from command import refused, run
 from deltaid.errors import DeltaidError
-from deltaid.exports.files import Written, write_export
+from deltaid.exports.files import Written, export
 from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import load
@@ -123,7 +123,7 @@ def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
 
 
 def test_a_prior_has_no_contacts_and_says_so(tmp_path: Path) -> None:
-    written = write_export(load(ROBOT), "st", tmp_path / "rob.st", functions=["online"])
+    written = export(load(ROBOT), "st", tmp_path / "rob.st", functions=["online"])
     assert "no contacts" in written.warnings[0]
 
 
@@ -133,7 +133,7 @@ def test_settings_without_the_function(tmp_path: Path) -> None:
         told = refused(*asked, folder=tmp_path)
         assert f"{option}: is of the function online, which is not asked for" in told
     with pytest.raises(DeltaidError, match="has no further function"):
-        write_export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])
+        export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])
 
 
 def test_what_the_command_says_of_the_cycle(
@@ -146,7 +146,7 @@ def test_what_the_command_says_of_the_cycle(
         taken.append(online)
         return Written((), ())
 
-    monkeypatch.setattr("deltaid.exports.files.write_export", take)
+    monkeypatch.setattr("deltaid.exports.files.export", take)
     asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--with", "online")
     for options in ([], ["--rate", "1000"], ["--rate", "100", "--payload-max", "2"],
                     ["--false-alarms", "5"]):  # fmt: skip

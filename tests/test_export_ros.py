@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from deltaid.exports.files import write_export
+from deltaid.exports.files import export
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.urdf import PLACEHOLDER, urdf
 from exports import model, states, subject, tree_motion
@@ -126,7 +126,7 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
 @pytest.mark.skipif(CHECK is None, reason="check_urdf is not installed")
 @pytest.mark.parametrize("name", [*NAMES, *swept(["h4"])])
 def test_check_urdf_accepts_it(name: str, tmp_path: Path) -> None:
-    write_export(subject(name), "urdf", tmp_path / "robot.urdf")
+    export(subject(name), "urdf", tmp_path / "robot.urdf")
     done = subprocess.run([str(CHECK), tmp_path / "robot.urdf"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "root Link: world has 1 child" in done.stdout

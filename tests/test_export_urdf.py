@@ -13,7 +13,7 @@ import pytest
 from command import refused, run
 from composed import Make
 from deltaid.errors import DeltaidError
-from deltaid.exports.files import write_export
+from deltaid.exports.files import export
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
@@ -110,7 +110,7 @@ def test_example_of_the_documentation_accelerates_as_the_package(
 ) -> None:
     """Pinocchio's constrained dynamics with the loops, of robots in which no joint follows."""
     chosen = subject(name).without_friction()
-    write_export(chosen, "urdf", tmp_path / "irb360.urdf")
+    export(chosen, "urdf", tmp_path / "irb360.urdf")
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
     [example] = [text for _, text in blocks(page, "python") if "pinocchio" in text]
@@ -197,7 +197,7 @@ def test_friction_that_urdf_lacks_is_refused(tmp_path: Path) -> None:
     chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive1": law}}))
     with pytest.raises(DeltaidError, match=r"URDF has viscous.*viscous_back\.drive1"):
         urdf(chosen)
-    write_export(chosen.without_friction(), "urdf", tmp_path / "bare.urdf")
+    export(chosen.without_friction(), "urdf", tmp_path / "bare.urdf")
     assert "dynamics" not in (tmp_path / "bare.urdf").read_text()
 
 

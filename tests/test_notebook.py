@@ -53,7 +53,7 @@ def values(result, motion) -> dict[str, object]:
         "a surveyed recording": result.recordings[0],
         "a log": result.recordings[0].log,
         "a mapping": deltaid.ColumnMapping(position={"column": "q", "unit": "deg"}),
-        "checks": deltaid.verdicts(NAME, wrong, progress=False),
+        "checks": deltaid.check(NAME, wrong, progress=False),
         "a check": result.verdicts[0],
         "a comparison": deltaid.validate(result, unseen),
         "drawn models": result.model.sample(20, progress=False),
@@ -178,7 +178,7 @@ def test_names_cannot_become_markup(result) -> None:
         deltaid.load(robot),
         deltaid.Dynamics(robot),
         deltaid.Recording.from_table(log, name=HOSTILE.replace("/", "")),
-        deltaid.verdicts(robot),
+        deltaid.check(robot),
         result.model.changed(robot=result.model.robot.changed(title=HOSTILE), warnings=(HOSTILE,)),
         deltaid.ColumnMapping(position={"column": HOSTILE, "unit": "rad"}),
     ]

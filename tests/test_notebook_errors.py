@@ -126,12 +126,12 @@ def test_the_nearest_name() -> None:
 TYPED = {
     "deltaid.load('clavel-delta3')['P.mass']": ("no parameter 'P.mass'", "did you mean P.m?"),
     "deltaid.identfy": ("no attribute 'identfy'", "did you mean identify?"),
-    "deltaid.write_export('h4', 'cc', 'x/')": ("has no target 'cc'", "there are: c, st"),
+    "deltaid.export('h4', 'cc', 'x/')": ("has no target 'cc'", "there are: c, st"),
     "deltaid.ExcitationSettings('d-optimal')": ("has no criterion 'd-optimal'", "a-optimal"),
     "deltaid.load(3)": ("a int is no robot", "or a dictionary"),
     "deltaid.identify('h4', None)": ("a NoneType is no recording", "a dictionary of arrays"),
     "deltaid.identify('h4', [], settings=1)": ("a int is no settings", "deltaid.Settings"),
-    "deltaid.verdicts('h4', ['x'], columns=3)": ("a int is no mapping", "of the same keys"),
+    "deltaid.check('h4', ['x'], columns=3)": ("a int is no mapping", "of the same keys"),
 }  # fmt: skip
 SESSION = """
 import json, sys

@@ -62,14 +62,14 @@ def robots(folder: Path) -> list[object]:
 
 def whole_way(robot: object, log: object, unseen: object, folder: Path) -> dict[str, object]:
     """Checks, model, proof, file, torques, forces, drawn models, export: all that comes out."""
-    checks = deltaid.verdicts(robot, log, settings=QUICK)
+    checks = deltaid.check(robot, log, settings=QUICK)
     result = deltaid.identify(robot, log, settings=QUICK)
     proof = deltaid.validate(result, unseen)
     result.save(folder / "model.yaml")
     model = deltaid.load(folder / "model.yaml")
     q, rates = np.array([0.3, 0.2, 0.1]), np.array([0.5, -0.4, 0.3])
     z = deltaid.Kinematics(robot).forward(q)
-    written = deltaid.write_export(folder / "model.yaml", "c", folder / "model.c")
+    written = deltaid.export(folder / "model.yaml", "c", folder / "model.c")
     return {
         "verdicts": [(one.key, one.grade) for one in checks],
         "p": result.to_frame()["value"].to_numpy(),
@@ -133,7 +133,7 @@ def test_every_robot_is_taken_everywhere(tmp_path: Path) -> None:
     for robot in robots(tmp_path):
         np.testing.assert_array_equal(deltaid.prior_parameters(robot), expected)
         assert deltaid.Kinematics(robot).robot == deltaid.load_robot(NAME)
-        assert not deltaid.verdicts(robot, progress=False).poor
+        assert not deltaid.check(robot, progress=False).poor
     for robot in robots(tmp_path)[:-1]:  # dynamics are no model
         assert deltaid.load(robot).robot.name == NAME
 
@@ -178,11 +178,11 @@ def test_mappings_are_taken_as_values_dictionaries_and_files(tmp_path: Path) -> 
 
 def test_cured_columns_are_the_cure() -> None:
     wrong = recorded(3000).with_columns(pl.col("q1", "q2", "q3").degrees(), tau2=-pl.col("tau2"))
-    checks = deltaid.verdicts(NAME, wrong)
+    checks = deltaid.check(NAME, wrong)
     assert checks.grade == "wrong"
     assert "{column: tau2, unit: N m, sign: -1}" in checks.cures
     cured = checks.cured_columns()
-    assert deltaid.verdicts(NAME, wrong, columns=cured).grade == "good"
+    assert deltaid.check(NAME, wrong, columns=cured).grade == "good"
     found = deltaid.validate(NAME, wrong, columns=cured).error.rms
     np.testing.assert_allclose(found, deltaid.validate(NAME, recorded(3000)).error.rms, rtol=1e-9)
 

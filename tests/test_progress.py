@@ -91,7 +91,7 @@ def test_a_prompt_without_a_terminal_is_silent(
 
 def test_it_is_shown_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = terminal_of(monkeypatch)
-    deltaid.verdicts(NAME, progress=True)
+    deltaid.check(NAME, progress=True)
     assert "check: checking the description" in terminal.getvalue()
 
 
@@ -114,7 +114,7 @@ def test_the_bar_goes_away_after_a_failure(notebook: Display) -> None:
 
 
 def test_false_is_silent_in_a_notebook(notebook: Display) -> None:
-    deltaid.verdicts(NAME, progress=False)
+    deltaid.check(NAME, progress=False)
     assert not notebook.shown
 
 

@@ -85,7 +85,7 @@ def test_identify_save_load_predict_export(
     )
     error, _ = deltaid.validate(model, log)
     assert np.all(error.rms < 1e-4 * np.abs(tau).max())
-    written = deltaid.write_export(model, "c", tmp_path)
+    written = deltaid.export(model, "c", tmp_path)
     assert {path.suffix for path in written.paths} == {".c", ".h"}
     assert set(written.paths) == set(tmp_path.iterdir())
 

@@ -14,7 +14,7 @@ import pytest
 
 from deltaid.checks.evidence import evidence
 from deltaid.checks.identified import identify
-from deltaid.checks.run import verdicts
+from deltaid.checks.run import check
 from deltaid.checks.sensing.misfit import Misfit
 from deltaid.checks.sensors import checked_sensors
 from deltaid.checks.verdicts import changes, mended
@@ -227,7 +227,7 @@ def test_good_recordings_of_all_robots_have_no_verdict(seed: int) -> None:
 
 def test_check_tells_and_identify_refuses() -> None:
     robot, frame = recorded()[0].robot, fault("kN")
-    found = verdicts(robot, frame)
+    found = check(robot, frame)
     assert [v.key for v in found if v.grade is Grade.WRONG] == ["sensor-unit"]
     with pytest.raises(RecordingError) as caught:
         identify(robot, frame, settings=Settings(lag="none", events=False, friction="described"))

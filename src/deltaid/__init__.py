@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from deltaid.checks.identified import identify
-    from deltaid.checks.run import verdicts
+    from deltaid.checks.run import check
     from deltaid.checks.verdicts import Verdicts
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
     from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
-    from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter
-    from deltaid.exports.files import write_export
+    from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter, excite
+    from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -86,6 +86,9 @@ _HOME = {
     "Verdicts": "deltaid.checks.verdicts",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
+    "check": "deltaid.checks.run",
+    "excite": "deltaid.excitation.excite",
+    "export": "deltaid.exports.files",
     "identify": "deltaid.checks.identified",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
@@ -98,9 +101,10 @@ _HOME = {
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",
-    "verdicts": "deltaid.checks.run",
-    "write_export": "deltaid.exports.files",
 }
+
+# Names of earlier versions, and what they are now.
+_RENAMED = {"verdicts": "check", "write_export": "export"}
 
 __all__ = [
     "BodyPose",
@@ -138,6 +142,9 @@ __all__ = [
     "Verdicts",
     "build_limb",
     "catalogue",
+    "check",
+    "excite",
+    "export",
     "identify",
     "integrate",
     "jax_functions",
@@ -150,14 +157,13 @@ __all__ = [
     "step_through",
     "use_mechanism",
     "validate",
-    "verdicts",
-    "write_export",
 ]
 
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
         return import_module("importlib.metadata").version("deltaid")
+    name = _RENAMED.get(name, name)
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     if name.startswith("_"):  # what Python itself looks for, and knows how to go without

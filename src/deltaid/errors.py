@@ -2,6 +2,7 @@
 
 import difflib
 import linecache
+import math
 from collections.abc import Iterable
 from types import TracebackType
 
@@ -108,6 +109,32 @@ def unknown(
     return UnknownNameError(
         f"has no {what} '{text}'", where=where, cure=f"{hint}there are: {listed}"
     )
+
+
+def positive(
+    option: str, value: float | None, limits: tuple[float, float] = (0.0, math.inf)
+) -> None:
+    """Refuse a value that is not a positive, finite number within limits; None stands for none.
+
+    Raises:
+        DeltaidError: the value of this option or setting is refused.
+    """
+    if value is None:
+        return
+    if not 0 < value < math.inf:
+        raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
+    within(option, value, limits)
+
+
+def within(option: str, value: float, limits: tuple[float, float]) -> None:
+    """Refuse a value outside limits, or that is no number.
+
+    Raises:
+        DeltaidError: the value of this option or setting is refused.
+    """
+    low, high = limits
+    if not low <= value <= high:
+        raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
 
 
 class Doubt(str):

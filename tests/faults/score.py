@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from deltaid.checks.run import verdicts
+from deltaid.checks.run import check
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
@@ -39,12 +39,12 @@ def said_of(case: Case) -> tuple[Verdict, ...]:
     A description that is refused for its millimetres has got its verdict.
     """
     if not case.data:
-        return verdicts(case.robot, case.table)
+        return check(case.robot, case.table)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "robot.yaml"
         file.write_text(json.dumps(case.data), encoding="utf-8")
         try:
-            return verdicts(load_robot(file))
+            return check(load_robot(file))
         except DescriptionError as error:
             if "metres" not in f"{error.what} {error.cure}":
                 raise

@@ -54,10 +54,11 @@ def identify(
     settings: Settings | Mapping[str, Any] | None = None,
     force: bool = False,
     progress: Watch = None,
+    **options: Any,
 ) -> Judged:
     """Identify a robot's dynamic parameters from recordings of the same machine.
 
-    Checks of `deltaid.verdicts` come first, of the description and of units and wiring: what they
+    Checks of `deltaid.check` come first, of the description and of units and wiring: what they
     call wrong is refused in their words. Signals, information and what the fit leaves are judged
     after it. What is not good stands in `model.warnings`, before anything else that does.
 
@@ -73,13 +74,14 @@ def identify(
         force: go on with what is wrong, which then stands in the model's warnings.
         progress: called with a sentence before each stage; or whether to show them, None for where
             someone is watching.
+        options: single settings by name, such as `lag="none"`.
 
     Raises:
         DescriptionError: the description is wrong.
         RecordingError: a log cannot be used, or is wrong.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    description, settings = described(robot), settings_of(settings)
+    description, settings = described(robot), settings_of(settings, options)
     with watched(progress, "identify") as say:
         judged = of_robot(description, quick=True)
         if not force:

@@ -30,13 +30,14 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, described_in, yaml_text
 
 
-def verdicts(
+def check(
     robot: RobotLike,
     logs: RecordingLike | Sequence[RecordingLike] = (),
     *,
     columns: ColumnMappings = None,
     settings: Settings | Mapping[str, Any] | None = None,
     progress: Watch = None,
+    **options: Any,
 ) -> Verdicts:
     """What is wrong with a robot's description and with recordings of it, before they are used.
 
@@ -50,6 +51,7 @@ def verdicts(
         settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
         progress: called with a sentence before each stage; or whether to show them, None for where
             someone is watching.
+        options: single settings by name, such as `cutoff=30`.
 
     Returns:
         Verdicts, a tuple of them in the order of what they look at; of several recordings each
@@ -68,7 +70,7 @@ def verdicts(
                 raise
             return Verdicts((verdict,))
         sources, judged = as_sources(logs), of_robot(description)
-        mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings)
+        mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings, options)
         places, several = zip(sources, mappings, strict=True), len(sources) > 1
         records = [evidence(description, *place, fitting) for place in places]
         if several:
@@ -110,8 +112,8 @@ def of_robot(robot: RobotDescription, *, quick: bool = False) -> tuple[Verdict, 
     """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
     already, which that would only repeat."""
     judged = [checked_lengths(as_written(robot))]
-    for check in (checked_friction, checked_limits, checked_priors, checked_measured):
-        judged += check(robot)
+    for judge in (checked_friction, checked_limits, checked_priors, checked_measured):
+        judged += judge(robot)
     if not quick and worst(judged) is not Grade.WRONG:
         judged += checked_workspace(robot)
     return tuple(judged)

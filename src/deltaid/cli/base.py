@@ -36,8 +36,9 @@ def base(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
-    from deltaid.cli.output import positive, print_json, progress
+    from deltaid.cli.output import print_json, progress
     from deltaid.dynamics.dynamics import compiled
+    from deltaid.errors import positive
     from deltaid.identification.generic_motion import measured_base
     from deltaid.robot.load import load_robot
 

@@ -48,8 +48,9 @@ def check(
 
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """
-    from deltaid.checks.run import verdicts
-    from deltaid.cli.output import console, positive, print_json, progress, require_outputs
+    from deltaid.checks.run import check as run
+    from deltaid.cli.output import console, print_json, progress, require_outputs
+    from deltaid.errors import positive
     from deltaid.files import together
     from deltaid.model.record import Settings
     from deltaid.model.verdict import worst
@@ -64,7 +65,7 @@ def check(
     given = mappings(columns)
     with progress(as_json) as say:
         settings = Settings(cutoff=cutoff, keep_all=keep_all)
-        found = verdicts(robot, logs, columns=given, settings=settings, progress=say)
+        found = run(robot, logs, columns=given, settings=settings, progress=say)
         cures = _cures(robot, given, logs, found)
     with together():
         written = _write(cures, write, targets)

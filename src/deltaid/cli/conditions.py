@@ -51,8 +51,8 @@ def drives_of(
     Raises:
         DeltaidError: a rate, a bandwidth or an encoder's step is out of bounds.
     """
-    from deltaid.cli.output import positive
     from deltaid.control.tracking import ENCODER_STEP, Drives
+    from deltaid.errors import positive
 
     positive("--rate", rate, (10.0, 1e5))
     positive("--bandwidth", bandwidth, (0.01, rate / 10))

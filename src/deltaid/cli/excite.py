@@ -72,15 +72,8 @@ def excite(
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import (
-        positive,
-        print_json,
-        print_note,
-        progress,
-        require_outputs,
-        within,
-    )
-    from deltaid.errors import DeltaidError
+    from deltaid.cli.output import print_json, print_note, progress, require_outputs
+    from deltaid.errors import DeltaidError, positive, within
     from deltaid.excitation.excite import ExcitationSettings, Exciter
     from deltaid.excitation.motion_file import LONGEST, MOST_ROWS, write_run
     from deltaid.files import together, write_bytes

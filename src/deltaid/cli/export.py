@@ -8,7 +8,6 @@ import typer
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
 if TYPE_CHECKING:
-    from deltaid.model.model import Model
     from deltaid.online.settings import OnlineSettings
 
 
@@ -65,22 +64,19 @@ def export(
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
     from deltaid.cli.output import console, print_warnings, progress
-    from deltaid.exports.files import write_export
+    from deltaid.exports.files import export as run
     from deltaid.model.model import load
 
     functions = [name.strip() for name in further.split(",") if name.strip()]
     online = _online(functions, rate, payload_max, false_alarms)
-    found = load(model)
-    if payload is not None:
-        found = _holding(found, payload)
-    if without_friction:
-        found = found.without_friction()
     with progress(False) as say:
-        written = write_export(
-            found,
+        written = run(
+            load(model),
             to,
             output,
             (Path(model),),
+            payload=payload,
+            without_friction=without_friction,
             single=single,
             functions=functions,
             online=online,
@@ -89,29 +85,6 @@ def export(
         )
     print_warnings(written.warnings)
     console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
-
-
-def _holding(model: "Model", payload: str) -> "Model":
-    """A model with what `--payload` says: a load by its name, or kilograms.
-
-    Raises:
-        DeltaidError: it is neither.
-    """
-    from deltaid.cli.output import positive
-    from deltaid.control.plant import point_mass
-    from deltaid.errors import DeltaidError
-
-    names = [load.name for load in model.identified.loads] if model.identified else []
-    if payload in names:
-        return model.with_load(payload)
-    try:
-        mass = float(payload)
-    except ValueError:
-        what = f"'{payload[:40]}' is no mass, and no load that the model was identified with"
-        cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
-        raise DeltaidError(what, where="--payload", cure=cure) from None
-    positive("--payload", mass, (1e-6, 1e3))
-    return model.with_load(point_mass(mass))
 
 
 def _online(
@@ -125,8 +98,7 @@ def _online(
     Raises:
         DeltaidError: a number is out of bounds, or is of a function that is not asked for.
     """
-    from deltaid.cli.output import positive, within
-    from deltaid.errors import DeltaidError
+    from deltaid.errors import DeltaidError, positive, within
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.settings import OnlineSettings
 

@@ -92,7 +92,8 @@ def fleet(
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot
     be used is put into quarantine with its reason and stops nothing else.
     """
-    from deltaid.cli.output import lag_of, positive, print_error, print_json, print_note
+    from deltaid.cli.output import lag_of, print_error, print_json, print_note
+    from deltaid.errors import positive
     from deltaid.files import require_writable
     from deltaid.fleets.cluster import require_dask
 

@@ -58,13 +58,13 @@ def forces(
     """
     from deltaid.cli.output import (
         console,
-        positive,
         print_json,
         print_origin,
         print_warnings,
         progress,
         require_outputs,
     )
+    from deltaid.errors import positive
     from deltaid.files import together
     from deltaid.identification.as_identified import model_filtered
     from deltaid.joint_forces.constraint_forces import ConstraintForces

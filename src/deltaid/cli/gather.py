@@ -46,7 +46,8 @@ def gather(
     `deltaid identify` takes such files in the place of recordings. Gathering is repeated at no
     cost: a recording that has been gathered before is not read again.
     """
-    from deltaid.cli.output import console, lag_of, positive, print_error, print_json, progress
+    from deltaid.cli.output import console, lag_of, print_error, print_json, progress
+    from deltaid.errors import positive
     from deltaid.fleets.gather import gather_into
     from deltaid.model.record import Settings
     from deltaid.robot.load import described

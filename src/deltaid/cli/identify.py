@@ -108,13 +108,13 @@ def identify(
         from deltaid.cli.output import (
             console,
             lag_of,
-            positive,
             print_json,
             print_note,
             print_warnings,
             progress,
             require_outputs,
         )
+        from deltaid.errors import positive
         from deltaid.files import together
         from deltaid.identification.validation import remarks, validate
         from deltaid.model.model import load

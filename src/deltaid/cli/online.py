@@ -61,14 +61,8 @@ def online(
     Without a gripper's signal loads are found from torques alone; a push straight up or down then
     looks like one.
     """
-    from deltaid.cli.output import (
-        positive,
-        print_json,
-        print_warnings,
-        progress,
-        require_outputs,
-        within,
-    )
+    from deltaid.cli.output import print_json, print_warnings, progress, require_outputs
+    from deltaid.errors import positive, within
     from deltaid.fleets.drift_tables import require_table, save
     from deltaid.model.model import load
     from deltaid.online.contact import FALSE_ALARMS

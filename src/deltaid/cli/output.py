@@ -1,7 +1,6 @@
 """What all commands print: errors, tables, progress, JSON."""
 
 import json
-import math
 import os
 import re
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -14,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from deltaid.errors import DeltaidError, visible
+from deltaid.errors import DeltaidError, visible, within
 from deltaid.files import require_writable
 from deltaid.model.options import LARGEST_LAG, LagChoice
 from deltaid.view.numbers import number as number
@@ -160,24 +159,6 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
         return
     with error_console.status("starting") as status:
         yield lambda text: status.update(styled(text, ""))
-
-
-def positive(
-    option: str, value: float | None, limits: tuple[float, float] = (0.0, math.inf)
-) -> None:
-    """Refuse an option's value that is not a positive, finite number within limits."""
-    if value is None:
-        return
-    if not 0 < value < math.inf:
-        raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
-    within(option, value, limits)
-
-
-def within(option: str, value: float, limits: tuple[float, float]) -> None:
-    """Refuse an option's value outside limits, or that is no number."""
-    low, high = limits
-    if not low <= value <= high:
-        raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)
 
 
 def lag_of(text: str) -> LagChoice | tuple[float, ...]:

@@ -41,8 +41,8 @@ def sample(
     docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
     domain randomisation that no recording contradicts.
     """
-    from deltaid.cli.output import console, print_json, progress, shown, within
-    from deltaid.errors import DeltaidError
+    from deltaid.cli.output import console, print_json, progress, shown
+    from deltaid.errors import DeltaidError, within
     from deltaid.files import require_new_folder, require_writable
     from deltaid.model.model import load
     from deltaid.view.sample_tables import sample_sentence, sample_table

@@ -72,15 +72,8 @@ def sensors(
 
     Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
     """
-    from deltaid.cli.output import (
-        console,
-        positive,
-        print_json,
-        print_note,
-        progress,
-        require_outputs,
-        within,
-    )
+    from deltaid.cli.output import console, print_json, print_note, progress, require_outputs
+    from deltaid.errors import positive, within
     from deltaid.planning.offers import shipped_text
     from deltaid.planning.plan import PlanSettings, sensor_plan
     from deltaid.recording.mapping import load_mapping

@@ -1,9 +1,10 @@
 """From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import unknown
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.regularizer import parameter_scale
 from deltaid.excitation.by_bodies import by_bodies
@@ -93,6 +95,31 @@ class Excitation(Shown, Plotted, Tabled, Reported):
         """
         kinematics = self.exciter.dynamics.kinematics
         write_run(kinematics, self.run, rate or self.exciter.settings.rate, Path(path))
+
+
+def excite(
+    robot: Dynamics | ModelLike,
+    *,
+    settings: ExcitationSettings | None = None,
+    stop: Event | None = None,
+    progress: Progress | bool | None = None,
+    **options: Any,
+) -> Excitation:
+    """The best motion for an identification: at rest at both ends, within all limits.
+
+    Args:
+        robot, settings: as of `Exciter`, which makes further motions for the same robot.
+        stop, progress: as of `Exciter.optimise`.
+        options: single settings by name, such as `duration=5`.
+
+    Raises:
+        DeltaidError: there is no such setting, or the limits leave no room.
+    """
+    asked = settings or ExcitationSettings()
+    for name in options:
+        if not hasattr(asked, name):
+            raise unknown(name, vars(asked), "setting", "excite")
+    return Exciter(robot, replace(asked, **options)).optimise(stop, progress)
 
 
 class Exciter(Shown, Plotted):

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
-from deltaid.errors import DeltaidError, unknown
+from deltaid.control.plant import point_mass
+from deltaid.errors import DeltaidError, positive, unknown
 from deltaid.exports.arrays import npz_file
 from deltaid.exports.c_code import c_code
 from deltaid.exports.casadi_function import casadi_file
@@ -25,6 +26,9 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
 from deltaid.robot.body_inertia import why_not_physical
+
+# Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
+_LOADS = (1e-6, 1e3)
 
 
 @dataclass(frozen=True)
@@ -200,12 +204,14 @@ def _named_after(robot: str, longest: int) -> str:
     return name[:longest].rstrip("_")
 
 
-def write_export(
+def export(
     model: ModelLike,
-    target: TargetName,
+    to: TargetName,
     output: str | Path,
     inputs: tuple[Path, ...] = (),
     *,
+    payload: str | float | None = None,
+    without_friction: bool = False,
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
@@ -216,9 +222,13 @@ def write_export(
 
     Args:
         model: a model or a robot, by value, name or file.
+        to: the target, such as "c", "mjcf" or "fmu".
         output: a file, or a folder for a file named after the robot; the name of a folder that
             is not there yet ends in a slash.
         inputs: files that must not be overwritten.
+        payload: what the tool holds all the time: a mass [kg], or the name of a load that the
+            model was identified with.
+        without_friction: leave all friction out.
         single: code in single precision (float, REAL).
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
             `online`; a list, or words with commas between them.
@@ -230,28 +240,51 @@ def write_export(
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
             cannot be written.
     """
-    if target not in TARGETS:
-        raise unknown(target, TARGETS, "target", "write_export")
-    form = TARGETS[target]
+    if to not in TARGETS:
+        raise unknown(to, TARGETS, "target", "export")
+    form = TARGETS[to]
     versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
     if str(fmi) not in versions:
-        raise unknown(fmi, versions, "version of FMI", "write_export")
+        raise unknown(fmi, versions, "version of FMI", "export")
     names = functions.split(",") if isinstance(functions, str) else functions
     further = tuple(name.strip() for name in names if name.strip())
     choices = Choices(single, further, online or OnlineSettings(), versions[str(fmi)])
-    form.require(target, choices)
+    form.require(to, choices)
     subject = load(model)
+    if payload is not None:
+        subject = _holding(subject, payload)
+    if without_friction:
+        subject = subject.without_friction()
     require_physical(subject)
-    path = output_path(target, subject.robot.name, output)
+    path = output_path(to, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
     for part in paths:
         require_writable(part, inputs)
     with watched(progress, "export") as say:
-        export = form.build(subject, path.stem, replace(choices, progress=say))
+        made = form.build(subject, path.stem, replace(choices, progress=say))
     with together():
-        for part, content in zip(paths, export.parts.values(), strict=True):
+        for part, content in zip(paths, made.parts.values(), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    return Written(paths, export.warnings)
+    return Written(paths, made.warnings)
+
+
+def _holding(model: Model, payload: str | float) -> Model:
+    """A model whose tool holds a load: one by its name, or kilograms.
+
+    Raises:
+        DeltaidError: it is neither, or no mass that a robot carries.
+    """
+    names = [held.name for held in model.identified.loads] if model.identified else []
+    if isinstance(payload, str) and payload in names:
+        return model.with_load(payload)
+    try:
+        mass = float(payload)
+    except ValueError:
+        what = f"'{str(payload)[:40]}' is no mass, and no load that the model was identified with"
+        cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
+        raise DeltaidError(what, where="--payload", cure=cure) from None
+    positive("--payload", mass, _LOADS)
+    return model.with_load(point_mass(mass))
 
 
 def require_physical(model: Model) -> None:

@@ -1,7 +1,7 @@
 """How a model is fitted."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -58,12 +58,15 @@ class Settings(Part):
     intervals: IntervalChoice = "linear"
 
 
-def settings_of(given: object) -> Settings:
-    """Settings by value or as a dictionary; the usual ones without.
+def settings_of(given: object, options: Mapping[str, Any] | None = None) -> Settings:
+    """Settings by value or as a dictionary, the usual ones without; and single ones by name.
 
     Raises:
         DescriptionError: there is no such setting, or it cannot have that value.
     """
+    if options:
+        own = given.model_dump() if isinstance(given, Settings) else given or {}
+        return settings_of({**own, **options} if isinstance(own, Mapping) else given)
     if given is None:
         return Settings()
     if isinstance(given, Settings):

@@ -30,7 +30,7 @@ def check_text(robot: str, used: Sequence[Used], settings: Mapping[str, Any]) ->
     return f"""\
 import deltaid
 
-verdicts = deltaid.verdicts({robot!r}{logs}{_columns(used)}{_settings(settings)})
+verdicts = deltaid.check({robot!r}{logs}{_columns(used)}{_settings(settings)})
 for verdict in verdicts:
     print(verdict.grade, verdict.key, verdict.sentence)
 """
@@ -148,7 +148,7 @@ def export_text(model: str, to: str, output: str) -> str:
     return f"""\
 import deltaid
 
-written = deltaid.write_export(deltaid.load({model!r}), {to!r}, {output!r})
+written = deltaid.export(deltaid.load({model!r}), {to!r}, {output!r})
 print(written.paths)
 """
 

@@ -39,7 +39,7 @@ def card(value: Recording) -> Card:
         "",
         tuple(facts),
         more=(("columns", _ranges(table)),),
-        methods=(".plot()", ".to_frame()", "deltaid.verdicts(robot, recording)"),
+        methods=(".plot()", ".to_frame()", "deltaid.check(robot, recording)"),
     )
 
 
