@@ -12,7 +12,7 @@ import zstandard
 
 from bad_logs import GOOD, ROWS, with_field
 from deltaid.errors import DeltaidError
-from deltaid.recording import kept
+from deltaid.recording import excerpt
 from logs import refusal, write
 
 FOREIGN = {
@@ -102,7 +102,7 @@ def test_files_that_change_between_two_passes(tmp_path, opened, monkeypatch) -> 
     """A log too long to be kept in memory is read again; any other one is not."""
     path = write(tmp_path / "log.csv", GOOD)
     short = opened(path)
-    monkeypatch.setattr(kept, "_MOST", 0)
+    monkeypatch.setattr(excerpt, "_MOST_NUMBERS", 0)
     long = opened(path)
     path.unlink()
     assert sum(len(batch.values) for batch in short.batches()) == ROWS

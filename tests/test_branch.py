@@ -11,8 +11,8 @@ from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import Regularity
 from deltaid.motion.surrogate import write_recording
-from deltaid.recording.branch import BranchCheck
 from deltaid.recording.opening import open_log
+from deltaid.recording.reach import BranchCheck
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

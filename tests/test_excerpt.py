@@ -9,7 +9,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
-from deltaid.recording import excerpt, kept
+from deltaid.recording import excerpt
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from logs import recorded as frame_of
@@ -80,7 +80,7 @@ def test_an_excerpt_has_rows_of_its_log(clavel: Dynamics) -> None:
 def test_rows_that_are_kept_are_those_that_are_read(
     tmp_path, clavel: Dynamics, monkeypatch, most: int
 ) -> None:
-    monkeypatch.setattr(kept, "_MOST", most)
+    monkeypatch.setattr(excerpt, "_MOST_NUMBERS", most)
     path = write(tmp_path / "log.csv", frame_of(300, derivatives=True))
     log = open_log(path, clavel.kinematics)
     path.unlink()

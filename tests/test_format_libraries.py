@@ -31,7 +31,7 @@ def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:
 
 def test_a_process_that_is_aborted_says_why(tmp_path: Path) -> None:
     code = (
-        "import os; from deltaid.recording.formats.last_words import last_words\n"
+        "import os; from deltaid.recording.formats.parquet import last_words\n"
         "with last_words('log: is damaged', 2): pass\n"
         "with last_words('log: is damaged', 2): os.abort()"
     )

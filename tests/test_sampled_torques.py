@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from deltaid.recording.delay import Growth, Shift, delayed
-from deltaid.recording.held import holds
-from deltaid.recording.hold import Hold, filled
+from deltaid.recording.hold import Hold, filled, holds
 from test_delay import columns
 
 RATE, SAMPLES = 1000.0, 12_000

@@ -13,7 +13,7 @@ from deltaid.identification.left_out import spans_left_out
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import Source
 from deltaid.recording.delay import Growth
-from deltaid.recording.held import holds
+from deltaid.recording.hold import holds
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording, with_filter
 from deltaid.recording.repairs import Repairs

@@ -24,7 +24,7 @@ from deltaid.estimation.problem import group_sums
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.recording.held import holds
+from deltaid.recording.hold import holds
 from deltaid.recording.recording import Recording
 
 _WINDOWS = 8

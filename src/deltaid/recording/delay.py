@@ -1,4 +1,4 @@
-"""Torques that are recorded late put beside the motion that they belong to.
+"""Torques that are recorded late put beside the motion that they belong to, and late sensors.
 
 A torque recorded δ_i late is read δ_i further on. What this is in samples,
 
@@ -181,6 +181,37 @@ def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float
     padded = _padded(segment, before, after, columns)
     for wide in recut(padded, _AT_ONCE, before + after):
         yield shift.rows(wide, motion, rate, columns.sensor_places)
+
+
+def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
+    """Rows of a segment with y(t + δ) of each sensor beside the motion at t, in constant memory.
+
+    What a sensor shows is smooth, as the motion is, so it is interpolated between samples. Beyond
+    the ends of a segment it says nothing.
+
+    Args:
+        segment: evenly spaced rows in blocks.
+        columns: what stands where, and how late each sensor is.
+        rate: rows per second.
+    """
+    # Columns of one sensor, and shares of the samples so many later.
+    shifts, start = list[tuple[slice, list[tuple[int, float]]]](), columns.sensor_places.start
+    for sensor in columns.sensors:
+        own = slice(start, start + len(sensor.channels))
+        start = own.stop
+        if sensor.delay:
+            shifts.append((own, around(sensor.delay * rate, _MOTION)))
+    if not shifts:
+        yield from segment
+        return
+    places = [by for _, at in shifts for by, _ in at]
+    before, after = max(0, -min(places)), max(0, *places)
+    for wide in recut(_padded(segment, before, after, columns), _AT_ONCE, before + after):
+        count = len(wide) - before - after
+        out = wide[before : before + count].copy()
+        for own, at in shifts:
+            out[:, own] = sum(share * wide[before + by :][:count, own] for by, share in at)
+        yield out
 
 
 def _padded(segment: Iterable[Rows], before: int, after: int, columns: Columns) -> Iterator[Rows]:

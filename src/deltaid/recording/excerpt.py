@@ -1,8 +1,10 @@
-"""Stretches of a log in memory that stand for all of it, where no decision needs every row.
+"""Rows of a log in memory: all of a short one, of a long one stretches that stand for all of it.
 
 What a recording lacks or has too much of (a lag, a law of friction, a gear that gives way) shows in
 a minute of it as in an hour. So a log is read once more for stretches that are spread evenly from
 its beginning to its end, and whoever has to look at rows again and again looks at these.
+
+Reading text takes more than all else, so the rows of a log that is not too long are kept.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,7 +15,7 @@ from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass
-from deltaid.recording.kept import places_among
+from deltaid.recording.table import Batch
 from deltaid.recording.windows import WINDOW, reach
 
 # So many stretches, of so many windows and seconds together; no more than so many windows.
@@ -22,6 +24,8 @@ _STRETCHES, _WINDOWS, _SECONDS, _MOST = 4, 3, 24.0, 32
 _LONG = 8
 # A log that is no longer than so many times an excerpt is held as it is.
 _WHOLE = 2.0
+# Numbers that are kept at most: 128 MiB, or two million rows of four drives' positions and torques.
+_MOST_NUMBERS = 1 << 24
 
 Rows = Float[np.ndarray, "_ _"]
 
@@ -94,3 +98,44 @@ def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int)
             row += len(rows)
         if parts:
             yield np.concatenate(parts)
+
+
+class Kept:
+    """Takes down batches as they are read for the first time.
+
+    Args:
+        columns: of the batches.
+    """
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns, self._left = columns, _MOST_NUMBERS
+        self._batches: list[Batch] = []
+
+    def taking(self, batches: Iterable[Batch]) -> Iterator[Batch]:
+        """The batches, each taken down before it is handed on."""
+        for batch in batches:
+            self._left -= batch.values.size
+            if self._left < 0:
+                self._batches.clear()
+            else:
+                values = batch.values.copy()
+                values.flags.writeable = False
+                self._batches.append(Batch(batch.row, values))
+            yield batch
+
+    @property
+    def whole(self) -> bool:
+        """Whether they were few enough."""
+        return self._left >= 0
+
+    def read(self, columns: Columns) -> Iterator[Batch]:
+        """All batches with some of their columns."""
+        places = places_among(self._columns, columns)
+        for batch in self._batches:
+            yield batch if places is None else Batch(batch.row, batch.values[:, places])
+
+
+def places_among(columns: Columns, some: Columns) -> np.ndarray | None:
+    """Where channels of some columns stand among others; None if they are all of them."""
+    places = [columns.all.index(one) for one in some.all]
+    return None if len(places) == len(columns.all) else np.array(places)

@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
-from deltaid.recording.excerpt import Excerpt
-from deltaid.recording.kept import Kept
+from deltaid.recording.excerpt import Excerpt, Kept
 from deltaid.recording.masks.masks import Mask, Weights
 from deltaid.recording.masks.stale import bridged
 from deltaid.recording.source import Table

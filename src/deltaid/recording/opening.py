@@ -12,7 +12,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
 from deltaid.recording.columns import Columns
-from deltaid.recording.kept import Kept
+from deltaid.recording.excerpt import Kept
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.masks import Mask, require_rest

@@ -5,8 +5,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -158,3 +160,20 @@ def readable(path: Path) -> Generator[None, None, None]:
 def first_line(error: BaseException) -> str:
     """What an error says, shortened."""
     return str(error).strip().split("\n", 1)[0][:200]
+
+
+def library(name: str, kind: str, path: Path) -> Any:
+    """A module that reads a kind of file.
+
+    Raises:
+        RecordingError: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ModuleNotFoundError:
+        package = name.partition(".")[0]
+        raise RecordingError(
+            f"is {kind}, and the library {package} that reads it is not installed",
+            where=str(path),
+            cure=f"pip install {package}",
+        ) from None

@@ -11,10 +11,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.bounds import Bounds
 from deltaid.recording.columns import Columns
 from deltaid.recording.derivatives import DerivativeCheck
-from deltaid.recording.masks.loads import LoadSearch
-from deltaid.recording.masks.search import MaskSearch
-from deltaid.recording.reach import ReachCheck
-from deltaid.recording.seen import Seen
+from deltaid.recording.masks.search import LoadSearch, MaskSearch
+from deltaid.recording.reach import ReachCheck, Seen
 from deltaid.recording.sensor_survey import SensorCheck
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of

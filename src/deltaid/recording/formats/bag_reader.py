@@ -14,9 +14,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.formats.extras import library
 from deltaid.recording.formats.stream import content, unzstd
-from deltaid.recording.source import first_line, opened
+from deltaid.recording.source import first_line, library, opened
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}

@@ -31,6 +31,9 @@ FAR, _AGREE = 20.0, 64
 _ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
 # Fewest rows from which a phase is taken, and rows of a stretch of constant phase at least.
 _FEWEST, _STRETCH = 16, 256
+# Rows about a stamp whose median it is compared with: up to half as many may be off in a row, and a
+# staircase of gaps is its own median.
+_ABOUT_STAMP = 129
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,28 @@ def place(time: Times) -> Grid:
     return Grid(
         period, np.concatenate(kept), np.concatenate(lost), np.concatenate([p.off for p in placed])
     )
+
+
+def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np.ndarray, " rows"]]:
+    """Stamps with wild ones put where the rows about them say, and which these are.
+
+    Wild ones are far from those before and after them, which go on as if nothing were. Damaged
+    files have them, and loggers whose clock is read while it is set. Their rows stand between their
+    neighbours all the same.
+
+    Args:
+        time: stamps of consecutive rows [s].
+        period: the usual time between two rows [s].
+        sharing: rows that share a stamp.
+    """
+    far = FAR * sharing
+    if len(time) < 3 or np.abs(np.diff(time)).max() <= far * period:
+        return time, np.zeros(len(time), dtype=bool)
+    rows = np.arange(len(time))
+    level = time / period - rows
+    usual = medians(level, _ABOUT_STAMP)
+    wild = np.abs(level - usual) > far
+    return np.where(wild, period * (usual + rows), time), wild
 
 
 def usual_step(time: Times) -> tuple[float, float]:

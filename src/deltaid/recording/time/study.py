@@ -14,11 +14,11 @@ from deltaid.recording.time.grid import (
     far_steps,
     medians,
     place,
+    repaired,
     spread,
     usual_step,
 )
 from deltaid.recording.time.hole_places import revised
-from deltaid.recording.time.wild import repaired
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
 _SIZE, _EDGE = 1 << 16, 1024
