@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from _excitation_solvers import Trace, velocity_term
 
-from deltaid.excitation.optimize import largest_use
-from deltaid.excitation.problem import ExcitationProblem
+from deltaid.motion.excitation.optimize import largest_use
+from deltaid.motion.excitation.problem import ExcitationProblem
 
 FINER = 10  # the grid that points are judged on, against the one that is optimised on
 

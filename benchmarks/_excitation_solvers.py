@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize
 
-from deltaid.excitation.optimize import optimise
-from deltaid.excitation.problem import Evaluation, ExcitationProblem
+from deltaid.motion.excitation.optimize import optimise
+from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem
 
 STEP = 1.5e-8  # of forward differences; SciPy's own choice
 UNREACHABLE = 1e3  # value for a pose out of reach

@@ -14,11 +14,11 @@ from _excitation_judge import FINER
 import deltaid
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.regularizer import parameter_scale
-from deltaid.excitation.excite import Exciter
-from deltaid.excitation.optimize import random_start
-from deltaid.excitation.problem import ExcitationProblem
-from deltaid.excitation.run import Run, plan_run
 from deltaid.identification.demo import mass_matrix_error
+from deltaid.motion.excitation.excite import Exciter
+from deltaid.motion.excitation.optimize import random_start
+from deltaid.motion.excitation.problem import ExcitationProblem
+from deltaid.motion.excitation.run import Run, plan_run
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 
 DURATION, RATE = 10.0, 1000.0

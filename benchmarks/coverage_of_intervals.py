@@ -20,7 +20,7 @@ from _table import leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.dynamics import compiled
-from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.load import load_robot
 from interval_coverage import KINDS, RATE, ROBOTS, covered, covered_by_white_formula, estimates
 from poor_priors import PLAIN, outcome

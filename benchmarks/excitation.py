@@ -6,7 +6,7 @@
 One robot, one series, one set of limits, the default criterion, one thread a solver. Four parts:
 
 Optimisers. From the same random starts, each on its own:
-  deltaid  `deltaid.excitation.optimize.optimise` from one start: SLSQP, exact gradients, smooth
+  deltaid  `optimise` of `deltaid.motion.excitation` from one start: SLSQP, exact gradients, smooth
            maxima of the limits, tightened until they hold between the grid points.
   SLSQP    SciPy's, with forward differences; each limit is one constraint, its largest use on the
            grid, as one would write it with today's Python tools.
@@ -66,9 +66,9 @@ from _excitation_worth import (
 from _timing import machine
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.excitation.optimize import optimise, random_start
-from deltaid.excitation.problem import ExcitationProblem
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.optimize import optimise, random_start
+from deltaid.motion.excitation.problem import ExcitationProblem
 from deltaid.robot.load import load_robot
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

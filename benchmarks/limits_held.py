@@ -14,8 +14,8 @@ import numpy as np
 from _table import leave
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.excitation.optimize import largest_use, optimise
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.optimize import largest_use, optimise
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

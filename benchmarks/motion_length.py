@@ -18,8 +18,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.identify import identify
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import Accuracy, accuracy, drive_motion
 from deltaid.reproduce.nominal import ABOVE, BELOW, ROBOT, nominal_robot, regularisation

@@ -13,9 +13,9 @@ import sys
 import numpy as np
 from _table import leave
 
-from deltaid.planning.bench import PlanSettings
-from deltaid.planning.offers import Offers
-from deltaid.planning.plan import SensorPlan, sensor_plan
+from deltaid.sensors.planning.bench import PlanSettings
+from deltaid.sensors.planning.offers import Offers
+from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
 
 SEEDS = 5
 ENTRIES = ("U.mcx", "U.Sxx", "S.m", "S.mcx", "S.Sxx", "P.m")

@@ -19,9 +19,9 @@ from deltaid.estimation.additions import extended
 from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.information import Information, merge
 from deltaid.estimation.scatter import Groups, Noise, inverse
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings

@@ -11,13 +11,13 @@ import polars as pl
 from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.fit import FittedProblem, fit, with_geometry
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.measured_rows import SensorColumns
 from deltaid.identification.sensor_stage import with_new_entries
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot

@@ -13,10 +13,10 @@ from scipy.stats import qmc
 from command import Outcome, run
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.model.record import IdentifiedModel
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     Motion,

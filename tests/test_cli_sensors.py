@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from command import run
-from deltaid.planning.offers import load_offers, shipped_offers
+from deltaid.sensors.planning.offers import load_offers, shipped_offers
 
 DELTA = "clavel-delta3"
 

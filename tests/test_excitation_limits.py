@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
-from deltaid.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere

@@ -7,9 +7,9 @@ from pydantic import ValidationError
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot.description import RobotDescription

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from command import refused, run
-from deltaid.drafting.questions import QUESTIONS
 from deltaid.robot.load import load_robot
+from deltaid.studio.drafting.questions import QUESTIONS
 from json_schema import violations
 
 LENGTHS = (

@@ -10,6 +10,7 @@ import pytest
 
 import deltaid
 from deltaid.model.verdict import Grade
+from deltaid.sensors.planning.offers import shipped_offers
 from deltaid.view.card import Card, text
 from deltaid.view.show import _KINDS
 from html_page import HOSTILE, Document
@@ -62,7 +63,7 @@ def values(result, motion) -> dict[str, object]:
         "a run": motion.run,
         "a periodic motion": motion.run.motion,
         "a plan": deltaid.sensor_plan(NAME, progress=False),
-        "offers": deltaid.load_offers(Path(deltaid.__path__[0]) / "planning" / "catalogue.yaml"),
+        "offers": shipped_offers(),
         "poses": dynamics.kinematics.poses(Z)[0],
         "terms": dynamics.terms(dynamics.kinematics.inverse(Z), still),
         "regularity": dynamics.kinematics.regularity(Z),

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.planning.exchange import point_mass
-from deltaid.planning.null_space import null_space, whole_null_space
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
+from deltaid.sensors.planning.exchange import point_mass
+from deltaid.sensors.planning.null_space import null_space, whole_null_space
 
 
 def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
@@ -34,7 +34,7 @@ def test_what_is_left_beside_named_directions_is_told_sparsely() -> None:
     a, b, c, d = 0, 1, 10, 11
     rows[:, [a, c]] = rng.standard_normal((40, 2))
     rows[:, b], rows[:, d] = rows[:, a], rows[:, c]
-    from deltaid.planning.exchange import Exchange
+    from deltaid.sensors.planning.exchange import Exchange
 
     named = np.zeros(len(layout.names))
     named[[a, b]] = 1.0, -1.0

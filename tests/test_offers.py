@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from deltaid.errors import DeltaidError, DescriptionError
-from deltaid.planning.bench import PlanSettings
-from deltaid.planning.offers import Offers, load_offers, shipped_offers, shipped_text
-from deltaid.planning.plan import sensor_plan
 from deltaid.robot.load import parse
+from deltaid.sensors.planning.bench import PlanSettings
+from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers, shipped_text
+from deltaid.sensors.planning.plan import sensor_plan
 from descriptions import refusal
 
 DELTA = "clavel-delta3"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import deltaid
-from deltaid.excitation.run import Run
+from deltaid.motion.excitation.run import Run
 from deltaid.motion.fourier import FourierMotion
 
 NAME = "clavel-delta3"

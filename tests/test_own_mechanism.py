@@ -14,13 +14,13 @@ from deltaid.estimation.information import active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
 from deltaid.robot import own

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import Grade, Verdict
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.robot.load import load_robot
 from deltaid.view.check import check_page
 from deltaid.view.check_tables import page_table, short_table

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ValidationError, create_model
 
-from deltaid.planning.offers import Offers
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
+from deltaid.sensors.planning.offers import Offers
 from json_schema import violations
 
 WRITTEN = (RobotDescription, ColumnMapping, Offers)

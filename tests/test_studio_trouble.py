@@ -87,7 +87,7 @@ def test_a_step_that_is_killed_is_one_message_and_another_may_begin(session: Ses
 # Before the command: its search, and a process that it starts, wait for a question and answer it.
 _WAITING = """
 import os
-from deltaid.excitation.excite import Exciter
+from deltaid.motion.excitation.excite import Exciter
 held = os.open({alive!r}, os.O_WRONLY)
 def wait(*_, **__):
     os.read(os.open({asked!r}, os.O_RDONLY), 1)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
     from deltaid.dynamics.parameters import prior_parameters
     from deltaid.errors import DeltaidError
-    from deltaid.excitation.excite import Excitation, ExcitationSettings, Exciter, excite
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.identification.identify import Identification
@@ -36,17 +35,18 @@ if TYPE_CHECKING:
     from deltaid.model.record import IdentifiedModel, Settings
     from deltaid.model.samples import Samples
     from deltaid.model.verdict import Grade, Proposal, Verdict
+    from deltaid.motion.excitation.excite import Excitation, ExcitationSettings, Exciter, excite
     from deltaid.online.online import Online, OnlineEstimate
     from deltaid.online.settings import OnlineSettings
-    from deltaid.planning.bench import PlanSettings
-    from deltaid.planning.offers import Offers, load_offers
-    from deltaid.planning.plan import SensorPlan, sensor_plan
     from deltaid.recording.carried import Load
     from deltaid.recording.mapping import ColumnMapping, load_mapping
     from deltaid.recording.memory import Recording
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
+    from deltaid.sensors.planning.bench import PlanSettings
+    from deltaid.sensors.planning.offers import Offers, load_offers
+    from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
 
     __version__: str
 
@@ -56,9 +56,9 @@ _HOME = {
     "ConstraintForces": "deltaid.joint_forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
-    "Excitation": "deltaid.excitation.excite",
-    "ExcitationSettings": "deltaid.excitation.excite",
-    "Exciter": "deltaid.excitation.excite",
+    "Excitation": "deltaid.motion.excitation.excite",
+    "ExcitationSettings": "deltaid.motion.excitation.excite",
+    "Exciter": "deltaid.motion.excitation.excite",
     "ForwardDynamics": "deltaid.dynamics.forward_dynamics",
     "Grade": "deltaid.model.verdict",
     "Identification": "deltaid.identification.identify",
@@ -72,12 +72,12 @@ _HOME = {
     "MechanismParts": "deltaid.mechanism.own",
     "Proposal": "deltaid.model.verdict",
     "Recording": "deltaid.recording.memory",
-    "Offers": "deltaid.planning.offers",
+    "Offers": "deltaid.sensors.planning.offers",
     "Online": "deltaid.online.online",
     "OnlineEstimate": "deltaid.online.online",
     "OnlineSettings": "deltaid.online.settings",
-    "PlanSettings": "deltaid.planning.bench",
-    "SensorPlan": "deltaid.planning.plan",
+    "PlanSettings": "deltaid.sensors.planning.bench",
+    "SensorPlan": "deltaid.sensors.planning.plan",
     "RobotDescription": "deltaid.robot.description",
     "Samples": "deltaid.model.samples",
     "Settings": "deltaid.model.record",
@@ -87,17 +87,17 @@ _HOME = {
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "check": "deltaid.checks.run",
-    "excite": "deltaid.excitation.excite",
+    "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
     "identify": "deltaid.checks.identified",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
     "load": "deltaid.model.model",
-    "load_offers": "deltaid.planning.offers",
+    "load_offers": "deltaid.sensors.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
     "load_robot": "deltaid.robot.load",
     "prior_parameters": "deltaid.dynamics.parameters",
-    "sensor_plan": "deltaid.planning.plan",
+    "sensor_plan": "deltaid.sensors.planning.plan",
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
     "validate": "deltaid.identification.validation",

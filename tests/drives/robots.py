@@ -17,8 +17,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
-from deltaid.excitation.excite import ExcitationSettings, Exciter
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia

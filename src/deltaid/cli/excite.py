@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
-from deltaid.excitation.options import CriterionName, PurposeName
+from deltaid.motion.excitation.options import CriterionName, PurposeName
 
 if TYPE_CHECKING:
     from threading import Event
 
-    from deltaid.excitation.excite import Excitation, Exciter
+    from deltaid.motion.excitation.excite import Excitation, Exciter
     from deltaid.robot.joint_units import JointUnits
 
 
@@ -74,10 +74,10 @@ def excite(
     """
     from deltaid.cli.output import print_json, print_note, progress, require_outputs
     from deltaid.errors import DeltaidError, positive, within
-    from deltaid.excitation.excite import ExcitationSettings, Exciter
-    from deltaid.excitation.motion_file import LONGEST, MOST_ROWS, write_run
     from deltaid.files import together, write_bytes
     from deltaid.model.model import load
+    from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+    from deltaid.motion.excitation.motion_file import LONGEST, MOST_ROWS, write_run
 
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))
@@ -88,7 +88,7 @@ def excite(
     if plot and picture not in ("png", "svg"):
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
     if plot:
-        from deltaid.excitation.plot import require_matplotlib
+        from deltaid.motion.excitation.plot import require_matplotlib
 
         require_matplotlib()
     settings = ExcitationSettings(
@@ -126,7 +126,7 @@ def excite(
         if verify_out is not None and second is not None:
             write_run(exciter.dynamics.kinematics, second.run, rate, verify_out)
         if plot is not None:
-            from deltaid.excitation.plot import plot_run
+            from deltaid.motion.excitation.plot import plot_run
 
             write_bytes(plot, plot_run(exciter, result.run, picture))
         if report is not None:

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
-from deltaid.drafting.kinds import KINDS
-from deltaid.drafting.questions import QUESTIONS, Question
+from deltaid.studio.drafting.kinds import KINDS
+from deltaid.studio.drafting.questions import QUESTIONS, Question
 
 if TYPE_CHECKING:
-    from deltaid.drafting.draft import Draft
     from deltaid.errors import DeltaidError
+    from deltaid.studio.drafting.draft import Draft
 
 _TITLES = {
     "lengths": "Lengths and ends", "masses": "Masses", "motors": "Motors", "tool": "Tool",
@@ -97,7 +97,7 @@ def new(
     asker = None if yes or not (sys.stdin.isatty() and sys.stdout.isatty()) else _Terminal()
     try:
         draft = _draft(file, kind, start, name, title, given, asker)
-        from deltaid.drafting.interview import interview  # slow; the first question is not
+        from deltaid.studio.drafting.interview import interview  # slow; the first question is not
 
         draft = interview(draft, asker)
     except (KeyboardInterrupt, EOFError):
@@ -118,11 +118,11 @@ def _draft(
     asker: "_Terminal | None",
 ) -> "Draft":
     """What the options say."""
-    from deltaid.drafting.backwards import answers, kind_of
-    from deltaid.drafting.draft import GIVEN, Draft
-    from deltaid.drafting.quantity import quantity
     from deltaid.errors import DeltaidError
     from deltaid.robot.load import load_robot
+    from deltaid.studio.drafting.backwards import answers, kind_of
+    from deltaid.studio.drafting.draft import GIVEN, Draft
+    from deltaid.studio.drafting.quantity import quantity
 
     offered: dict[str, float] = {}
     if start is not None:
@@ -234,9 +234,9 @@ def _line(prompt: str) -> str:
 
 def _write(draft: "Draft", file: Path) -> None:
     """The description, and the schema that its first line names, if there is none beside it."""
-    from deltaid.drafting.text import SCHEMA_FILE, written
     from deltaid.files import together, written_whole
     from deltaid.robot.description import RobotDescription
+    from deltaid.studio.drafting.text import SCHEMA_FILE, written
 
     schema = file.with_name(SCHEMA_FILE)
     with together():
@@ -258,10 +258,10 @@ def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     """What was written, how much of it is known, and the robot at rest."""
     from deltaid.cli.output import console, print_warnings
     from deltaid.cli.show import survey_of
-    from deltaid.drafting.draft import ASSUMED
-    from deltaid.drafting.drafts import unusual
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
+    from deltaid.studio.drafting.draft import ASSUMED
+    from deltaid.studio.drafting.drafts import unusual
 
     doubts = unusual(draft)
     print_warnings(doubts)

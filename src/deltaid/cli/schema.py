@@ -24,9 +24,9 @@ def schema(
     from deltaid.cli.output import print_json
     from deltaid.fleets.manifest import Manifest
     from deltaid.model.record import IdentifiedModel
-    from deltaid.planning.offers import Offers
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.robot.description import RobotDescription
+    from deltaid.sensors.planning.offers import Offers
 
     models = {
         "robot": RobotDescription,

@@ -8,8 +8,8 @@ import typer
 from deltaid.cli.options import output_file
 
 if TYPE_CHECKING:
-    from deltaid.planning.openings import Opening
-    from deltaid.planning.plan import Outlook, SensorPlan
+    from deltaid.sensors.planning.openings import Opening
+    from deltaid.sensors.planning.plan import Outlook, SensorPlan
 
 
 def register(app: typer.Typer) -> None:
@@ -74,10 +74,10 @@ def sensors(
     """
     from deltaid.cli.output import console, print_json, print_note, progress, require_outputs
     from deltaid.errors import positive, within
-    from deltaid.planning.offers import shipped_text
-    from deltaid.planning.plan import PlanSettings, sensor_plan
     from deltaid.recording.mapping import load_mapping
     from deltaid.robot.load import read_text
+    from deltaid.sensors.planning.offers import shipped_text
+    from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
 
     if print_list:
         print(read_text(offers) if offers else shipped_text(), end="")
@@ -191,7 +191,7 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
 
 def told(plan: "SensorPlan") -> "list[Opening]":
     """What is told in words: what there is, and what stays open when all has been bought."""
-    from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES
+    from deltaid.sensors.planning.openings import DESCRIBED, PLAN, TORQUES
 
     now = DESCRIBED if plan.has_described else TORQUES
     return [one for one in plan.openings if one.name in (now, PLAN)]

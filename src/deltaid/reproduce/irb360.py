@@ -17,12 +17,12 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.excitation.run import Run
 from deltaid.identification.identify import identify
 from deltaid.identification.torque_error import predict
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.record import Settings
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.run import Run
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.reproduce.irb360_result import (

@@ -7,8 +7,8 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.excitation.run import Run
 from deltaid.identification.identify import Identification
+from deltaid.motion.excitation.run import Run
 from deltaid.reproduce.table_one import Drive4Friction
 from deltaid.robot.description import RobotDescription
 
@@ -20,7 +20,7 @@ class Irb360Settings:
     Attributes:
         seed: of motions and noise.
         starts: of each motion's optimisation.
-        harmonics, duration, repeats: of the motions, see `excitation.ExcitationSettings`.
+        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`.
         torque_noise: of the recordings, a share of each drive's largest torque.
         rate: sampling rate [Hz].
     """

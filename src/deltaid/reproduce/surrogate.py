@@ -19,11 +19,11 @@ import polars as pl
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.reduction import Reduction
-from deltaid.excitation.excite import ExcitationSettings, Exciter
-from deltaid.excitation.run import Run
 from deltaid.identification.identify import identify
 from deltaid.model.options import Method
 from deltaid.model.record import Settings
+from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.run import Run
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import (
     Accuracy,

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from deltaid.excitation.run import Run
 from deltaid.files import require_writable, written_whole
+from deltaid.motion.excitation.run import Run
 from deltaid.motion.surrogate import write_recording
 from deltaid.reproduce.accuracy import Accuracy
 from deltaid.reproduce.descent import Descent, Descents

@@ -7,9 +7,9 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.posing import SOLVERS
-from deltaid.excitation.run import Run
 from deltaid.identification.identify import Identification
 from deltaid.model.options import Method
+from deltaid.motion.excitation.run import Run
 from deltaid.reproduce.accuracy import Accuracy, DriveMotion, MotionTerms
 from deltaid.reproduce.descent import Descents
 from deltaid.reproduce.sweep import SweepPoint
@@ -23,7 +23,7 @@ class SurrogateSettings:
     Attributes:
         seed: of motions, regularisations and noise.
         starts: of each motion's optimisation.
-        harmonics, duration, repeats: of the motions, see `excitation.ExcitationSettings`. With the
+        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`. With the
             default ones a recording lasts about 40 s; in 10 s, friction and the small inertia of
             the fourth drive drown in 2 % of noise.
         torque_noise: of the noisy recordings, a share of each drive's largest torque.

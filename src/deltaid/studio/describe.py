@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
-from deltaid.drafting.draft import GIVEN, Draft
-from deltaid.drafting.kinds import KINDS
-from deltaid.drafting.quantity import quantity
-from deltaid.drafting.questions import asked
 from deltaid.errors import DeltaidError
+from deltaid.studio.drafting.draft import GIVEN, Draft
+from deltaid.studio.drafting.kinds import KINDS
+from deltaid.studio.drafting.quantity import quantity
+from deltaid.studio.drafting.questions import asked
 from deltaid.studio.steps import Step
 
 
@@ -22,8 +22,8 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
         DeltaidError: an answer is none, something is missing, or they do not go together.
     """
     # The server knows this module and need not wait for those.
-    from deltaid.drafting.interview import interview
-    from deltaid.drafting.text import written
+    from deltaid.studio.drafting.interview import interview
+    from deltaid.studio.drafting.text import written
 
     missing = [
         question.text

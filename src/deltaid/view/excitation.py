@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 from jaxtyping import Bool, Float
 from plotly.subplots import make_subplots
 
-from deltaid.excitation.excite import Excitation, Exciter, LimitUse
+from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.view import style
 from deltaid.view.animation import Motion, animation
 from deltaid.view.drawing import drawing

@@ -1,6 +1,6 @@
 """Tables of an optimised motion, for the terminal and for its page."""
 
-from deltaid.excitation.excite import Excitation
+from deltaid.motion.excitation.excite import Excitation
 from deltaid.view.numbers import number, percent
 from deltaid.view.table import Table
 

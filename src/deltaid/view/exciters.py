@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from deltaid.excitation.excite import Exciter
+from deltaid.motion.excitation.excite import Exciter
 from deltaid.view.card import Card
 from deltaid.view.robots import drawn
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from deltaid.planning.plan import SensorPlan
+from deltaid.sensors.planning.plan import SensorPlan
 from deltaid.view.card import Card
 from deltaid.view.numbers import percent
 from deltaid.view.sensor_tables import chosen_entries, count_table, step_table

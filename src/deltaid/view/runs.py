@@ -1,6 +1,6 @@
 """Motions by themselves, without the robot that they are of."""
 
-from deltaid.excitation.run import Run
+from deltaid.motion.excitation.run import Run
 from deltaid.motion.fourier import FourierMotion
 from deltaid.view.card import Card
 from deltaid.view.numbers import number

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.planning.openings import DESCRIBED, PLAN, TORQUES
-from deltaid.planning.plan import Outlook, SensorPlan
+from deltaid.sensors.planning.openings import DESCRIBED, PLAN, TORQUES
+from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.view import style
 from deltaid.view.corrected import in_words
 from deltaid.view.drawing import drawing

@@ -2,9 +2,9 @@
 
 from nicegui import ui
 
-from deltaid.drafting.kinds import KINDS
-from deltaid.drafting.questions import Question, asked
 from deltaid.studio.describe import drafted, new_step
+from deltaid.studio.drafting.kinds import KINDS
+from deltaid.studio.drafting.questions import Question, asked
 from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session

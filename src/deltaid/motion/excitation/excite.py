@@ -1,0 +1,292 @@
+"""From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
+
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.limits import torque_limits
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import unknown
+from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.estimation.regularizer import parameter_scale
+from deltaid.identification.generic_motion import random_motion_base
+from deltaid.model.model import ModelLike, load
+from deltaid.motion.excitation.by_bodies import by_bodies
+from deltaid.motion.excitation.criterion import Criterion
+from deltaid.motion.excitation.graph import ExcitationGraph
+from deltaid.motion.excitation.left_by_friction import torques_without_friction
+from deltaid.motion.excitation.motion_file import write_run
+from deltaid.motion.excitation.optimize import (
+    Judge,
+    Optimum,
+    Progress,
+    conflict,
+    optimise,
+    random_start,
+)
+from deltaid.motion.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
+from deltaid.motion.excitation.run import Run, plan_run, run_use
+from deltaid.motion.excitation.series import Series
+from deltaid.motion.excitation.settings import ExcitationSettings
+from deltaid.progress import watched
+from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+# Grid points for each harmonic of the series; random motions that columns are scaled with; range of
+# the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
+_POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """How much of one limit a run uses, as a share."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the run will tell about one base parameter, before moving.
+
+    Attributes:
+        formula: the base parameter.
+        value: at the prior.
+        std: standard deviation that least squares will have with the given torque noise.
+        unit: of both.
+    """
+
+    formula: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, repr=False)
+class Excitation(Shown, Plotted, Tabled, Reported):
+    """An optimised motion, ready to run.
+
+    Attributes:
+        exciter: the robot and the settings that it was made with.
+        run: the motion from rest to rest.
+        optimum: how it was found.
+        criterion_before, criterion_after: the criterion, with true signs of friction, of the best
+            start's random motion and of the result.
+        limits: use of every limit over the whole run.
+        predictions: for each base parameter.
+        torque_max: largest torque of each drive over the run, at the prior [N m].
+    """
+
+    exciter: "Exciter"
+    run: Run
+    optimum: Optimum
+    criterion_before: float
+    criterion_after: float
+    limits: tuple[LimitUse, ...]
+    predictions: tuple[Prediction, ...]
+    torque_max: Float[np.ndarray, " dof"]
+
+    def save(self, path: str | Path, rate: float | None = None) -> None:
+        """Write the run as CSV, as a controller replays it: t, q1…, qd1…, qdd1…, x, y, z.
+
+        Args:
+            rate: samples a second; that of the settings without.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        kinematics = self.exciter.dynamics.kinematics
+        write_run(kinematics, self.run, rate or self.exciter.settings.rate, Path(path))
+
+
+def excite(
+    robot: Dynamics | ModelLike,
+    *,
+    settings: ExcitationSettings | None = None,
+    stop: Event | None = None,
+    progress: Progress | bool | None = None,
+    **options: Any,
+) -> Excitation:
+    """The best motion for an identification: at rest at both ends, within all limits.
+
+    Args:
+        robot, settings: as of `Exciter`, which makes further motions for the same robot.
+        stop, progress: as of `Exciter.optimise`.
+        options: single settings by name, such as `duration=5`.
+
+    Raises:
+        DeltaidError: there is no such setting, or the limits leave no room.
+    """
+    asked = settings or ExcitationSettings()
+    for name in options:
+        if not hasattr(asked, name):
+            raise unknown(name, vars(asked), "setting", "excite")
+    return Exciter(robot, replace(asked, **options)).optimise(stop, progress)
+
+
+class Exciter(Shown, Plotted):
+    """A robot prepared for excitation: kernels, base parameters, reference motions, scaling.
+
+    Args:
+        robot: its dynamics, for the prior; or a model or a robot, by value, name or file. An
+            identified model has its masses and friction in place of the prior.
+        settings: what to optimise.
+    """
+
+    def __init__(
+        self, robot: Dynamics | ModelLike, settings: ExcitationSettings | None = None
+    ) -> None:
+        settings = settings or ExcitationSettings()
+        dynamics = robot if isinstance(robot, Dynamics) else compiled(load(robot).as_description())
+        self.dynamics, self.settings = dynamics, settings
+        self.base: BaseParameters = random_motion_base(dynamics)
+        heads = np.array([group.representative for group in self.base.groups])
+        self._graph = ExcitationGraph(dynamics, heads)
+        self._p = prior_parameters(dynamics.robot)
+        self._values = self.base.values(self._p)
+        self._series = _series(dynamics, settings)
+        self._torques = Torques(self._values, torques_without_friction(dynamics))
+        dof, n = dynamics.dof, len(heads)
+        blank = Weighting(np.ones(dof), np.ones(n), np.eye(n))
+        self._shape = self._problem(blank, np.ones(dof))
+        self.torque_reference, self._speed, self._column_rms = self._references()
+        self.problem = self._problem(self._weighting(), self._speed)
+        self._judge = self._judged_by_bodies() if settings.by == "sensors" else None
+
+    def optimise(
+        self, stop: Event | None = None, progress: Progress | bool | None = None, *, offset: int = 0
+    ) -> Excitation:
+        """The best motion from all starts; another `offset` gives other start values.
+
+        Args:
+            stop: when set, the search ends with the best motion so far.
+            progress: called with the account of each start as it ends; or whether to show how many
+                have, None for where someone is watching.
+
+        Raises:
+            DeltaidError: the limits leave no room.
+        """
+        if callable(progress):
+            return self._optimised(stop, progress, offset)
+        with watched(progress, "excite") as say:
+            ended, starts = count(1), self.settings.starts
+            say(f"start 0 of {starts}")
+            return self._optimised(stop, lambda _: say(f"start {next(ended)} of {starts}"), offset)
+
+    def _optimised(self, stop: Event | None, progress: Progress, offset: int) -> Excitation:
+        first = self.settings.seed + offset
+        seeds = range(first, first + self.settings.starts)
+        optimum = optimise(self.problem, seeds, stop=stop, progress=progress, judge=self._judge)
+        periods = max(1, round(self.settings.duration / optimum.motion.period))
+        run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
+        torque_max = np.abs(self.preview(run)).max(axis=0)
+        names, use = self.problem.limit_names, run_use(self.problem, run, 4000)
+        for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
+            use[len(names) - len(self._torques.largest) + k] = torque_max[i] / largest
+        return Excitation(
+            exciter=self,
+            run=run,
+            optimum=optimum,
+            criterion_before=self._criterion(random_start(self.problem, optimum.best.seed)),
+            criterion_after=self._criterion(optimum.x),
+            limits=tuple(LimitUse(n, float(u)) for n, u in zip(names, use, strict=True)),
+            predictions=self.predict(run),
+            torque_max=torque_max,
+        )
+
+    def preview(self, run: Run, samples: int = 2000) -> Float[np.ndarray, "samples dof"]:
+        """Torques of a run at the prior."""
+        z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
+        _, qd, qdd = self.dynamics.kinematics.drive_motion(z, zd, zdd)
+        return self.dynamics.torque(z, qd, qdd, self._p)
+
+    def predict(self, run: Run) -> tuple[Prediction, ...]:
+        """Standard deviations of the base parameters for white torque noise on a run.
+
+        Cov = (Σ_t Y_BᵀΣ⁻¹Y_B)⁻¹ over the samples of the recording.
+        """
+        samples = 2000
+        z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
+        Y = self._graph.dense(self._graph.exact_regressor(np.hstack([z, zd, zdd]).T))
+        Y = Y / (self.settings.torque_noise * self.torque_reference)[None, :, None]
+        count = run.duration * self.settings.rate
+        A = Y.reshape(-1, Y.shape[2]) * np.sqrt(count / samples)
+        norms = np.linalg.norm(A, axis=0)
+        R = np.linalg.qr(A / norms, mode="r")
+        std = np.linalg.norm(np.linalg.solve(R, np.eye(len(norms))), axis=1) / norms
+        units = [self.dynamics.layout.units[group.representative] for group in self.base.groups]
+        rows = zip(self.base.formulas, self._values, std, units, strict=True)
+        return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
+
+    def _judged_by_bodies(self) -> Judge:
+        s = self.settings
+        noise, seconds = s.torque_noise * self.torque_reference, s.duration * s.repeats
+        return by_bodies(self.dynamics, noise, seconds * s.rate)
+
+    def _criterion(self, x: np.ndarray) -> float:
+        G = self.problem.information(x, 10 * self.problem.samples)
+        return self.problem.criterion.evaluate(G)[0]
+
+    def _problem(self, weighting: Weighting, speed: np.ndarray) -> ExcitationProblem:
+        return ExcitationProblem(
+            graph=self._graph,
+            series=self._series,
+            criterion=Criterion(self.settings.criterion),
+            weighting=weighting,
+            torques=self._torques,
+            velocity=Velocity(self.settings.velocity_weight, speed),
+            samples=_POINTS * self.settings.harmonics,
+        )
+
+    def _references(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Largest torques and speeds, and column sizes, over random motions within the limits."""
+        states = []
+        for seed in range(_REFERENCES):
+            x = random_start(self._shape, seed)
+            s = self._series.state(x, self._shape.grid())
+            if np.any(s[self.dynamics.dof :]):
+                states.append(s)
+        if not states:
+            raise conflict(self._shape, random_start(self._shape, 0))
+        s = np.hstack(states)
+        Y = self._graph.dense(self._graph.exact_regressor(s))
+        torque = np.abs(Y @ self._values).max(axis=0)
+        speed = np.abs(self._graph.regressor(s)[-self.dynamics.dof :]).max(axis=1)
+        rms = np.sqrt(np.mean(np.sum((Y / torque[None, :, None]) ** 2, axis=1), axis=0))
+        robot = self.dynamics.robot
+        for i, drive in enumerate(robot.drives):
+            limits = robot.drive_limits.get(drive)
+            if limits is not None and limits.top_speed is not None:
+                speed[i] = limits.top_speed
+        return torque, speed, rms
+
+    def _weighting(self) -> Weighting:
+        """Scaled columns and normalised torques; or prior and noise as units of both."""
+        n = len(self._values)
+        if not self.settings.weigh_prior:
+            return Weighting(self.torque_reference**-2.0, 1 / self._column_rms, np.zeros((n, n)))
+        spread = self.settings.prior_spread * parameter_scale(self.base.layout, self._p)
+        sizes = np.linalg.norm(self.base.combination() * spread, axis=1)
+        noise = self.settings.torque_noise * self.torque_reference
+        count = self.settings.duration * self.settings.rate
+        return Weighting(noise**-2.0, sizes, np.eye(n) / count)
+
+
+def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
+    turn = dynamics.robot.turn
+    centre, half = dynamics.robot.within(
+        0.5 * (turn.low + turn.high), min(_TURN, 0.5 * (turn.high - turn.low))
+    )
+    slowest = 2 * np.pi / settings.duration
+    return Series(
+        harmonics=settings.harmonics,
+        slowest=slowest,
+        fastest=_SHORTER * slowest,
+        centre=centre,
+        size=half,
+    )

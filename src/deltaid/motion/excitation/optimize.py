@@ -1,0 +1,297 @@
+"""Excitation motions, optimised from several starts and feasible between the grid points too."""
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from threading import Event
+
+import numpy as np
+from jaxtyping import Float
+from scipy import optimize
+from threadpoolctl import threadpool_limits
+
+from deltaid.errors import DeltaidError
+from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, Vector
+from deltaid.motion.fourier import FourierMotion
+
+# Sharpness of the limits' smooth maxima: blunt first, so that the solver sees whole stretches of
+# the motion, then so sharp that at most about 1 % of a limit is given away.
+_SHARPNESS = (30.0, 300.0)
+_FINER = 10  # the grid on which feasibility is checked, against the one that is optimised on
+_ROUNDS = 8  # of tightening
+_CENTRES = 300  # poses tried for a start whose middle of the workspace exceeds a limit
+_SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
+_ITERATIONS = 250
+# Use that counts as full on the fine grid: the rest is for what lies between its points.
+_FULL = 0.9995
+_UNREACHABLE = 1e3
+
+
+@dataclass(frozen=True)
+class StartAccount:
+    """What became of one start.
+
+    Attributes:
+        seed: of its random coefficients.
+        before, after: the objective at the start and at the end.
+        use: largest use of any limit on the fine grid.
+        evaluations, seconds: the effort.
+        message: the solver's own word.
+        judged: what another judge says of the motion, smaller is better; None without one.
+    """
+
+    seed: int
+    before: float
+    after: float
+    use: float
+    evaluations: int
+    seconds: float
+    message: str
+    judged: float | None = None
+
+    @property
+    def merit(self) -> float:
+        """What feasible motions are compared by: the judge's word, or the objective."""
+        return self.after if self.judged is None else self.judged
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all limits hold on the fine grid."""
+        return self.use <= _FULL
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best feasible motion with the account of every start."""
+
+    x: Vector
+    motion: FourierMotion
+    value: float
+    accounts: tuple[StartAccount, ...]
+
+    @property
+    def best(self) -> StartAccount:
+        """The start that it comes from."""
+        return min((a for a in self.accounts if a.feasible), key=lambda a: a.merit)
+
+
+Progress = Callable[[StartAccount], None]
+Judge = Callable[[FourierMotion], float]
+
+
+def optimise(
+    problem: ExcitationProblem,
+    seeds: range,
+    *,
+    stop: Event | None = None,
+    progress: Progress = lambda _: None,
+    judge: Judge | None = None,
+) -> Optimum:
+    """The best feasible motion from several starts, on all cores.
+
+    The matrices are small, so BLAS gets one thread: more of them only wait for one another.
+
+    Args:
+        seeds: one start for each; the same seeds give the same motion.
+        stop: when set, running searches end and the best feasible motion so far is returned.
+        progress: called when a start has ended.
+        judge: which of the feasible results is best, where it is not the objective that says so.
+
+    Raises:
+        DeltaidError: no start led to a feasible motion; says which limits fight.
+    """
+    stop = stop or Event()
+    results = []
+    with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
+        for account, x in pool.map(lambda seed: _from_start(problem, seed, stop), seeds):
+            if judge is not None and account.feasible:
+                account = replace(account, judged=judge(problem.series.motion(x)))
+            progress(account)
+            results.append((account, x))
+    feasible = [(account, x) for account, x in results if account.feasible]
+    if not feasible:
+        raise conflict(problem, results[0][1])
+    best, x = min(feasible, key=lambda pair: pair[0].merit)
+    accounts = tuple(account for account, _ in results)
+    return Optimum(x, problem.series.motion(x), best.after, accounts)
+
+
+def random_start(problem: ExcitationProblem, seed: int) -> Vector:
+    """A random motion as large as the limits allow; coefficients fall with the harmonic.
+
+    At rest in the middle of the workspace when even that exceeds a limit.
+    """
+    rng, series = np.random.default_rng(seed), problem.series
+    decay = np.arange(1, series.harmonics + 1) ** -1.0
+    shape = rng.standard_normal((series.dof, 2, series.harmonics)) * decay
+    x = _resting(problem, rng)
+    x[0] = rng.uniform(np.log(series.slowest), np.log(series.fastest))
+    direction = np.zeros(series.length)
+    direction[1:] = np.hstack([np.zeros((series.dof, 1)), shape.reshape(series.dof, -1)]).ravel()
+    low, high = 0.0, 2.0
+    for _ in range(25):
+        middle = 0.5 * (low + high)
+        inside = largest_use(problem, x + middle * direction).max() <= 0.95
+        low, high = (middle, high) if inside else (low, middle)
+    return x + low * direction
+
+
+def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
+    """Rest in the middle of the workspace; where that exceeds a limit, at a better random point."""
+    series = problem.series
+    centres = np.zeros((_CENTRES, series.dof))
+    moves = problem.graph.dynamics.robot.task.moves
+    centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
+    z = series.centre + centres * series.size
+    u = problem.limits_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T)
+    use = np.where(problem.two_sided[:, None], np.abs(u), u)
+    use = np.where(np.isnan(use), np.inf, use).max(axis=0)
+    best = 0 if use[0] <= 0.8 else int(np.argmin(use))
+    x = np.zeros(series.length)
+    x[1:].reshape(series.dof, -1)[:, 0] = centres[best]
+    return x
+
+
+def largest_use(
+    problem: ExcitationProblem, x: Vector, samples: int | None = None
+) -> Float[np.ndarray, " limits"]:
+    """Largest use of every limit on a grid; infinite where a pose is out of reach."""
+    u = problem.limits(x, samples or problem.samples)
+    use = np.where(problem.two_sided[:, None], np.abs(u), u)
+    return np.where(np.isnan(use), np.inf, use).max(axis=1)
+
+
+def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[StartAccount, Vector]:
+    """Optimise from one start, then tighten limits until they hold between the grid points."""
+    began, fine = time.perf_counter(), _FINER * problem.samples
+    x_0 = random_start(problem, seed)
+    before = problem.evaluate(x_0).value
+    search = _Search(problem, stop)
+    x, message = x_0, "stopped"
+    for sharpness in _SHARPNESS:
+        x, message = search.run(x, sharpness)
+    for _ in range(_ROUNDS):
+        use = largest_use(problem, x, fine)
+        if use.max() <= _FULL or use.max() > _SLIGHT or stop.is_set():
+            break
+        search.tighten(use)
+        x, message = search.run(x, _SHARPNESS[-1])
+    use = largest_use(problem, x, fine).max()
+    for other in (search.best, x_0):  # the start itself is feasible, unless the limits fight
+        if use > _FULL and other is not None:
+            other_use = largest_use(problem, other, fine).max()
+            if other_use <= _FULL:
+                x, use, message = other, other_use, f"went back to a feasible motion ({message})"
+    after = problem.evaluate(x).value
+    account = StartAccount(
+        seed=seed,
+        before=before,
+        after=after,
+        use=float(use) if np.isfinite(after) else np.inf,
+        evaluations=search.evaluations,
+        seconds=time.perf_counter() - began,
+        message=message,
+    )
+    return account, x
+
+
+class _Search:
+    """Sequential quadratic programming on the smooth problem, with bounds that can be tightened.
+
+    `best` is the best point that kept all bounds, for when the search is stopped on its way.
+    """
+
+    def __init__(self, problem: ExcitationProblem, stop: Event) -> None:
+        self._problem, self._stop = problem, stop
+        self._bound = np.ones(len(problem.two_sided))
+        self._at, self._last = b"", None
+        self.evaluations = 0
+        self.best: Vector | None = None
+        self._best_value = np.inf
+
+    def tighten(self, use: Float[np.ndarray, " limits"]) -> None:
+        """Lower the bounds of the limits that are exceeded between the grid points."""
+        self._bound = np.where(use > _FULL, self._bound * _FULL / use - 1e-3, self._bound)
+
+    def run(self, x: Vector, sharpness: float) -> tuple[Vector, str]:
+        """Minimise from x."""
+
+        def at(x: Vector) -> Evaluation:
+            key = x.tobytes() + np.float64(sharpness).tobytes()
+            if self._last is None or key != self._at:
+                self._last, self._at = self._problem.evaluate(x, sharpness), key
+                self.evaluations += 1
+            return self._last
+
+        def watch(x: Vector) -> None:
+            here = at(x)
+            if here.value < self._best_value and np.all(here.use <= self._bound + 1e-3):
+                self.best, self._best_value = x.copy(), here.value
+            if self._stop.is_set():
+                raise StopIteration
+
+        result = optimize.minimize(
+            lambda x: at(x).value if np.isfinite(at(x).value) else _UNREACHABLE,
+            x,
+            jac=lambda x: np.ascontiguousarray(_finite(at(x).gradient)),
+            bounds=self._problem.series.bounds(),
+            constraints=[
+                {
+                    "type": "ineq",
+                    "fun": lambda x: self._bound - _finite(at(x).use),
+                    "jac": lambda x: -_finite(at(x).slopes),
+                }
+            ],
+            method="SLSQP",
+            callback=watch,
+            options={"maxiter": _ITERATIONS, "ftol": 1e-5},
+        )
+        return np.asarray(result.x), str(result.message)
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    """Numbers for a pose out of reach, large enough that the line search steps back."""
+    return np.nan_to_num(values, nan=_UNREACHABLE, posinf=_UNREACHABLE, neginf=-_UNREACHABLE)
+
+
+def conflict(problem: ExcitationProblem, x: Vector) -> DeltaidError:
+    """Which limits fight: those in use to the full where the largest excess is smallest."""
+    use = _least_excess(problem, x)
+    worst = use.max()
+    names = [name for name, u in zip(problem.limit_names, use, strict=True) if u > worst - 0.02]
+    return DeltaidError(
+        f"no motion keeps all limits; at best {', '.join(names)} "
+        f"{'is' if len(names) == 1 else 'are'} exceeded by {100 * (worst - 1):.2g} %",
+        where=problem.graph.dynamics.robot.name,
+        cure="these limits fight each other or the robot's geometry: widen one of them in the "
+        "description (workspace, drive_limits, strut_swing_deg, stroke, largest_condition)",
+    )
+
+
+def _least_excess(problem: ExcitationProblem, x: Vector) -> Float[np.ndarray, " limits"]:
+    """Use of every limit where the largest of them is as small as possible."""
+    last = len(x)
+
+    def at(y: Vector) -> Evaluation:
+        return problem.evaluate(y[:last])
+
+    result = optimize.minimize(
+        lambda y: y[last],
+        np.append(0.01 * x, largest_use(problem, 0.01 * x).clip(max=10.0).max()),
+        jac=lambda _: np.eye(last + 1)[last],
+        bounds=[*problem.series.bounds(), (0.0, 1e3)],
+        constraints=[
+            {
+                "type": "ineq",
+                "fun": lambda y: y[last] - _finite(at(y).use),
+                "jac": lambda y: np.column_stack(
+                    [-_finite(at(y).slopes), np.ones(len(problem.two_sided))]
+                ),
+            }
+        ],
+        method="SLSQP",
+        options={"maxiter": _ITERATIONS, "ftol": 1e-6},
+    )
+    return largest_use(problem, result.x[:last])

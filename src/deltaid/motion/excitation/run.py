@@ -1,0 +1,113 @@
+"""A motion to run on the machine: from rest, through whole periods, back to rest.
+
+A run follows the periodic motion z(φ) with a phase φ(t) whose rate σ = φ̇ rises smoothly from 0 to 1
+and falls back to 0 at the end, so ż = z′σ and z̈ = z″σ² + z′σ̇. Position, velocity and acceleration
+join without a step, at both ends everything is at rest, and the path is the one whose limits were
+checked. σ = 10 s³ − 15 s⁴ + 6 s⁵ with s = t / ramp.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import DeltaidError
+from deltaid.mechanism.one_or_many import one_or_many_times
+from deltaid.motion.excitation.problem import ExcitationProblem
+from deltaid.motion.fourier import FourierMotion
+from deltaid.shown import Shown
+
+# Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
+_RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
+# Use that counts as full on these points: the rest is for what lies between them.
+_FULL = 0.9998
+
+
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
+    """A motion from rest to rest.
+
+    Attributes:
+        motion: the periodic motion.
+        phase: time on the periodic motion at which its first whole period starts [s].
+        ramp: duration of either ramp [s].
+        repeats: number of whole periods between the ramps.
+    """
+
+    motion: FourierMotion
+    phase: float
+    ramp: float
+    repeats: int
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+        return 2 * self.ramp + self.repeats * self.motion.period
+
+    @one_or_many_times
+    def evaluate(
+        self, time: Float[np.ndarray, " samples"]
+    ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
+        """z, ż, z̈ at times between 0 and `duration`."""
+        whole = self.repeats * self.motion.period
+        falling = self.duration - time
+        on_ramp = np.minimum(np.minimum(time, falling), self.ramp)
+        covered, rate, slope = _ramp(on_ramp / self.ramp)
+        up = time <= falling
+        # Distance on the phase from the start of the first whole period.
+        ramped = self.ramp * (covered - 0.5)
+        inner = np.clip(time - self.ramp, 0.0, whole)
+        phase = self.phase + inner + np.where(up, np.minimum(ramped, 0), np.maximum(-ramped, 0))
+        z, z_1, z_2 = self.motion.evaluate(phase)
+        rate, change = rate[:, None], (np.where(up, 1, -1) * slope / self.ramp)[:, None]
+        return z, z_1 * rate, z_2 * rate**2 + z_1 * change
+
+
+def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) -> Run:
+    """The run with the shortest ramps that keep all limits.
+
+    Raises:
+        DeltaidError: no ramp of up to two periods keeps them.
+    """
+    phases = np.arange(_PHASES) * motion.period / _PHASES
+    best = np.inf
+    for share in _RAMPS:
+        for phase in phases:
+            run = Run(motion, float(phase), share * motion.period, repeats)
+            use = _ramp_use(problem, run)
+            if use <= _FULL:
+                return run
+            best = min(best, use)
+    raise DeltaidError(
+        f"the motion cannot be reached from rest within its limits: at best a limit is exceeded by "
+        f"{100 * (best - 1):.2g} %",
+        where="drive_limits",
+        cure="leave some room in the torque limits of the description",
+    )
+
+
+def run_use(problem: ExcitationProblem, run: Run, samples: int) -> Float[np.ndarray, " limits"]:
+    """Largest use of every limit over a whole run."""
+    return _use_at(problem, run, np.linspace(0.0, run.duration, samples))
+
+
+def _ramp_use(problem: ExcitationProblem, run: Run) -> float:
+    ramp = np.linspace(0.0, run.ramp, _POINTS)
+    return float(_use_at(problem, run, np.append(ramp, run.duration - ramp)).max())
+
+
+def _use_at(
+    problem: ExcitationProblem, run: Run, time: Float[np.ndarray, " samples"]
+) -> Float[np.ndarray, " limits"]:
+    u = problem.limits_of(np.hstack(run.evaluate(time)).T)
+    use = np.where(problem.two_sided[:, None], np.abs(u), u)
+    return np.where(np.isnan(use), np.inf, use).max(axis=1)
+
+
+def _ramp(s: Float[np.ndarray, " samples"]) -> tuple[Float[np.ndarray, " samples"], ...]:
+    """∫σ ds, σ and dσ/ds of the ramp at s in [0, 1]."""
+    return (
+        2.5 * s**4 - 3 * s**5 + s**6,
+        10 * s**3 - 15 * s**4 + 6 * s**5,
+        30 * s**2 * (1 - s) ** 2,
+    )

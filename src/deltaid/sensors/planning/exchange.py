@@ -1,0 +1,254 @@
+"""Changes of p that may stay unseen, with words for them: what bodies could give to one another.
+
+A mass μ at a point r of a body adds μ [1, r, r² E − r rᵀ] to its ten parameters. Where every
+instance of a body A shares a point with some instance of B, mass may leave A there and turn up in
+B; along a shared axis first and second moments may as well. Bodies that share parameters, such as
+the struts, all change alike, so what B gets is shared among its instances, and whether the exchange
+stays unseen is for the rows to say (`sensors.planning.null_space`).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.robot.body import body_in_words
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters
+from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
+from deltaid.sensors.planning.joints import Instance, Shared, move_alike, shared, turn_alike
+
+Partner = Callable[[Instance, Instance], Shared | None]
+Ten = Float[np.ndarray, " 10"]
+
+_PLATFORM = ("P", "SB", "MP", "HP")
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """Attributes:
+    words: what passes from where to where.
+    direction: how p changes.
+    """
+
+    words: str
+    direction: Float[np.ndarray, " parameters"]
+
+
+def exchanges(
+    robot: RobotDescription, layout: ParameterLayout, found: Sequence[Instance]
+) -> tuple[Exchange, ...]:
+    """All that could pass between bodies, that next to the base first.
+
+    Args:
+        found: the bodies along a generic motion, the base last.
+    """
+    by_name = {name: [one for one in found if one.name == name] for name in robot.body_names}
+    base = found[-1]
+    proposed = list[Exchange]()
+    for a, b in combinations(robot.body_names, 2):
+        proposed += _between(layout, by_name[a], by_name[b])
+    for a, b in combinations(robot.body_names, 2):
+        proposed += _alike(layout, by_name[a], by_name[b])
+    resting = {name: _resting(layout, some, base) for name, some in by_name.items()}
+    for a, b in combinations([name for name, one in resting.items() if one], 2):
+        proposed += _both_resting(resting[a], resting[b], a, b)
+    for name, some in resting.items():
+        what = f"{body_in_words(name)}'s" if some else ""
+        for kind, direction in some:
+            proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
+    for a, b in combinations(robot.body_names, 2):
+        proposed += _between(layout, by_name[a], by_name[b], move_alike)
+    proposed += [*_rotors(robot, layout), *_geared(robot, layout)]
+    return tuple(proposed)
+
+
+def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
+    """The ten parameters of 1 kg at a point."""
+    M = np.outer(np.append(r, 1.0), np.append(r, 1.0))
+    return inertia_parameters(M)
+
+
+def _along(r: Float[np.ndarray, " 3"], e: Float[np.ndarray, " 3"]) -> tuple[Ten, Ten]:
+    """First and second moment along e at a point: derivatives of a point mass along e."""
+    plus, minus, here = point_mass(r + e), point_mass(r - e), point_mass(r)
+    return 0.5 * (plus - minus), 0.5 * (plus + minus) - here
+
+
+def _between(
+    layout: ParameterLayout,
+    some: Sequence[Instance],
+    others: Sequence[Instance],
+    partner: Partner = shared,
+) -> Iterator[Exchange]:
+    """Exchanges of two bodies at the points that they share, or that move alike."""
+    if len(some) < len(others):
+        some, others = others, some
+    pairs = [_partner(one, others, partner) for one in some]
+    met = [pair for pair in pairs if pair is not None]
+    if len(met) < len(pairs):
+        return
+    points = [pair.a for pair in met]
+    if any(len(pair.along) != len(met[0].along) for pair in met) or (
+        np.ptp(points, axis=0).max() > 1e-7
+    ):
+        return
+    a, b = some[0].name, others[0].name
+    moments = _moments([pair.a for pair in met], [pair.along for pair in met])
+    counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
+    counts = np.array([one.count for one in some], dtype=float)
+    all_b = sum(one.count for one in others)
+    first, second = sorted((a, b), key=layout.bodies.index)
+    place = _place(first, second) if partner is shared else "by points that move alike"
+    for (what, gives), (_, takes) in zip(moments, counter, strict=True):
+        direction = np.zeros(len(layout.parameters))
+        direction[layout.body(a)] += gives[0]
+        direction[layout.body(b)] -= counts @ takes / all_b
+        yield Exchange(
+            f"{what} {place} {_passes(first, second)}",
+            direction,
+        )
+
+
+def _partner(one: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
+    found = (partner(one, other) for other in others)
+    return next((each for each in found if each is not None), None)
+
+
+def _moments(
+    points: Sequence[np.ndarray], directions: Sequence[np.ndarray]
+) -> list[tuple[str, Float[np.ndarray, "instances 10"]]]:
+    """What may leave all instances at their points and along their directions, in words."""
+    found = [("mass", np.stack([point_mass(r) for r in points]))]
+    for k in range(len(directions[0])):
+        pairs = [_along(r, e[k]) for r, e in zip(points, directions, strict=True)]
+        found.append(("first moment", np.stack([first for first, _ in pairs])))
+        found.append(("second moment", np.stack([second for _, second in pairs])))
+    return found
+
+
+def _alike(
+    layout: ParameterLayout, some: Sequence[Instance], others: Sequence[Instance]
+) -> Iterator[Exchange]:
+    """Second moments of bodies that turn alike."""
+    a, b = some[0], others[0]
+    R = turn_alike(a, b) if len(some) == len(others) == 1 else None
+    if R is None:
+        return
+    for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
+        if 3 in (i, j):
+            continue
+        S, T = np.zeros((4, 4)), np.zeros((4, 4))
+        S[i, j] = S[j, i] = 1.0
+        T[:3, :3] = R @ S[:3, :3] @ R.T
+        direction = np.zeros(len(layout.parameters))
+        direction[layout.body(a.name)] += inertia_parameters(S)
+        direction[layout.body(b.name)] -= inertia_parameters(T) * a.count / b.count
+        words = f"the second moment {name} {_passes(a.name, b.name)}"
+        yield Exchange(words, direction)
+
+
+def _resting(
+    layout: ParameterLayout, some: Sequence[Instance], base: Instance
+) -> list[tuple[str, np.ndarray]]:
+    """What of a body is at rest: mass and moments at points that never move, per kg of them."""
+    found = [shared(one, base) for one in some]
+    met = [one for one in found if one is not None]
+    if len(met) < len(found) or np.ptp([one.a for one in met], axis=0).max() > 1e-7:
+        return []
+    moments = _moments([met[0].a], [met[0].along])
+    total, result = sum(one.count for one in some), []
+    for what, ten in moments:
+        direction = np.zeros(len(layout.parameters))
+        direction[layout.body(some[0].name)] = ten[0] / total
+        result.append((what, direction))
+    return result
+
+
+def _both_resting(
+    one: list[tuple[str, np.ndarray]], other: list[tuple[str, np.ndarray]], a: str, b: str
+) -> Iterator[Exchange]:
+    """Mass at rest may pass from one body to another wherever the base carries both."""
+    words = f"mass at rest in the base {_passes(a, b)}"
+    yield Exchange(words, one[0][1] - other[0][1])
+
+
+def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
+    """A rotor against the inertia that it turns: of all limbs that share an arm, or of the tool."""
+    names = layout.names
+    rotors = {drive: names.index(f"rotor.{drive}") for drive in robot.rotor_drives}
+    by_arm: dict[str, list[int]] = {}
+    for i, limb in enumerate(robot.limb_geometry):
+        drive, arm = f"drive{i + 1}", robot.limb_bodies(i)[0]
+        if drive in rotors:
+            entry = f"{arm}.Iyy" if limb.drive == "rotary" else f"{arm}.m"
+            by_arm.setdefault(entry, []).append(rotors[drive])
+    for entry, drives in by_arm.items():
+        direction = np.zeros(len(names))
+        direction[names.index(entry)], direction[drives] = 1.0, -1.0
+        yield Exchange(f"inertia may pass between rotors and {entry}", direction)
+    for drive, at in rotors.items():
+        if "EE.Izz" in names:
+            direction = np.zeros(len(names))
+            direction[names.index("EE.Izz")], direction[at] = 1.0, -1.0
+            yield Exchange(f"inertia may pass between the rotor of {drive} and the tool", direction)
+
+
+def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
+    """The tool against the parts of the platform that its angle ψ is geared to.
+
+    Parts that turn by θ = ψ/k: ½ Σ Izz θ̇² = ½ Izz k² θ̇². Parts that slide by ±½ s = ±½ ψ/k have
+    their middle where the tool is: 2 · ½ m (|ṙ|² + ¼ ṡ²) = ½ (2 m) |ṙ|² + ½ (m / 2k²) ψ̇².
+    """
+    platform = robot.platform
+    if robot.mechanism is not None or isinstance(platform, RigidPlatform):
+        return
+
+    def changing(entries: dict[str, float], what: str, body: str) -> Exchange:
+        direction = np.zeros(len(layout.parameters))
+        for name, value in entries.items():
+            direction[layout.names.index(name)] = value
+        return Exchange(f"{what} {_passes(body, 'EE')}", direction)
+
+    if isinstance(platform, I4Platform):
+        k, angle = platform.ratio, np.deg2rad(platform.direction_deg)
+        mass = {"HP.m": -1.0, "EE.m": 2.0, "EE.Izz": 0.5 / k**2}
+        # At rest the halves' first moments cancel; on their way they balance the tool's turn.
+        mass |= {"HP.mcx": -0.5 / k * np.sin(angle), "HP.mcy": 0.5 / k * np.cos(angle)}
+        yield changing(mass, "mass where rack and pinion meet", "HP")
+        yield changing({"HP.mcz": -1.0, "EE.mcz": 2.0}, "first moment along z", "HP")
+        return
+    name, count = ("R", 2) if isinstance(platform, Par4Platform) else ("MB", 1)
+    turning = {f"{name}.Izz": platform.ratio**2 / count, "EE.Izz": -1.0}
+    yield changing(turning, "inertia", name)
+
+
+def _passes(a: str, b: str) -> str:
+    return f"may pass between {body_in_words(a)} and {body_in_words(b)}"
+
+
+def _place(a: str, b: str) -> str:
+    """Where two bodies meet, in words."""
+    first, second = a.rstrip("0123456789"), b.rstrip("0123456789")
+    match first, second:
+        case ("U" | "C", "S"):
+            return "at the elbow's ball joints" if first == "U" else "at the carriage's ball joints"
+        case "S", _ if second in _PLATFORM:
+            return "at the platform's ball joints"
+        case _, "TL" | "TU":
+            return f"at the {'lower' if second == 'TL' else 'upper'} universal joint"
+        case "TL", "EE":
+            return "at the lower universal joint"
+        case "TU", "EE":
+            return "at the upper universal joint"
+        case _, "EE":
+            return "on the tool's axis"
+        case "MP", "R":
+            return "at the rods' ends"
+        case "SB", "MB":
+            return "at the middle bar's ends"
+        case _:
+            return f"where {a} and {b} meet"

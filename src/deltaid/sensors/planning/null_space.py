@@ -1,0 +1,181 @@
+"""What no row sees: every direction of p along which nothing that is shown changes, by name.
+
+Directions that mean something are proposed: mass that passes from one body to another at a point
+that both share (with what follows along a shared axis), second moments that pass between bodies
+that turn alike, a rotor against what it turns. Those of them in the null space of the rows are
+named; what is left of it is told by its entries.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.sensors.planning.exchange import Exchange
+
+# A column or a singular value below this share of the largest is zero.
+_ZERO = 1e-9
+# A direction that rows see by less than this share of what they see of its entries is not seen.
+_UNSEEN = 1e-8
+# A direction is another one than those before if so much of it is not along them.
+_NEW = 1e-6
+# Entries below this share of the largest one of a direction are not named.
+_SMALL = 1e-6
+
+# A direction that is off a null space by less than this share of itself is of it.
+_STAYS = 1e-4
+
+Direction = Float[np.ndarray, " parameters"]
+
+
+@dataclass(frozen=True, eq=False)
+class Open:
+    """One direction that rows do not see.
+
+    Attributes:
+        words: what may change: 'mass at the elbow's joints may pass between upper arm and strut'.
+        entries: which parameters it changes, by name.
+        direction: of p; of entries that rows see at all.
+    """
+
+    words: str
+    entries: tuple[str, ...]
+    direction: Direction = field(repr=False)
+
+    def stays(self, null: "NullSpace", basis: Float[np.ndarray, "parameters dimension"]) -> bool:
+        """Whether it is open to other rows as well, whatever else may change with it.
+
+        Args:
+            null: that it is of; of entries that its rows do not see all may change.
+            basis: of the whole null space of the other rows, in units of the entries' scales.
+        """
+        at = null.seen
+        d = (self.direction / null.scale)[at]
+        rest = d - basis[at] @ np.linalg.lstsq(basis[at], d, rcond=_UNSEEN)[0]
+        return bool(np.linalg.norm(rest) < _STAYS * np.linalg.norm(d))
+
+
+@dataclass(frozen=True, eq=False)
+class NullSpace:
+    """Attributes:
+    visible: how many parameters the rows see, alone or in sums.
+    rank: how many combinations of them they tell.
+    directions: a basis of what they do not, visible less rank of them.
+    invisible: parameters that they do not see at all.
+    seen: which parameters they see.
+    scale: sizes of all parameters.
+    """
+
+    visible: int
+    rank: int
+    directions: tuple[Open, ...]
+    invisible: tuple[str, ...]
+    seen: Bool[np.ndarray, " parameters"] = field(repr=False)
+    scale: Float[np.ndarray, " parameters"] = field(repr=False)
+
+
+def null_space(
+    rows: Float[np.ndarray, "rows parameters"],
+    layout: ParameterLayout,
+    exchanges: Sequence[Exchange],
+) -> NullSpace:
+    """All that rows over p do not tell of the parameters that they see."""
+    scale = np.array([one.scale for one in layout.parameters])
+    scaled = rows * scale
+    norms = np.linalg.norm(scaled, axis=0)
+    seen = norms > _ZERO * norms.max(initial=0.0)
+    unit = scaled[:, seen] / norms[seen]
+    _, S, Vt = np.linalg.svd(unit)
+    rank = int(np.sum(_ZERO * S[0] < S))
+    to_p = scale[seen] / norms[seen]
+    chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
+    for one in (*exchanges, *_together(unit, to_p, seen, exchanges)):
+        d = one.direction[seen] / to_p
+        length = np.linalg.norm(d)
+        if length == 0 or np.linalg.norm(unit @ d) > _UNSEEN * length:
+            continue
+        d = d / length
+        rest = d - basis @ (basis.T @ d)
+        if np.linalg.norm(rest) > _NEW:
+            rest = rest - basis @ (basis.T @ rest)
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+            chosen.append(_open(one.words, one.direction, seen, layout))
+    named = [one.direction[seen] / to_p for one in chosen]
+    for d in _left(Vt[rank:], np.array(named).reshape(-1, int(seen.sum()))):
+        direction = np.zeros(len(scale))
+        direction[seen] = d * to_p
+        chosen.append(_open("", direction, seen, layout))
+    names = np.array(layout.names)
+    invisible = tuple(names[~seen].tolist())
+    return NullSpace(int(seen.sum()), rank, tuple(chosen), invisible, seen, scale)
+
+
+def _together(
+    unit: Float[np.ndarray, "rows seen"],
+    to_p: Float[np.ndarray, " seen"],
+    seen: Bool[np.ndarray, " parameters"],
+    exchanges: Sequence[Exchange],
+) -> Iterator[Exchange]:
+    """Two exchanges that rows see one by one, in the proportion in which they do not see them."""
+    open_ = list[tuple[Exchange, np.ndarray, float]]()
+    for one in exchanges:
+        d = one.direction[seen] / to_p
+        length = float(np.linalg.norm(d))
+        if length > 0 and np.linalg.norm(unit @ d) > _UNSEEN * length:
+            open_.append((one, unit @ d / length, length))
+    for (one, a, long), (other, b, wide) in combinations(open_, 2):
+        share = float(a @ b) / float(b @ b)
+        if np.linalg.norm(a - share * b) > _UNSEEN * np.linalg.norm(a):
+            continue
+        direction = one.direction / long - share * other.direction / wide
+        yield Exchange(f"{one.words} together with: {other.words}", direction)
+
+
+def whole_null_space(
+    rows: Float[np.ndarray, "rows parameters"], layout: ParameterLayout
+) -> Float[np.ndarray, "parameters dimension"]:
+    """A basis of all that rows do not see, whether by sums or at all, in units of the scales."""
+    scaled = rows * np.array([one.scale for one in layout.parameters])
+    norms = np.linalg.norm(scaled, axis=0)
+    norms[norms <= _ZERO * norms.max(initial=0.0)] = np.inf
+    _, S, Vt = np.linalg.svd(scaled / norms)
+    rank = int(np.sum(_ZERO * S[0] < S))
+    return Vt[rank:].T / np.where(np.isfinite(norms), norms, 1.0)[:, None]
+
+
+def _open(
+    words: str, direction: Direction, seen: Bool[np.ndarray, " parameters"], layout: ParameterLayout
+) -> Open:
+    d = np.where(seen, direction, 0.0)
+    share = np.abs(d) / np.array([one.scale for one in layout.parameters])
+    at = np.flatnonzero(share > _SMALL * share.max())
+    names = tuple(layout.names[k] for k in at)
+    return Open(words or f"a combination of {', '.join(names)}", names, d)
+
+
+def _left(
+    null: Float[np.ndarray, "dimension seen"], named: Float[np.ndarray, "named seen"]
+) -> Iterator[np.ndarray]:
+    """A basis with few entries of what a null space has beside named directions of it.
+
+    Reduced echelon form of both, so that what is left has none of the pivots of the named ones.
+    """
+    count = len(null) - len(named)
+    if count <= 0:
+        return
+    basis = np.linalg.qr(named.T)[0]
+    _, _, Vt = np.linalg.svd(null - (null @ basis) @ basis.T, full_matrices=False)
+    rows, pivots = np.vstack([named, Vt[:count]]), list[int]()
+    for k in range(len(rows)):
+        free = np.ones(rows.shape[1], dtype=bool)
+        free[pivots] = False
+        pivot = int(np.argmax(np.abs(rows[k]) * free))
+        rows[k] /= rows[k, pivot]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, pivot] * rows[k]
+        pivots.append(pivot)
+    yield from np.where(np.abs(rows[-count:]) > _ZERO, rows[-count:], 0.0)

@@ -1,0 +1,148 @@
+"""What could be bought or done: a list in YAML, shipped or a user's own.
+
+Prices and hours of the shipped list are assumptions; what they are worth is decided by what they
+would tell of one's own robot (`sensors.planning.plan`).
+"""
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from deltaid.robot.load import load_yaml, parse
+from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed
+from deltaid.robot.part import Part
+from deltaid.robot.quantities import NotNegative, Point, Vector
+from deltaid.robot.sensors import Sensor, Share
+from deltaid.shown import Shown
+
+# Words for bodies, axes and places that are found in whatever robot the list is used with.
+EACH, LIMB, ALONG, ACROSS, CENTRE = "each", "limb", "along", "across", "centre"
+
+_SHIPPED = "catalogue.yaml"
+
+
+class Weigh(Part):
+    """One value that could be measured of a body, as in `measured:` of a robot but not known yet.
+
+    Its standard deviation is √(std² + (share · value)²) with the value at the prior.
+    """
+
+    quantity: Literal["mass", "first_moment", "centre", "inertia"] = Field(
+        description="what is measured of it"
+    )
+    of: str | dict[str, Count] | tuple[Placed, ...] = Field(
+        default=EACH,
+        description="a body, several, or where each was, as in `measured:`; or `each` body by "
+        "itself, or a `limb`: arm or carriage with its struts",
+    )
+    axis: Axis | Literal["along", "across"] | Vector | None = Field(
+        default=None,
+        description="x, y, z or a direction; or `along` the body's longest axis of these three, or "
+        "`across` it; needed by all but mass",
+    )
+    about: Point | Literal["centre"] = Field(
+        default=CENTRE,
+        description="a point of the axis that inertia is about, m; or the body's `centre` of mass",
+    )
+    std: NotNegative = Field(default=0.0, description="standard deviation, in its unit")
+    share: Share = Field(default=0.0, description="standard deviation as a share of the value")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Weigh":
+        if self.std == 0 and self.share == 0:
+            raise ValueError("gives neither std nor share; nothing is measured exactly")
+        if self.quantity == "mass" and self.axis is not None:
+            raise ValueError("a mass has no axis; leave it out")
+        if self.quantity != "mass" and self.axis is None:
+            raise ValueError(
+                f"{self.quantity} needs its axis: x, y, z, along, across or a direction"
+            )
+        if self.quantity == "centre" and self.std == 0:
+            raise ValueError("centre needs std, in m; a share of a position means nothing")
+        if self.quantity == "centre" and self.of == LIMB:
+            raise ValueError(f"centre of a {LIMB} means nothing; say of which bodies, and where")
+        if not isinstance(self.axis, str) and self.axis is not None and not any(self.axis):
+            raise ValueError("axis has no direction")
+        return self
+
+
+class Offer(Part):
+    """One thing to buy, and what can be done with it: one of `weigh`, `measured`, `sensors`."""
+
+    title: str = Field(min_length=1, description="what it is, as in tables")
+    price: NotNegative = Field(description="paid once, however often it is used")
+    hours: NotNegative = Field(
+        default=0.0, description="work of each use: a body that is weighed, sensors that are fitted"
+    )
+    weigh: Weigh | tuple[Weigh, ...] = Field(
+        default=(), description="values of bodies that could be measured with it"
+    )
+    measured: tuple[MeasuredTogether, ...] = Field(
+        default=(), description="as in a robot's file, where values are known already"
+    )
+    sensors: dict[str, Sensor] = Field(
+        default_factory=dict[str, Sensor],
+        description="as in a robot's file, all of them together; `strut: each` is one on the "
+        "struts of every limb, `drive: each` on every drive, price and hours being those of one",
+    )
+    group: str = Field(
+        default="", description="of offers of one group, such as two force plates, one is bought"
+    )
+    remark: str = Field(default="", description="where price and noise come from")
+
+    @property
+    def weighs(self) -> tuple[Weigh, ...]:
+        """What can be measured with it."""
+        return (self.weigh,) if isinstance(self.weigh, Weigh) else self.weigh
+
+    @model_validator(mode="after")
+    def _check(self) -> "Offer":
+        given = [key for key in ("weigh", "measured", "sensors") if getattr(self, key)]
+        if len(given) != 1:
+            raise ValueError(
+                f"gives {' and '.join(given) or 'nothing to do with it'}: give one of weigh, "
+                "measured, sensors"
+            )
+        return self
+
+
+Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+
+class Offers(Shown, Part):
+    """A list of what could be bought.
+
+    `combinations` name uses that are tried together, such as [kitchen-scale:S, kitchen-scale:P].
+    """
+
+    currency: str = Field(default="EUR", min_length=1, description="of all prices")
+    hourly: NotNegative = Field(default=50.0, description="what an hour of work costs")
+    offers: dict[Key, Offer] = Field(
+        min_length=1, description="what could be bought or done, by short names"
+    )
+    combinations: tuple[tuple[str, ...], ...] = Field(
+        default=(), description="uses that are tried together"
+    )
+
+
+def load_offers(path: str | Path) -> Offers:
+    """A user's list.
+
+    Raises:
+        DescriptionError: it cannot be read, or something in it is wrong.
+    """
+    return load_yaml(Path(path), Offers)
+
+
+@cache
+def shipped_offers() -> Offers:
+    """The list that comes with the package."""
+    return parse(shipped_text(), Offers, where=_SHIPPED)
+
+
+def shipped_text() -> str:
+    """Its file, to start a list of one's own from."""
+    return (resources.files("deltaid.sensors.planning") / _SHIPPED).read_text(encoding="utf-8")

@@ -1,0 +1,121 @@
+"""Rows of a plan over w = [p; gains], in units of their noise: torques, sensors, measured values.
+
+Samples that are predicted stand for the independent ones of a recording, so rows count by
+√(rate · duration / samples). What a sensor has of its own (bias, pose, gain) is eliminated with
+what is known of it before.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.robot.parameter import Parameter
+from deltaid.robot.sensors import BaseWrench, Sensor
+from deltaid.sensors.planning.knowledge import compressed, without
+from deltaid.sensors.planning.motion import PlannedMotion
+from deltaid.sensors.rows import SensorRows
+from deltaid.sensors.weighings import Weighing
+
+Extended = Float[np.ndarray, "_ extended"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a sensor is planned for.
+
+    Attributes:
+        dynamics: of the robot.
+        p: its parameters at the prior.
+        motion: that is run.
+        count: independent samples that each planned one stands for.
+        torque_noise: standard deviation of each drive's torque [N m or N].
+    """
+
+    dynamics: Dynamics
+    p: Parameters
+    motion: PlannedMotion
+    count: float
+    torque_noise: Float[np.ndarray, " dof"]
+
+    @property
+    def width(self) -> int:
+        """Length of w."""
+        return len(self.p) + self.dynamics.dof
+
+
+@dataclass(frozen=True, eq=False)
+class SensorInformation:
+    """Attributes:
+    likely: with the prior of its own unknowns.
+    sure: without what is no more than a likely size; for what can be told at all.
+    """
+
+    likely: Extended
+    sure: Extended
+
+
+def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndarray:
+    """The regressor along a motion, samples × drives × parameters."""
+    load = None
+    if dynamics.robot.load_drives:
+        load = dynamics.carried(motion.z, motion.qd, motion.qdd, p)
+    return dynamics.regressor_at(motion.z, motion.qd, motion.qdd, load)
+
+
+def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:
+    """Torques as drives record them, τ_i / c_i: their gains' logarithms have the columns −τ_i."""
+    rows = np.zeros((*Y.shape[:2], scene.width))
+    rows[:, :, : len(scene.p)] = Y
+    for i in range(Y.shape[1]):
+        rows[:, i, len(scene.p) + i] = -(Y[:, i] @ scene.p)
+    scaled = rows * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
+    return compressed(scaled.reshape(-1, scene.width))
+
+
+def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
+    """What a sensor says of w, whatever its own unknowns are."""
+    motion, n, own = scene.motion, len(scene.p), sensor.parameters
+    channels, columns = sensor.pattern
+    nothing = np.zeros((len(sensor.channels), len(motion.z)))
+    values = sensor.entries(motion.z, motion.qd, motion.qdd, nothing)
+    of_p, shown = columns < n, nothing.copy()
+    np.add.at(shown, channels[of_p], values[of_p] * scene.p[columns[of_p]][:, None])
+    values = sensor.entries(motion.z, motion.qd, motion.qdd, shown)
+    dense = np.zeros((len(motion.z), len(sensor.channels), n + len(own)))
+    dense[:, channels, columns] = values.T
+    noise = np.array([channel.noise for channel in sensor.channels])
+    dense *= (np.sqrt(scene.count) / noise)[None, :, None]
+    flat = dense.reshape(-1, dense.shape[2])
+    stds = np.array([one.std for one in own]).reshape(-1)
+    flat = compressed(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
+    open_ = np.array([_is_open(one, sensor) for one in own], dtype=bool)
+    parts = []
+    for known in (np.ones(len(own)), ~open_):
+        prior = np.eye(len(own), flat.shape[1]) * known[:, None]
+        rest = without(np.vstack([prior, flat]), len(own))
+        parts.append(np.hstack([rest, np.zeros((len(rest), scene.dynamics.dof))]))
+    return SensorInformation(*parts)
+
+
+def _is_open(parameter: Parameter, sensor: SensorRows) -> bool:
+    """Whether nothing is known of an unknown of a sensor but its likely size.
+
+    Known are tolerances, and offsets whose standard deviation is stated.
+    """
+    described: Sensor | None = getattr(sensor, "sensor", None)
+    kind = parameter.symbol.rpartition("_")[2]
+    if kind != "bias":
+        return not parameter.symbol.startswith(("position_", "rotation_", "gain"))
+    if isinstance(described, BaseWrench):
+        moment = parameter.symbol.startswith("m")
+        return (described.moment_bias if moment else described.force_bias) is None
+    return described is None or described.bias is None
+
+
+def weighing_row(scene: Scene, one: Weighing) -> Extended:
+    """A measured value."""
+    row = np.zeros((1, scene.width))
+    row[0, : len(scene.p)] = one.coefficients / one.std
+    return row

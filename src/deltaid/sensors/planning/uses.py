@@ -1,0 +1,225 @@
+"""What each offer of a list can be used for on one robot, as rows over w."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltaid.errors import DescriptionError
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.measured import Axis, Measured, Placed
+from deltaid.robot.quantities import Vector
+from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
+from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.of_robot import sensor_rows as rows_of
+from deltaid.sensors.planning.knowledge import compressed
+from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
+from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
+from deltaid.sensors.weighings import Weighing, weighing
+
+
+@dataclass(frozen=True, eq=False)
+class Use:
+    """One use of something bought.
+
+    Attributes:
+        name: 'kitchen-scale:S', 'plate-tared'.
+        title: in words.
+        offer: its key in the list; what it costs is paid once.
+        group: of offers of which one is bought; the offer's own key where there is none.
+        price: of the offer.
+        work: what this use costs besides.
+        likely, sure: rows over w, as of `SensorInformation`.
+    """
+
+    name: str
+    title: str
+    offer: str
+    group: str
+    price: float
+    work: float
+    likely: Extended = field(repr=False)
+    sure: Extended = field(repr=False)
+
+
+def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]]:
+    """All that a list can be used for, and what of it the robot has no place for, in words.
+
+    Raises:
+        DescriptionError: an entry names a body or a drive that the robot does not have.
+    """
+    found, left_out = list[Use](), list[str]()
+    for key, offer in offers.offers.items():
+        if not offer.sensors:
+            found += _of_weighings(scene, offers, key, offer)
+            continue
+        try:
+            found.append(_of_sensors(scene, offers, key, offer))
+        except DescriptionError as error:
+            if not _is_general(offer):
+                raise
+            left_out.append(f"{offer.title}: {error.what}")
+    return tuple(found), tuple(left_out)
+
+
+def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
+    """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
+    rows = [weighing_row(scene, one) for one in weighed]
+    likely, sure = list(rows), list(rows)
+    for sensor in all_sensor_rows(scene.dynamics):
+        said = sensor_rows(scene, sensor)
+        likely.append(said.likely)
+        sure.append(said.sure)
+    nothing = np.zeros((0, scene.width))
+    return np.vstack([nothing, *likely]), np.vstack([nothing, *sure])
+
+
+def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Iterator[Use]:
+    work, group = offer.hours * offers.hourly, offer.group or key
+    layout = scene.dynamics.layout
+    if offer.measured:
+        rows = [
+            weighing_row(scene, weighing(one, one.placed, layout, scene.p))
+            for one in offer.measured
+        ]
+        for one in offer.measured:
+            _require_bodies(scene.dynamics.robot, one.placed, key)
+        yield Use(key, offer.title, key, group, offer.price, work, np.vstack(rows), np.vstack(rows))
+        return
+    names = list[str]()
+    for weigh in offer.weighs:
+        for placed in _placed(scene.dynamics.robot, weigh):
+            _require_bodies(scene.dynamics.robot, placed, key)
+            one = planned(scene, weigh, placed)
+            if one is None and weigh.of == EACH:
+                continue
+            if one is None:
+                raise _nothing(key, placed)
+            row = weighing_row(scene, one)
+            what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
+            names.append(what)
+            again = names.count(what)
+            name = f"{key}:{what}" + (f":{again}" if again > 1 else "")
+            yield Use(name, f"{offer.title}: {one.name}", key, group, offer.price, work, row, row)
+
+
+def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
+    """A value that will be measured, as it would be at the prior.
+
+    None where its standard deviation is a share of a value that is zero.
+    """
+    layout, p, first = scene.dynamics.layout, scene.p, p_of(scene, placed[0])
+    axis = _axis(weigh.axis, first)
+    about = first[1:4] / first[0] if weigh.about == CENTRE else np.array(weigh.about)
+    given = {} if axis is None else {"axis": axis}
+    if weigh.quantity == "inertia":
+        given["about"] = tuple(about.tolist())
+
+    def row(quantity: str, value: float, std: float) -> Weighing:
+        own = given if quantity != "mass" else {}
+        one = Measured.model_validate({quantity: value, "std": std, **own})
+        return weighing(one, placed, layout, p)
+
+    if weigh.quantity == "centre":
+        moment = float(row("first_moment", 0.0, 1.0).coefficients @ p)
+        mass = float(row("mass", 1.0, 1.0).coefficients @ p)
+        return row("centre", moment / mass, weigh.std)
+    value = float(row(weigh.quantity, 1.0, 1.0).coefficients @ p)
+    std = float(np.hypot(weigh.std, weigh.share * abs(value)))
+    return row(weigh.quantity, value, std) if std > 0 else None
+
+
+def _nothing(key: str, placed: Sequence[Placed]) -> DescriptionError:
+    return DescriptionError(
+        f"a share of {' + '.join(one.body for one in placed)}'s value is no standard deviation: "
+        "the value is zero at the prior",
+        where=f"offers.{key}.weigh",
+        cure="give std as well",
+    )
+
+
+def p_of(scene: Scene, placed: Placed) -> np.ndarray:
+    """The ten parameters of a body at the prior."""
+    return scene.p[scene.dynamics.layout.body(placed.body)]
+
+
+def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | None:
+    """An axis of the link frame; of a body as thick as long the first is its longest."""
+    if axis not in (ALONG, ACROSS):
+        return axis  # pyright: ignore[reportReturnType]
+    M = pseudo_inertia(p)
+    spread = np.diag(M)[:3] - M[:3, 3] ** 2 / M[3, 3]
+    wanted = spread if axis == ALONG else spread.sum() - spread
+    names: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    return names[int(np.argmax(wanted > (1 - 1e-9) * wanted.max()))]
+
+
+def _placed(robot: RobotDescription, weigh: Weigh) -> Iterator[tuple[Placed, ...]]:
+    """What is measured together, one time after the other; bodies that are known are left alone."""
+    if weigh.of == EACH:
+        for name in robot.body_names:
+            if robot.bodies[name].free:
+                yield (Placed(body=name),)
+    elif weigh.of == LIMB:
+        pairs = ((robot.limb_bodies(i), limb.struts) for i, limb in enumerate(robot.limb_geometry))
+        for (driven, strut), count in dict.fromkeys(pairs):
+            yield Placed(body=driven), Placed(body=strut, count=count)
+    elif isinstance(weigh.of, str):
+        yield (Placed(body=weigh.of),)
+    elif isinstance(weigh.of, dict):
+        yield tuple(Placed(body=body, count=count) for body, count in weigh.of.items())
+    else:
+        yield weigh.of
+
+
+def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str) -> None:
+    for one in placed:
+        if one.body not in robot.body_names:
+            raise DescriptionError(
+                f"{robot.name} has no body '{one.body}'; it has {', '.join(robot.body_names)}",
+                where=f"offers.{key}",
+                cure=f"name one of these, {EACH} or {LIMB}",
+            )
+
+
+def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
+    fitted = [
+        (name, one)
+        for given, sensor in offer.sensors.items()
+        for name, one in _each(scene.dynamics.robot, given, sensor)
+    ]
+    if not fitted:
+        raise DescriptionError(
+            "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
+        )
+    count = len(fitted) / len(offer.sensors)
+    said = [sensor_rows(scene, rows_of(scene.dynamics, name, one)) for name, one in fitted]
+    likely, sure = (
+        compressed(np.vstack([getattr(one, which) for one in said])) for which in ("likely", "sure")
+    )
+    work = count * offer.hours * offers.hourly
+    return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
+
+
+def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[str, Sensor]]:
+    """A sensor, or one on every strut or drive; of a pair of struts the sum of both."""
+    match sensor:
+        case StrutForce(strut="each"):
+            for i in range(len(robot.limb_geometry)):
+                yield f"{name}{i + 1}", sensor.changed(strut=f"strut{i + 1}")
+        case JointTorque(drive="each"):
+            for drive in robot.drives:
+                yield f"{name}.{drive}", sensor.changed(drive=drive)
+        case StrutForce() | JointTorque() | BaseWrench():
+            yield name, sensor
+
+
+def _is_general(offer: Offer) -> bool:
+    """Whether an offer names nothing of a certain robot."""
+    return all(
+        isinstance(one, BaseWrench)
+        or (isinstance(one, StrutForce) and one.strut == EACH)
+        or (isinstance(one, JointTorque) and one.drive == EACH)
+        for one in offer.sensors.values()
+    )

@@ -1,0 +1,196 @@
+"""What a new robot is asked for, in order, each with what is assumed when nobody knows it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from deltaid.errors import DeltaidError
+from deltaid.studio.drafting import guesses
+from deltaid.studio.drafting.kinds import (
+    has_telescope,
+    is_articulated,
+    is_linear,
+    is_rotary,
+    platform_of,
+    turns,
+)
+
+Answers = Mapping[str, float]
+Group = Literal["lengths", "masses", "motors", "tool", "friction", "workspace"]
+# Units as pint reads them, and as people do.
+_WORDS = {
+    "": "", "m": "m", "kg": "kg", "degree": "°", "degree/s": "°/s", "m/s": "m/s", "m/s**2": "m/s²",
+    "kg*m**2": "kg m²", "N*m": "N m", "N": "N", "N*m*s/rad": "N m s/rad", "N*s/m": "N s/m",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Question:
+    """One number.
+
+    Attributes:
+        key: its name among the answers, and of its option with dashes.
+        text: what it is.
+        unit: as pint writes it; empty for a plain number.
+        low, high: what a machine may have.
+        how: how to find it out.
+        of: whether a kind of robot has it.
+        assumed: from kind and what was answered before; None where nobody can guess it.
+        group: what it is asked with.
+    """
+
+    key: str
+    text: str
+    unit: str
+    low: int | float
+    high: int | float
+    how: str
+    of: Callable[[str], bool]
+    assumed: Callable[[str, Answers], float] | None
+    group: Group
+
+    @property
+    def option(self) -> str:
+        """Its option on the command line."""
+        return "--" + self.key.replace("_", "-")
+
+    @property
+    def shown_unit(self) -> str:
+        """Its unit as people write it."""
+        return _WORDS[self.unit]
+
+    def require(self, value: float) -> float:
+        """The value, if a machine can have it.
+
+        Raises:
+            DeltaidError: it cannot be.
+        """
+        if not self.low <= value <= self.high:
+            unit = f" {self.shown_unit}".rstrip()
+            raise DeltaidError(
+                f"{value:g}{unit} cannot be: {self.text}; it lies between {self.low:g} and "
+                f"{self.high:g}{unit}",
+                where=self.option,
+                cure=self._cure(value),
+            )
+        return value
+
+    def _cure(self, value: float) -> str:
+        """Numbers without a unit that would do with a smaller one."""
+        smaller = {"m": "mm", "kg": "g"}.get(self.unit)
+        if smaller and self.low <= value / 1000 <= self.high:
+            return f"is it {value:g} {smaller}? write the unit"
+        return ""
+
+
+def _all(_: str) -> bool:
+    return True
+
+
+def _bar(kind: str) -> bool:
+    return platform_of(kind) in ("h4", "par4")
+
+
+def _constant(value: float) -> Callable[[str, Answers], float]:
+    return lambda kind, a: value
+
+
+_CALIPER = "drawing, or a caliper between the centres of the joints"
+_SCALE = "a kitchen scale, or CAD"
+_SHEET = "data sheet"
+_TRY = "push it by hand, or leave it: a recording tells it"
+_FOUND = "what these lengths and ends reach"
+
+QUESTIONS: tuple[Question, ...] = (
+    Question("arm", "length of the arms, from motor axis to elbow", "m", 0.01, 5, _CALIPER,
+             is_rotary, None, "lengths"),
+    Question("strut", "length of the struts, between their joints", "m", 0.02, 10, _CALIPER, _all,
+             None, "lengths"),
+    Question("base_radius", "from the middle of the base to a motor axis, or to a rail's zero",
+             "m", 1e-3, 5, "drawing, or half of the largest distance", _all, None, "lengths"),
+    Question("platform_radius", "from the middle of the platform to the struts' joints", "m", 1e-3,
+             2, _CALIPER, lambda kind: platform_of(kind) != "h4", None, "lengths"),
+    Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
+             90, "drawing, or a phone's spirit level", is_linear, _constant(0.0), "lengths"),
+    Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
+             0.002, 1, _CALIPER, _bar, guesses.bar, "lengths"),
+    Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, _all,
+             lambda kind, a: guesses.rounded(0.1 * a["strut"]), "lengths"),
+    Question("swing", "largest angle of the ball joints between strut and the plane of the arm",
+             "degree", 5, 85, _SHEET + " of the joints", _all, _constant(40.0), "lengths"),
+    Question("angle_low", "lowest angle of the arms, upwards from horizontal", "degree", -180, 90,
+             "swing it by hand to its stop", is_rotary, _constant(-50.0), "lengths"),
+    Question("angle_high", "highest angle of the arms, downwards from horizontal", "degree", -90,
+             180, "swing it by hand to its stop", is_rotary, _constant(90.0), "lengths"),
+    Question("rail_low", "upper end of a carriage's travel, from the rail's zero", "m", -20, 20,
+             "measure from stop to stop", is_linear, _constant(0.0), "lengths"),
+    Question("rail_high", "lower end of a carriage's travel, from the rail's zero", "m", -20, 20,
+             "measure from stop to stop", is_linear,
+             lambda kind, a: guesses.rounded(a["strut"] + a["rail_low"]), "lengths"),
+    Question("arm_mass", "mass of one arm, with the elbow's joints", "kg", 1e-3, 500, _SCALE,
+             is_rotary, lambda kind, a: guesses.mass(kind, a, 1.5 * a["arm"]), "masses"),
+    Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, is_linear,
+             lambda kind, a: guesses.mass(kind, a, 2.0 * a["strut"]), "masses"),
+    Question("strut_mass", "mass of one strut of the two, with its joints", "kg", 1e-4, 200, _SCALE,
+             _all, lambda kind, a: guesses.mass(kind, a, 0.15 * a["strut"]), "masses"),
+    Question("platform_mass", "mass of the platform, with all that does not turn", "kg", 1e-3, 500,
+             _SCALE, _all, lambda kind, a: guesses.mass(kind, a, 0.8 * a["strut"]), "masses"),
+    Question("tool_mass", "mass of the tool, and what turns with it", "kg", 1e-3, 500, _SCALE,
+             turns, lambda kind, a: guesses.mass(kind, a, 0.3 * a["strut"]), "masses"),
+    Question("telescope_mass", "mass of the telescope's two tubes together", "kg", 1e-3, 500,
+             _SCALE, has_telescope, lambda kind, a: guesses.mass(kind, a, a["strut"]), "masses"),
+    Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
+             1000, _SHEET, is_rotary, _constant(1.0), "motors"),
+    Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
+             _SHEET + ": peak torque", is_rotary, guesses.torque, "motors"),
+    Question("rail_force", "largest force that drives a carriage", "N", 1e-3, 1e6,
+             _SHEET + ": torque times 2π, by the lead of a spindle or the travel of a belt a turn",
+             is_linear, guesses.force, "motors"),
+    Question("speed", "largest speed of a motor, before its gear", "degree/s", 1, 1e6, _SHEET,
+             is_rotary, lambda kind, a: guesses.rounded(600.0 * a["gear"]), "motors"),
+    Question("rail_speed", "largest speed of a carriage", "m/s", 1e-3, 100, _SHEET, is_linear,
+             _constant(3.0), "motors"),
+    Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
+             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary, guesses.rotor, "motors"),
+    Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
+             1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", is_linear,
+             lambda kind, a: guesses.rounded(0.5 * a["carriage_mass"]), "motors"),
+    Question("ratio", "turns of the tool for a turn of the platform's bar", "", 0.1, 100,
+             "count the teeth", _bar, _constant(4.0), "tool"),
+    Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
+             lambda kind: platform_of(kind) == "i4", guesses.pinion, "tool"),
+    Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
+             is_articulated, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
+    Question("tool_speed", "largest speed of the tool's turn", "degree/s", 1, 1e5, _SHEET, turns,
+             _constant(1500.0), "tool"),
+    Question("tool_torque", "largest torque of the tool's motor, behind its gear", "N*m", 1e-4, 1e5,
+             _SHEET, has_telescope, guesses.tool_torque, "tool"),
+    Question("tool_rotor", "inertia of the tool's motor, behind its gear", "kg*m**2", 1e-12, 1e3,
+             _SHEET + ": rotor times the square of the gear ratio", has_telescope,
+             lambda kind, a: guesses.rounded(2e-4 * a["tool_torque"]), "tool"),
+    Question("coulomb", "torque that a motor needs to turn at all, behind its gear", "N*m", 1e-6,
+             1e5, _TRY, is_rotary,
+             lambda kind, a: guesses.rounded(0.03 * a["torque"] * a["gear"]), "friction"),
+    Question("viscous", "torque more for each rad/s, behind the gear", "N*m*s/rad", 1e-6, 1e5, _TRY,
+             is_rotary, lambda kind, a: guesses.rounded(a["coulomb"] / 3), "friction"),
+    Question("rail_coulomb", "force that a carriage needs to move at all", "N", 1e-5, 1e6, _TRY,
+             is_linear, lambda kind, a: guesses.rounded(0.05 * a["rail_force"]), "friction"),
+    Question("rail_viscous", "force more for each m/s", "N*s/m", 1e-5, 1e6, _TRY, is_linear,
+             lambda kind, a: guesses.rounded(a["rail_coulomb"]), "friction"),
+    Question("radius", "radius of the workspace, a cylinder", "m", 1e-3, 20, _FOUND, _all,
+             lambda kind, a: a["found_radius"], "workspace"),
+    Question("low", "lowest height of the platform point, below the base negative", "m", -50, 50,
+             _FOUND, _all, lambda kind, a: a["found_low"], "workspace"),
+    Question("high", "highest height of the platform point", "m", -50, 50, _FOUND, _all,
+             lambda kind, a: a["found_high"], "workspace"),
+    Question("top_speed", "largest speed of the platform", "m/s", 1e-3, 100, _SHEET, _all,
+             guesses.top_speed, "workspace"),
+    Question("top_acceleration", "largest acceleration of the platform", "m/s**2", 1e-2, 2000,
+             _SHEET, _all, guesses.top_acceleration, "workspace"),
+)  # fmt: skip
+GROUPS: tuple[Group, ...] = ("lengths", "masses", "motors", "tool", "friction", "workspace")
+
+
+def asked(kind: str) -> list[Question]:
+    """What a kind of robot is asked for, in order."""
+    return [question for question in QUESTIONS if question.of(kind)]

@@ -1,0 +1,181 @@
+"""Where a robot of given lengths can work: a cylinder that it reaches all of."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.dynamics.at_rest import AtRest
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.limits import torque_limits
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import DeltaidError, KinematicsError
+from deltaid.robot.description import RobotDescription
+from deltaid.studio.drafting.kinds import is_linear
+
+# Height of the cylinder over its radius; radii that are tried, as shares of the struts' length;
+# directions and heights at which its rim is looked at; shares of limits that may be used.
+_TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.94, 24, 5, 0.97
+# Steps by which its height grows, as a share of the struts' length, and how many at most.
+_GROWN, _GROWTHS = 0.05, 60
+# How far from the first guess its middle may lie, as shares of the struts' length.
+_SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
+# Angles of the arms that are tried, degrees down; what struts must be longer than their joints are
+# apart sideways, as a factor.
+_ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
+_LENGTHS = ("--arm", "--strut", "--base-radius", "--platform-radius")
+
+
+@dataclass(frozen=True)
+class Space:
+    """A cylinder about world z [m]."""
+
+    radius: float
+    low: float
+    high: float
+
+
+def height(kind: str, a: Mapping[str, float]) -> float:
+    """How far below the base the platform stands with arms 30° down, or carriages halfway [m].
+
+    Raises:
+        DeltaidError: the struts do not reach from there to the platform.
+    """
+    if is_linear(kind):
+        tilt, along = np.deg2rad(a["tilt"]), 0.5 * (a["rail_low"] + a["rail_high"])
+        out, down = a["base_radius"] + along * np.sin(tilt), along * np.cos(tilt)
+        where = "with the carriages halfway"
+    else:
+        angle = _angle(a)
+        out = a["base_radius"] + a["arm"] * np.cos(angle)
+        down = a["arm"] * np.sin(angle)
+        where = f"with the arms {np.rad2deg(angle):.3g}° down"
+    wide = abs(out - a.get("platform_radius", 0.0))
+    if a["strut"] <= _SPARE * wide:
+        raise DeltaidError(
+            f"a strut of {1e3 * a['strut']:.4g} mm cannot reach the platform: {where} its joints "
+            f"are {1e3 * wide:.4g} mm apart sideways alone",
+            where="--strut",
+            cure="a longer strut, a shorter arm, a smaller base or a larger platform"
+            if not is_linear(kind)
+            else "a longer strut, a smaller base or a larger platform",
+        )
+    return float(down + np.sqrt(a["strut"] ** 2 - wide**2))
+
+
+def _angle(a: Mapping[str, float]) -> float:
+    """30° down, or farther where struts are too short for that [rad]."""
+    tried = [float(np.deg2rad(np.clip(x, a["angle_low"], a["angle_high"]))) for x in _ANGLES]
+    inner = a.get("platform_radius", 0.0)
+    fits = (
+        angle
+        for angle in tried
+        if a["strut"] > _SPARE * abs(a["base_radius"] + a["arm"] * np.cos(angle) - inner)
+    )
+    return next(fits, tried[0])
+
+
+def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
+    """The widest cylinder about height −`middle` that lies within reach and limits at rest.
+
+    Raises:
+        DeltaidError: there is none.
+    """
+    try:
+        at_rest = AtRest(compiled(robot), prior_parameters(robot))
+    except KinematicsError as error:
+        raise DeltaidError(
+            f"the robot cannot stand {1e3 * middle:.4g} mm below its base, where its workspace "
+            f"should be: {error.what}",
+            where="--strut",
+            cure=_cure(robot),
+        ) from None
+    radius = _LARGEST * strut
+    while radius > _SMALLEST * strut:
+        for shift in _SHIFTS:
+            low = -middle - shift * strut - 0.5 * _TALL * radius
+            space = Space(radius, low, low + _TALL * radius)
+            if space.high < 0 and _holds(at_rest, space):
+                return _rounded(_taller(at_rest, space, _GROWN * strut))
+        radius *= _STEP
+    raise DeltaidError(
+        "no place was found where the robot stands well: everywhere near the middle "
+        f"{_worst(at_rest, middle, _SMALLEST * strut)}",
+        where="the lengths",
+        cure=_cure(robot),
+    )
+
+
+def _taller(at_rest: AtRest, space: Space, step: float) -> Space:
+    """The same radius, as far down and up as it goes: rails reach farther than arms."""
+    for direction in (-1.0, 1.0):
+        for _ in range(_GROWTHS):
+            ends = space.low, space.high
+            ends = (ends[0] - step, ends[1]) if direction < 0 else (ends[0], ends[1] + step)
+            grown = Space(space.radius, *ends)
+            if grown.high >= 0 or not _holds(at_rest, grown):
+                break
+            space = grown
+    return space
+
+
+def _cure(robot: RobotDescription) -> str:
+    linear = robot.is_linear("drive1")
+    lengths = ", ".join(_LENGTHS[1 if linear else 0 :])
+    ends = "--rail-low and --rail-high" if linear else "--angle-low and --angle-high"
+    return (
+        f"check the lengths ({lengths}), the ends {ends}, and --swing; most machines have a base "
+        "wider than the platform" + ("" if linear else ", and arms of a third to a half of a strut")
+    )
+
+
+def _rounded(space: Space) -> Space:
+    """To whole millimetres inwards, or to thousandths of what is smaller than that."""
+    unit = 10.0 ** min(-3, np.floor(np.log10(space.radius)) - 2)
+    digits = round(-np.log10(unit))
+    return Space(
+        radius=round(float(np.floor(space.radius / unit) * unit), digits),
+        low=round(float(np.ceil(space.low / unit) * unit), digits),
+        high=round(float(np.floor(space.high / unit) * unit), digits),
+    )
+
+
+def _own(at_rest: AtRest) -> list[int]:
+    """The machine's limits of pose: not the workspace's, those of torque, or the tool's range."""
+    last = len(at_rest.limits) - len(torque_limits(at_rest.robot))
+    return [i for i in range(at_rest.of_workspace, last) if at_rest.limits[i] != "tool angle"]
+
+
+def _holds(at_rest: AtRest, space: Space) -> bool:
+    """Whether the robot stands everywhere in the cylinder, within its limits of pose."""
+    poses = at_rest(_points(at_rest, space))
+    return bool(poses.stands.all() and (poses.shares[:, _own(at_rest)] <= _SHARE).all())
+
+
+def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
+    """What is broken first near there."""
+    low = -middle - 0.5 * _TALL * radius
+    poses = at_rest(_points(at_rest, Space(radius, low, low + _TALL * radius)))
+    if not poses.stands.all():
+        return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
+    own = _own(at_rest)
+    shares = poses.shares[:, own].max(axis=0)
+    name = at_rest.limits[own[int(shares.argmax())]]
+    return f"the limit “{name}” is at {shares.max():.0%}"
+
+
+def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
+    """The cylinder's axis, rim and halfway between, with the tool's turn at its ends and middle."""
+    angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    flat = np.concatenate([np.zeros((1, 2)), 0.5 * circle, circle]) * space.radius
+    levels = np.linspace(space.low, space.high, _LEVELS)
+    points = np.array([[*xy, z] for xy in flat for z in levels])
+    if at_rest.robot.task.turn is None:
+        return points
+    turn = at_rest.robot.turn
+    ends = (turn.low, 0.5 * (turn.low + turn.high), turn.high)
+    if not at_rest.robot.platform_turns:
+        ends = (0.0,)
+    return np.concatenate([np.insert(points, 3, psi, axis=1) for psi in ends])
