@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from deltaid.online.changes import Change, Onset, after
+from deltaid.online.changes import Change, Onset, estimate_after
 from deltaid.online.cycle import step_graph
 from deltaid.online.kalman import Estimate
 from deltaid.online.settings import OnlineSettings
@@ -34,9 +34,9 @@ def test_other_estimates_are_those_of_a_filter_that_knew(free: float) -> None:
         blamed, told = blamed.measured(row, ca.SX(y), noise, ONE)
         knew, _ = knew.measured(row, ca.SX(y - load), noise, ONE)
         if k >= 30:
-            onset = onset.told(0, ca.SX(psi), told)
+            onset = onset.measured(0, ca.SX(psi), told)
     other = Change(changed=ONE, held=ONE, told=NONE, seen=ONE, kept=())
-    found = after(blamed, onset, other, 1)
+    found = estimate_after(blamed, onset, other, 1)
     wrong, right, mended = (float(ca.evalf(one.x)[1]) for one in (blamed, knew, found))
     assert abs(wrong - right) > 0.1
     assert (abs(float(ca.evalf(blamed.x)[0])) > 0.2 * mass) == (free > 0)

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from deltaid.errors import DeltaidError
-from deltaid.online.contact import Residual, contact, least_force, threshold
+from deltaid.online.contact import ContactResidual, contact, least_force, threshold
 
 S = np.array([[0.5, 0.1, 0.0, 0.02], [0.1, 0.4, -0.1, 0.0], [0.0, -0.1, 0.6, 0.03],
               [0.02, 0.0, 0.03, 0.05]])  # fmt: skip
@@ -30,7 +30,7 @@ def judged(
     if lifted is not None:
         column = ca.SX(ca.DM(np.array(lifted)))
         untold = {"lifted": column, "light": ca.SX(light), "heavy": ca.SX(heavy)}
-    residual = Residual(
+    residual = ContactResidual(
         ca.SX(ca.DM(np.array(rho))),
         ca.SX(ca.DM(S)),
         ca.SX(ca.DM(np.array(bound))),

@@ -9,12 +9,12 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.online.doubts import doubts
-from deltaid.online.events import Entry, HeldLoad
+from deltaid.online.events import LoadEntry, WeighedLoad
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import EMPTY, HOLDS, Replay, open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.suspicion import Seen
+from deltaid.online.suspicion import RunEvidence
 from deltaid.online.watch import Watched, watch
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
@@ -154,16 +154,16 @@ def assert_as_it_was(found: Watched) -> None:
 
 
 UNSEEN = Offset(0.0, 0.0, 9, 0)
-NOTHING = Seen(
+NOTHING = RunEvidence(
     gain=np.ones(3), deviation=np.full(3, 0.01), touched=1.0, untouched=99.0, touched_empty=0.0,
     empty=50.0, told=frozenset({EMPTY, HOLDS}), taken=UNSEEN, left=UNSEEN,
     stuck=np.zeros(3), stuck_at=np.zeros(3),
 )  # fmt: skip
 
 
-def load(mass: float = 1.0) -> HeldLoad:
-    entry = Entry("m", "kg", mass, max(mass - 0.1, 0.0), mass + 0.1, shown=True)
-    return HeldLoad(1.0, 2.0, None, (entry,))
+def load(mass: float = 1.0) -> WeighedLoad:
+    entry = LoadEntry("m", "kg", mass, max(mass - 0.1, 0.0), mass + 0.1, shown=True)
+    return WeighedLoad(1.0, 2.0, None, (entry,))
 
 
 def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:

@@ -8,7 +8,7 @@ from deltaid.dynamics.parameters import stated_spreads
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.kalman import Estimate
-from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.states import States
 
@@ -94,11 +94,11 @@ def test_each_kind_of_state_has_its_own_memory() -> None:
 
 
 @pytest.fixture(scope="module")
-def known() -> Knowledge:
+def known() -> OnlineKnowledge:
     return knowledge(load("irb360-6-1600"), OnlineSettings(largest_mass=4.0))
 
 
-def test_what_carries_a_load_may_be_heavier_and_nothing_else(known: Knowledge) -> None:
+def test_what_carries_a_load_may_be_heavier_and_nothing_else(known: OnlineKnowledge) -> None:
     """By one per cent of the largest load: a tare, which no moment goes with."""
     names = load("irb360-6-1600").layout.names
     tare = dict(zip(names, known.directions[:, -1].tolist(), strict=True))
@@ -107,7 +107,7 @@ def test_what_carries_a_load_may_be_heavier_and_nothing_else(known: Knowledge) -
 
 
 def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
-    known: Knowledge,
+    known: OnlineKnowledge,
 ) -> None:
     """Variances of torques along a typical motion by the prior's spreads, without friction, are
     those by the directions and, on the mean, what is taken for torque that the model has not."""

@@ -9,14 +9,14 @@ from deltaid.model.model import Model
 from deltaid.online.contact_part import contact_of
 from deltaid.online.cycle import step_graph
 from deltaid.online.graph import StepGraph
-from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from online_runs import Running, outputs, robot, running
 
 CYCLES = 4000
 
 
-def lacking(run: Running, known: Knowledge, falling: float, carried: float) -> Running:
+def lacking(run: Running, known: OnlineKnowledge, falling: float, carried: float) -> Running:
     """With friction that the model has not: more at low speed, and a share of the torque."""
     slow = np.exp(-((run.qd / known.slow_speed) ** 2))
     more = falling * known.unmodelled_slow * slow + carried * np.abs(run.tau)
@@ -24,7 +24,7 @@ def lacking(run: Running, known: Knowledge, falling: float, carried: float) -> R
 
 
 @pytest.fixture(scope="module")
-def delta() -> tuple[Model, StepGraph, Knowledge, Running]:
+def delta() -> tuple[Model, StepGraph, OnlineKnowledge, Running]:
     model, graph = robot("clavel-delta3")
     run = running(model, CYCLES, slice(0, 0), noise=0.1, period=6.0)
     return model, graph, knowledge(model, OnlineSettings()), run
@@ -32,7 +32,7 @@ def delta() -> tuple[Model, StepGraph, Knowledge, Running]:
 
 @pytest.mark.parametrize(("falling", "carried"), [(1.0, 0.02), (-0.8, 0.03), (0.0, 0.0)])
 def test_friction_that_a_model_has_not_is_found(
-    delta: tuple[Model, StepGraph, Knowledge, Running], falling: float, carried: float
+    delta: tuple[Model, StepGraph, OnlineKnowledge, Running], falling: float, carried: float
 ) -> None:
     _, graph, known, run = delta
     y = outputs(graph, lacking(run, known, falling, carried), np.zeros(CYCLES))
@@ -49,7 +49,7 @@ def test_friction_that_a_model_has_not_is_found(
 
 
 def test_how_much_a_model_lacks_is_learnt(
-    delta: tuple[Model, StepGraph, Knowledge, Running],
+    delta: tuple[Model, StepGraph, OnlineKnowledge, Running],
 ) -> None:
     _, graph, _, run = delta
     t = np.arange(CYCLES)[:, None] / 1000.0

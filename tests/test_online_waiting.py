@@ -12,7 +12,7 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.precision import DOUBLE
 from deltaid.exports.structured_text import structured_text
 from deltaid.model.model import Model, load
-from deltaid.online.instant import Line, Waits, line, waits
+from deltaid.online.instant import AlignedInputs, Waits, line, waits
 from deltaid.online.layout import Field, Layout
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
@@ -23,7 +23,7 @@ from st_program import Program
 
 # Two drives whose torques come late, one whose torques come early [s].
 DELAY = (1.4e-3, 1.4e-3, -0.6e-3)
-READ = Layout.of(
+READ = Layout.from_fields(
     Field("q", 1, "position"), Field("tau", 2, "torques"), Field("gripper", 1, "it", initial=-1.0)
 )
 
@@ -33,11 +33,11 @@ def made() -> Picked:
     return picked()
 
 
-def ran(rows: np.ndarray, each: Waits) -> tuple[np.ndarray, Line]:
+def ran(rows: np.ndarray, each: Waits) -> tuple[np.ndarray, AlignedInputs]:
     """What comes out row by row; a row with NaN breaks the line."""
     goes_on, u = ca.SX.sym("goes_on"), READ.symbols("in")
     finite = ca.SX.sym("finite")
-    found = line(READ, u, each.of(READ), goes_on, finite)
+    found = line(READ, u, each.of_inputs(READ), goes_on, finite)
     (kept,) = found.kept
     step = ca.Function(
         "step", [kept.symbol, READ.vector(u), goes_on, finite],

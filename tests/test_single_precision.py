@@ -115,9 +115,8 @@ def test_the_online_cycle_closes_its_loops(tmp_path: Path) -> None:
     """A pose that is found by iteration, millimetres away the cycle before."""
     chosen = subject("par4")
     mechanism, near = chosen.dynamics.kinematics.mechanism, ca.SX.sym("near", 4)
-    found = pose(mechanism, near, mechanism.q_symbols)
     inputs = [Array("near", near), Array("q", mechanism.q_symbols)]
-    out = "out", ca.vertcat(found.z, found.closed)
+    out = "out", ca.vertcat(*pose(mechanism, near, mechanism.q_symbols))
     text = straight_line("cycle", inputs, out, precision=SINGLE)
     head = text.partition("{")[0].strip()  # as -Wmissing-prototypes would have it
     (tmp_path / "pose.c").write_text(f"#include <math.h>\n{head};\n{text}\n")

@@ -118,4 +118,4 @@ def _online(
         )
     usual = OnlineSettings()
     alarms = usual.false_alarms if false_alarms is None else false_alarms
-    return OnlineSettings(largest_mass=payload_max, false_alarms=alarms).at(rate or usual.rate)
+    return OnlineSettings(largest_mass=payload_max, false_alarms=alarms).at_rate(rate or usual.rate)

@@ -20,15 +20,19 @@ from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
-from deltaid.online.graph import Kept
-from deltaid.online.kalman import Estimate, Told
+from deltaid.online.graph import StateField
+from deltaid.online.kalman import Estimate, Update
 from deltaid.online.layout import Field
 from deltaid.online.momentum import Lowpass
+from deltaid.online.settings import OnlineSettings
 
 # How many times of onset are kept, and how long each [s].
 _ONSETS, _LIFE = 3, 0.15
 # Of the load held, what may be left after a release.
 _LEFT = 0.6
+# A change must be likely for so long, in time constants of the filter: it does not show all of it
+# at first.
+_CONFIRMED = 1.0
 # A load that may be none, and is surely less than this share of the largest, is none.
 _SMALL = 0.05
 # The variance of what a change begins with is larger than 1/C by this factor, and by the square of
@@ -55,35 +59,35 @@ class Onset:
     twice: ca.SX
 
     def later(self, lowpass: Lowpass) -> "Onset":
-        """A cycle later."""
+        """The same time, seen from a cycle later."""
         once = lowpass.a * self.once
         twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
         return replace(self, once=once, twice=twice)
 
-    def told(self, i: int, column: ca.SX, told: Told) -> "Onset":
+    def measured(self, i: int, column: ca.SX, update: Update) -> "Onset":
         """With one measurement more.
 
         Args:
             i: which drive's.
             column: of the load, twice filtered.
         """
-        G = column[i] - self.twice[i] - told.row @ self.moved
-        share = G / told.variance
+        G = column[i] - self.twice[i] - update.row @ self.moved
+        share = G / update.variance
         return replace(
             self,
-            moved=self.moved + told.gain * G,
-            evidence=self.evidence + share * told.innovation,
+            moved=self.moved + update.gain * G,
+            evidence=self.evidence + share * update.innovation,
             information=self.information + share * G,
         )
 
     @property
     def score(self) -> ca.SX:
-        """D / √C."""
+        """Score D / √C of a change."""
         return self.evidence / ca.sqrt(self.information + 1e-12)
 
     @property
     def size(self) -> ca.SX:
-        """Δ."""
+        """Size Δ of the change."""
         return self.evidence / (self.information + 1.0)
 
     def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
@@ -128,39 +132,39 @@ class Onsets:
         clock, turn = ca.SX.sym("clock"), max(1, round(_LIFE / period / _ONSETS))
         later = ca.if_else(clock + 1.5 > turn * _ONSETS, 0.0, clock + 1)
         ends = tuple(ca.fabs(clock - j * turn) < 0.5 for j in range(_ONSETS))
-        each = tuple(one.later(lowpass) for one in symbols)
+        each = tuple(onset.later(lowpass) for onset in symbols)
         return cls(each, symbols, ends, (clock, later))
 
-    def told(self, i: int, column: ca.SX, told: Told) -> "Onsets":
+    def measured(self, i: int, column: ca.SX, update: Update) -> "Onsets":
         """With one measurement more."""
-        return replace(self, each=tuple(one.told(i, column, told) for one in self.each))
+        return replace(self, each=tuple(onset.measured(i, column, update) for onset in self.each))
 
     @property
     def likeliest(self) -> Onset:
         """The one with the largest score."""
         best = self.each[0]
-        for one in self.each[1:]:
-            best = one.chosen(ca.fabs(one.score) > ca.fabs(best.score), best)
+        for onset in self.each[1:]:
+            best = onset.chosen(ca.fabs(onset.score) > ca.fabs(best.score), best)
         return best
 
-    def kept(self, anew: ca.SX, once: ca.SX, twice: ca.SX) -> tuple[Kept, ...]:
+    def kept(self, anew: ca.SX, once: ca.SX, twice: ca.SX) -> tuple[StateField, ...]:
         """Fields of the state.
 
         Args:
             anew: 1 where filters begin anew.
             once, twice: the load's column, filtered.
         """
-        doc, fields = "times at which the load may have changed", list[Kept]()
-        for j, (one, symbol, ends) in enumerate(
+        doc, fields = "times at which the load may have changed", list[StateField]()
+        for j, (onset, symbol, ends) in enumerate(
             zip(self.each, self.symbols, self.ends, strict=True)
         ):
-            begun = Onset(ca.SX(one.moved.numel(), 1), ca.SX(1, 1), ca.SX(1, 1), once, twice)
-            following = one.chosen(ca.logic_not(ends), begun)
+            begun = Onset(ca.SX(onset.moved.numel(), 1), ca.SX(1, 1), ca.SX(1, 1), once, twice)
+            following = onset.chosen(ca.logic_not(ends), begun)
             for name, before, now in zip(_NAMES, symbol, following, strict=True):
                 field = Field(f"onset{j + 1}_{name}", before.numel(), doc)
-                fields.append(Kept(field, before, ca.densify(now) * (1 - anew)))
+                fields.append(StateField(field, before, ca.densify(now) * (1 - anew)))
         clock, later = self.clock
-        return (*fields, Kept(Field("onset_clock", 1, doc), clock, later))
+        return (*fields, StateField(Field("onset_clock", 1, doc), clock, later))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,35 +183,22 @@ class Change:
     held: ca.SX
     told: ca.SX
     seen: ca.SX
-    kept: tuple[Kept, ...]
+    kept: tuple[StateField, ...]
 
 
-@dataclass(frozen=True)
-class Rules:
-    """What makes a change.
-
-    Attributes:
-        least: mass that is looked for, in units of the largest mass.
-        alarm: score of a change.
-        confirmed: for how long a change must be likely [s]: filters do not show all of it at first.
-        grip_time: [s] from the gripper's signal to the change.
-        period: of a cycle [s].
-    """
-
-    least: float
-    alarm: float
-    confirmed: float
-    grip_time: float
-    period: float
-
-
-def waits(held: ca.SX, gripper: ca.SX) -> ca.SX:
+def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
     """1 where the gripper has told something else than what is held."""
     return ca.logic_and(gripper > -0.5, (gripper > 0.5) != held)
 
 
-def change(
-    seen: Onset, held: ca.SX, gripper: ca.SX, mass: ca.SX, spread: ca.SX, rules: Rules
+def judge_change(
+    seen: Onset,
+    held: ca.SX,
+    gripper: ca.SX,
+    mass: ca.SX,
+    spread: ca.SX,
+    least: float,
+    settings: OnlineSettings,
 ) -> Change:
     """Whether the load changes.
 
@@ -215,17 +206,18 @@ def change(
         held: 1 where a load was held in the cycle before.
         gripper: 1 holds, 0 empty, -1 not told.
         mass, spread: of the load held, in units of the largest mass.
+        least: mass that is looked for, in the same units.
     """
     waited, alert = ca.SX.sym("waited"), ca.SX.sym("alert")
-    silent, wanted, differs = gripper <= -0.5, gripper > 0.5, waits(held, gripper)
-    waiting = ca.if_else(differs, waited + rules.period, 0)
-    by_gripper = ca.logic_and(differs, waiting > rules.grip_time)
-    score, size, least = seen.score, seen.size, rules.least
-    more = ca.logic_and(silent, ca.logic_and(score > rules.alarm, size > least))
-    less = ca.logic_and(silent, ca.logic_and(score < -rules.alarm, size < -least))
+    silent, wanted, differs = gripper <= -0.5, gripper > 0.5, gripper_differs(held, gripper)
+    waiting = ca.if_else(differs, waited + settings.period, 0)
+    by_gripper = ca.logic_and(differs, waiting > settings.grip_time)
+    score, size = seen.score, seen.size
+    more = ca.logic_and(silent, ca.logic_and(score > settings.alarm, size > least))
+    less = ca.logic_and(silent, ca.logic_and(score < -settings.alarm, size < -least))
     less = ca.logic_and(less, held)
-    alerted = ca.if_else(ca.logic_or(more, less), alert + rules.period, 0)
-    sure = alerted > rules.confirmed
+    alerted = ca.if_else(ca.logic_or(more, less), alert + settings.period, 0)
+    sure = alerted > _CONFIRMED / settings.corner
     more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
     small = ca.logic_and(mass < 2 * spread, mass + 2 * spread < ca.fmax(least, _SMALL))
     nothing = ca.logic_and(ca.logic_and(held, silent), small)
@@ -235,9 +227,9 @@ def change(
     changed = ca.logic_or(by_gripper, ca.logic_or(more, ca.logic_or(less, nothing)))
     since = Field("waited", 1, "time since the gripper's signal", "s")
     kept = (
-        Kept(Field("held", 1, "1 while a load is held"), held, now),
-        Kept(since, waited, waiting * (1 - by_gripper)),
-        Kept(
+        StateField(Field("held", 1, "1 while a load is held"), held, now),
+        StateField(since, waited, waiting * (1 - by_gripper)),
+        StateField(
             Field("alert", 1, "time for which a change was likely", "s"),
             alert,
             alerted * (1 - sure),
@@ -246,7 +238,7 @@ def change(
     return Change(changed, now, by_gripper, ca.logic_or(more, less), kept)
 
 
-def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estimate:
+def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int) -> Estimate:
     """Estimates behind a cycle in which the load may have changed.
 
     Told by the gripper, nothing is known of a new load. Found by itself, it begins with the mass
@@ -256,16 +248,16 @@ def after(estimate: Estimate, seen: Onset, found: Change, n_load: int) -> Estima
     """
     n = estimate.x.numel()
     mine = ca.vertcat(ca.SX.ones(n_load), ca.SX.zeros(n - n_load))
-    by_itself = found.seen
-    mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * found.held
+    by_itself = change.seen
+    mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * change.held
     variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
     others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
-    first = ca.vertcat(found.held * by_itself, ca.SX(n - 1, 1))
+    first = ca.vertcat(change.held * by_itself, ca.SX(n - 1, 1))
     along = ca.densify(first - others) * ca.sqrt(variance)
-    x = estimate.x * (1 - mine * found.changed) - others * seen.size + first * mass
-    kept = 1 - mine * found.changed
-    own = found.told + _FREE * found.seen
+    x = estimate.x * (1 - mine * change.changed) - others * seen.size + first * mass
+    kept = 1 - mine * change.changed
+    own = change.told + _FREE * change.seen
     fresh = ca.vertcat(own, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
-    fresh = fresh * (found.changed * found.held)
+    fresh = fresh * (change.changed * change.held)
     P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

@@ -34,7 +34,7 @@ _ROWS, _MEAN, _PARTS, _CLEAR = 1 << 16, 0.02, 20, 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Speeds:
+class RecordedSpeeds:
     """What is known of a recording's velocities.
 
     Attributes:
@@ -49,24 +49,26 @@ class Speeds:
     doubts: tuple[Doubt, ...] = ()
 
 
-def speeds_of(log: Log, model: Model) -> Speeds:
+def speeds_of(log: Log, model: Model) -> RecordedSpeeds:
     """Look at the velocities of a recording."""
     dof = model.dynamics.dof
     made = log.position_noise[:dof] * log.rate * np.sqrt(2.0)
-    differences = Speeds(True, tuple(made.tolist()))
+    differences = RecordedSpeeds(True, tuple(made.tolist()))
     if not log.columns.velocity:
         return differences
     known = model.identified.corrections if model.identified else ()
-    if any(one.kind == "velocity" for one in known):  # its drives' velocities come late
+    if any(
+        correction.kind == "velocity" for correction in known
+    ):  # its drives' velocities come late
         return differences
     rows = _first(log)
-    lag, names = _lag(rows, log.rate, dof), [one.column for one in log.columns.velocity]
+    lag, names = _lag(rows, log.rate, dof), [channel.column for channel in log.columns.velocity]
     if np.abs(lag).max() > _HARMLESS:
         return replace(differences, doubts=(_late(lag, names),))
     noise = white_noise(rows[:, 1 + dof : 1 + 2 * dof])
     if np.any(noise > np.maximum(made, _QUIET)):
         return replace(differences, doubts=(_noisy(noise, made, names),))
-    return Speeds(False, tuple(noise.tolist()))
+    return RecordedSpeeds(False, tuple(noise.tolist()))
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
@@ -151,18 +153,18 @@ def judged_wiring(
     if np.all(_along(model, opened) > _ALONG):
         return ()
     found = checked_wiring(evidence(model.robot, log, mapping))
-    told = [one for one in found if one.key not in _ELSEWHERE]
-    for one in told:
-        if one.grade is Grade.WRONG:
+    verdicts = [verdict for verdict in found if verdict.key not in _ELSEWHERE]
+    for verdict in verdicts:
+        if verdict.grade is Grade.WRONG:
             raise RecordingError(
-                one.finding,
+                verdict.finding,
                 where=str(opened.path),
-                cure=f"{one.cure}; `deltaid check` tells more",
+                cure=f"{verdict.cure}; `deltaid check` tells more",
             )
     return tuple(
-        Doubt(one.seen, cause=one.cause, cure=one.cure, key=one.key)
-        for one in told
-        if one.grade is Grade.DOUBTFUL
+        Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)
+        for verdict in verdicts
+        if verdict.grade is Grade.DOUBTFUL
     )
 
 

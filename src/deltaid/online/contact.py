@@ -91,7 +91,7 @@ def least_force(
 
 
 @dataclass(frozen=True)
-class Residual:
+class ContactResidual:
     """What is known of a residual at one instant, as expressions.
 
     Attributes:
@@ -133,7 +133,9 @@ class Contact:
     information: ca.SX
 
 
-def contact(residual: Residual, before: ca.SX, u: float, live: ca.SX | float = 1.0) -> Contact:
+def contact(
+    residual: ContactResidual, before: ca.SX, u: float, live: ca.SX | float = 1.0
+) -> Contact:
     """Judge a residual.
 
     Args:
@@ -163,7 +165,7 @@ def contact(residual: Residual, before: ca.SX, u: float, live: ca.SX | float = 1
     )
 
 
-def _beyond(residual: Residual) -> ca.SX:
+def _beyond(residual: ContactResidual) -> ca.SX:
     """ρ beyond what a load that nobody told, and friction that no speed tells, may be.
 
     The load is the likeliest one with friction as noise of size b: where all joints rest it is
@@ -179,7 +181,7 @@ def _beyond(residual: Residual) -> ca.SX:
     return _outside(rho, bound)
 
 
-def _with_load(residual: Residual) -> tuple[ca.SX, ca.SX]:
+def _with_load(residual: ContactResidual) -> tuple[ca.SX, ca.SX]:
     """ρ for finding the place, and its covariance: a load that nobody told counts as noise, since
     taking out the likeliest one would take out a part of a push as well."""
     rho, S = _outside(residual.value, _BREAKAWAY * residual.bound), residual.covariance

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.model.model import Model
-from deltaid.online.estimates import Estimates, estimates, friction_bounds, friction_part
-from deltaid.online.graph import Part, StepGraph, assembled
-from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, friction_part
+from deltaid.online.graph import CyclePart, StepGraph, assembled
+from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
 
@@ -26,21 +26,21 @@ class Cycle:
 
     model: Model
     settings: OnlineSettings
-    known: Knowledge
+    known: OnlineKnowledge
     signals: Signals
-    estimates: Estimates
+    estimates: CycleEstimates
     anew: ca.SX
 
 
 # Makes a further part, such as one that looks for contact.
-MorePart = Callable[[Cycle], Part]
+MorePart = Callable[[Cycle], CyclePart]
 
 
 def step_graph(
     model: Model,
     settings: OnlineSettings | None = None,
     more: Sequence[MorePart] = (),
-    known: Knowledge | None = None,
+    known: OnlineKnowledge | None = None,
 ) -> StepGraph:
     """One cycle: state and inputs to next state and outputs.
 
@@ -62,11 +62,11 @@ def step_graph(
         first,
         found.part,
         friction_part(model, known, found.behind.x[read.at_friction], bounds),
-        *(one(cycle) for one in more),
+        *(make(cycle) for make in more),
     ]
     graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
-    kept = {one.field.name: one.following for part in parts for one in part.kept}
-    contact = ca.if_else(kept.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
+    following = {kept.field.name: kept.following for part in parts for kept in part.kept}
+    contact = ca.if_else(following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
     x, y = ca.substitute([x, y], [touched], [contact])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)

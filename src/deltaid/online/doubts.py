@@ -18,11 +18,11 @@ from deltaid.identification.study import studied
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.words import listed, percent
-from deltaid.online.events import HeldLoad, Touch
+from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.suspicion import Seen
+from deltaid.online.suspicion import RunEvidence
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import with_filter
 
@@ -56,15 +56,15 @@ def doubts(
     model: Model,
     replay: Replay,
     settings: OnlineSettings,
-    seen: Seen,
-    loads: Sequence[HeldLoad],
+    seen: RunEvidence,
+    loads: Sequence[WeighedLoad],
     touches: Sequence[Touch],
 ) -> tuple[Doubt, ...]:
     """All of them, the recording's own first."""
     of_rows = tuple(_of_rows(replay, settings, seen))
     # Rows that tell nothing, torques that are too small, and a gripper that tells something else:
     # all look like loads that weigh nothing, or like a wrong model.
-    blind = any(one.key in _BLIND for one in of_rows)
+    blind = any(doubt.key in _BLIND for doubt in of_rows)
     scale = () if blind else tuple(_of_scale(replay, seen))
     told = ()
     if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
@@ -83,7 +83,7 @@ def _delay(settings: OnlineSettings, replay: Replay) -> Float[np.ndarray, " driv
     return np.broadcast_to(np.array(given, dtype=float), (len(replay.delay),))
 
 
-def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[Doubt]:
+def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Iterator[Doubt]:
     drives = replay.log.columns.torque
     if replay.rate < _SLOW:
         yield Doubt(
@@ -111,7 +111,9 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[D
             key="clock",
         )
     if (share := replay.share("saturated torque")) > _ENDS:
-        which = [one.column for one, end in zip(drives, replay.ends, strict=True) if end < np.inf]
+        which = [
+            drive.column for drive, end in zip(drives, replay.ends, strict=True) if end < np.inf
+        ]
         yield Doubt(
             f"{percent(share)} of the rows are on the largest or smallest number of "
             f"{listed(which)}: while they are, a push on that drive is not seen, and it says "
@@ -146,7 +148,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: Seen) -> Iterator[D
         )
 
 
-def _of_contacts(seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
+def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]:
     share = seen.touched / max(seen.touched + seen.untouched, 1e-9)
     if share > _ALWAYS and seen.touched > _LONG:
         yield Doubt(
@@ -157,7 +159,7 @@ def _of_contacts(seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
             key="residual",
         )
         return
-    slight = sum(one.size < _SLIGHT for one in touches)
+    slight = sum(touch.size < _SLIGHT for touch in touches)
     if slight >= max(_STRANGE, 0.5 * len(touches)):
         yield Doubt(
             f"{slight} of {len(touches)} contacts are hardly beyond the threshold, which pushes "
@@ -167,9 +169,9 @@ def _of_contacts(seen: Seen, touches: Sequence[Touch]) -> Iterator[Doubt]:
         )
 
 
-def _of_scale(replay: Replay, seen: Seen) -> Iterator[Doubt]:
+def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     """Torques that are a multiple of the model's."""
-    names = [one.column for one in replay.log.columns.torque]
+    names = [drive.column for drive in replay.log.columns.torque]
     common, deviation = seen.common
     most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
     apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
@@ -197,9 +199,9 @@ def _off(gain: np.ndarray, most: float) -> np.ndarray:
     return np.asarray(np.maximum(1.0 - gain, gain - 1.0 - most))
 
 
-def _too_heavy(settings: OnlineSettings, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
     most = settings.largest_mass
-    heavy = [one for one in loads if most is not None and one.mass.low > most]
+    heavy = [load for load in loads if most is not None and load.mass.low > most]
     if heavy:
         yield Doubt(
             f"{len(heavy)} of {len(loads)} loads weigh more than the {most:g} kg that may be held "
@@ -217,7 +219,7 @@ Delay = Float[np.ndarray, " drives"]
 
 
 def judged_lag(
-    model: Model, replay: Replay, delay: Delay, loads: Sequence[HeldLoad]
+    model: Model, replay: Replay, delay: Delay, loads: Sequence[WeighedLoad]
 ) -> tuple[Doubt, ...]:
     """Lags of the torques that are not those that are put right.
 
@@ -229,7 +231,7 @@ def judged_lag(
     """
     log, study = replace(replay.log, masks=replay.masks), None
     if loads and not replay.is_told:
-        spans = tuple((one.start, one.end or log.clock.last + 1.0) for one in loads)
+        spans = tuple((load.start, load.end or log.clock.last + 1.0) for load in loads)
         log = replace(log, columns=replace(log.columns, loads=(Load(spans=spans),)))
     with suppress(RecordingError):  # too short to be filtered
         setup = Setup(model.robot, (with_filter(log),), Settings())
@@ -253,7 +255,7 @@ def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Dou
     else:
         each = [f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off]
         said = listed(each)
-    given = ",".join(f"{1e3 * one:.2g}" for one in (found[:1] if alike else found))
+    given = ",".join(f"{1e3 * lag:.2g}" for lag in (found[:1] if alike else found))
     words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
     put_right = listed(words) if known.any() else "no lag"
     return Doubt(

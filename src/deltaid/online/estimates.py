@@ -26,10 +26,10 @@ import casadi as ca
 import numpy as np
 
 from deltaid.model.model import Model
-from deltaid.online.changes import Onsets, Rules, after, change, waits
-from deltaid.online.graph import Given, Part, chosen
+from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
+from deltaid.online.graph import CyclePart, OutputField, chosen
 from deltaid.online.kalman import Estimate
-from deltaid.online.knowledge import Knowledge
+from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.layout import Field
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
@@ -40,14 +40,12 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
-# A change must be likely for so long, in time constants of the filter.
-_CONFIRMED = 1.0
 # Torques whose direction no speed tells stay for so long [s].
 _AT_REST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Estimates:
+class CycleEstimates:
     """What one cycle knows.
 
     Attributes:
@@ -68,16 +66,16 @@ class Estimates:
     differs: ca.SX
     load: ca.SX
     lacking: ca.SX
-    part: Part
+    part: CyclePart
 
 
 def estimates(
     s: Signals,
-    known: Knowledge,
+    known: OnlineKnowledge,
     settings: OnlineSettings,
     touched: ca.SX,
     bounds: Bounds,
-) -> Estimates:
+) -> CycleEstimates:
     """The second part of a cycle.
 
     Args:
@@ -91,64 +89,59 @@ def estimates(
     before = states.later
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
-    differs = waits(states.held, s.gripper)
+    differs = gripper_differs(states.held, s.gripper)
     weight = s.live * (1 - touched) * (1 - differs)
     shape = _shape(states.held, before.x[:n_load])
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
     lowpass = Lowpass.lines(settings.corner, period)
     behind, onsets = before, Onsets.named(states.count, dof, lowpass, period)
     for i in range(dof):
-        behind, told = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
-        onsets = onsets.told(i, twice, told)
+        behind, update = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
+        onsets = onsets.measured(i, twice, update)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
-    found = change(seen, states.held, s.gripper, behind.x[0], spread, _rules(known, settings))
+    least = known.least_mass / known.load_scales[0]
+    change = judge_change(seen, states.held, s.gripper, behind.x[0], spread, least, settings)
     judged = ca.logic_and(s.gripper <= -0.5, ca.fabs(seen.score) > settings.alarm)
     calm = weight * (1 - judged)
     of_drives = slice(states.count - dof, states.count)
     sizes = lacking.kept(behind.part(of_drives), calm, period)
-    behind = after(_bounded(behind, s.at_friction, bounds, calm), seen, found, n_load)
-    load, std = _load(behind.part(slice(0, n_load)), known, settings.extent)
-    load = chosen(found.held, load, ca.SX.zeros(n_load))
+    behind = estimate_after(_bounded(behind, s.at_friction, bounds, calm), seen, change, n_load)
+    loaded = behind.part(slice(0, n_load))
+    load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
+    load = chosen(change.held, load, ca.SX.zeros(n_load))
+    std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)
     kept = (
-        *states.kept(behind, found),
+        *states.kept(behind, change),
         *sizes,
-        *found.kept,
-        *onsets.kept(found.changed, once, twice),
+        *change.kept,
+        *onsets.kept(change.changed, once, twice),
     )
     names = ", ".join(known.entries.names)
     given = (
-        Given(Field("held", 1, "1 while a load is held"), found.held),
-        Given(Field("changed", 1, "1 in the cycle in which that changed"), found.changed),
-        Given(Field("load", n_load, f"entries of the load: {names}"), load),
-        Given(Field("load_std", n_load, "their standard deviations"), std),
-        Given(Field("change_score", 1, "deviations by which the mass looks changed"), seen.score),
-        Given(
-            Field("unnoticed", 1, "mass that may have been taken without being noticed", "kg"),
-            _unnoticed(onsets, found.held, s.gripper, settings.alarm) * known.load_scales[0],
+        OutputField(Field("held", 1, "1 while a load is held"), change.held),
+        OutputField(Field("changed", 1, "1 in the cycle in which that changed"), change.changed),
+        OutputField(Field("load", n_load, f"entries of the load: {names}"), load),
+        OutputField(Field("load_std", n_load, "their standard deviations"), std),
+        OutputField(
+            Field("change_score", 1, "deviations by which the mass looks changed"), seen.score
         ),
-        Given(Field("residual", dof, "torque that the empty model lacks"), s.residual),
-        Given(Field("unexplained", dof, "what load and model leave of it"), innovations),
+        OutputField(
+            Field("unnoticed", 1, "mass that may have been taken without being noticed", "kg"),
+            _unnoticed(onsets, change.held, s.gripper, settings.alarm) * known.load_scales[0],
+        ),
+        OutputField(Field("residual", dof, "torque that the empty model lacks"), s.residual),
+        OutputField(Field("unexplained", dof, "what load and model leave of it"), innovations),
     )
-    return Estimates(
+    return CycleEstimates(
         before,
         behind,
-        found.held,
-        found.changed,
+        change.held,
+        change.changed,
         differs,
         load,
         lacking.size,
-        Part(kept, given),
-    )
-
-
-def _rules(known: Knowledge, settings: OnlineSettings) -> Rules:
-    return Rules(
-        known.least_mass / known.load_scales[0],
-        settings.alarm,
-        _CONFIRMED / settings.corner,
-        settings.grip_time,
-        settings.period,
+        CyclePart(kept, given),
     )
 
 
@@ -159,17 +152,11 @@ def _shape(held: ca.SX, load: ca.SX) -> ca.SX:
     return chosen(ca.logic_and(held, load[0] > _LEAST_SHARE), mine, unit)
 
 
-def _load(found: Estimate, known: Knowledge, extent: float) -> tuple[ca.SX, ca.SX]:
-    """The load that exists, and standard deviations of its entries."""
-    load = known.entries.consistent(found.x, found.P, known.load_scales, extent)
-    return load, ca.sqrt(ca.fmax(ca.diag(found.P), 0)) * ca.SX(known.load_scales)
-
-
 def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:
     """Mass that is no change yet, in units of the largest; none where the gripper tells."""
     known = onsets.each[0].information
-    for one in onsets.each[1:]:
-        known = ca.fmax(known, one.information)
+    for onset in onsets.each[1:]:
+        known = ca.fmax(known, onset.information)
     open_ = ca.logic_and(gripper <= -0.5, ca.logic_not(held))
     return ca.if_else(open_, ca.fmin(1.0, alarm / ca.sqrt(known + 1e-12)), 0.0)
 
@@ -195,7 +182,7 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Esti
 _DEVIATIONS = 3.0
 
 
-def friction_bounds(model: Model, known: Knowledge, share: float) -> Bounds:
+def friction_bounds(model: Model, known: OnlineKnowledge, share: float) -> Bounds:
     """Lowest and highest deviation of each followed coefficient, in units of `friction_std`."""
     low, high = [], []
     for k, std in zip(known.followed, known.friction_std, strict=True):
@@ -206,7 +193,7 @@ def friction_bounds(model: Model, known: Knowledge, share: float) -> Bounds:
     return tuple(low), tuple(high)
 
 
-def friction_part(model: Model, known: Knowledge, x: ca.SX, bounds: Bounds) -> Part:
+def friction_part(model: Model, known: OnlineKnowledge, x: ca.SX, bounds: Bounds) -> CyclePart:
     """The followed coefficients as an output.
 
     Args:
@@ -216,4 +203,4 @@ def friction_part(model: Model, known: Knowledge, x: ca.SX, bounds: Bounds) -> P
     names = ", ".join(model.layout.names[k] for k in known.followed)
     value = ca.SX(model.p[list(known.followed)]) + ca.SX(np.array(known.friction_std)) * x
     field = Field("friction", len(known.followed), f"coefficients: {names}")
-    return Part((), (Given(field, value),))
+    return CyclePart((), (OutputField(field, value),))

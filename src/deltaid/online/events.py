@@ -5,14 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.online.online import Online, OnlineEstimate
+from deltaid.online.online import HALF, Online, OnlineEstimate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
 # When a mass is looked at for the first time [s].
 SOON = 0.2
-# Half of a 95 % interval in standard deviations.
-_HALF = 1.959964
 # An entry is shown if half of its interval is below this share of what such a load may have.
 _SHOWN = 0.25
 # A release that nobody told is found so late [s]; what was known before that is the load.
@@ -26,7 +24,7 @@ Times = Float[np.ndarray, " rows"]
 
 
 @dataclass(frozen=True)
-class Entry:
+class LoadEntry:
     """One entry of a load, such as its mass, with a 95 % interval.
 
     Attributes:
@@ -43,7 +41,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class HeldLoad:
+class WeighedLoad:
     """A load, as it was known when it was left.
 
     Attributes:
@@ -55,23 +53,23 @@ class HeldLoad:
     start: float
     end: float | None
     soon: tuple[float, float, float] | None
-    entries: tuple[Entry, ...]
+    entries: tuple[LoadEntry, ...]
 
     @property
-    def mass(self) -> Entry:
-        """[kg]."""
+    def mass(self) -> LoadEntry:
+        """Mass with its interval [kg]."""
         return self.entries[0]
 
     @property
     def centre(self) -> tuple[tuple[str, float], ...]:
         """Coordinates of its centre of mass that the motion showed [m]."""
-        first = [one for one in self.entries if one.name.startswith("mc") and one.shown]
-        return tuple((one.name[2:], one.value / self.mass.value) for one in first)
+        first = [entry for entry in self.entries if entry.name.startswith("mc") and entry.shown]
+        return tuple((entry.name[2:], entry.value / self.mass.value) for entry in first)
 
 
 @dataclass(frozen=True)
 class Touch:
-    """A contact.
+    """A contact of the robot with something.
 
     Attributes:
         start, end: [s].
@@ -98,7 +96,7 @@ class Touch:
 class _Held:
     start: float
     soon: tuple[float, float, float] | None = None
-    load: np.ndarray | None = None
+    entries: np.ndarray | None = None
     std: np.ndarray | None = None
     last: np.ndarray | None = None  # rows of time, load and std
 
@@ -114,16 +112,16 @@ class Loads:
         self._told, self._least = told, online.known.least_mass
         self._scales = np.array(online.known.load_scales)
         names = online.entries.names
-        self._names = [(one, INERTIA_UNITS[INERTIA_NAMES.index(one)]) for one in names]
+        self._names = [(name, INERTIA_UNITS[INERTIA_NAMES.index(name)]) for name in names]
         self._held: _Held | None = None
-        self._found: list[HeldLoad] = []
+        self._found: list[WeighedLoad] = []
 
     def broken(self) -> None:
         """Nothing is known behind a hole."""
         self._close(None)
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Some cycles more."""
+        """Take some more cycles."""
         begin = 0
         for k in np.flatnonzero(found.changed):
             self._hold(time[begin:k], found, slice(begin, int(k)))
@@ -146,31 +144,31 @@ class Loads:
         last = last[last[:, 0] >= time[-1] - _UNSEEN]
         since = time - self._held.start
         known = last[-1] if self._told or since[-1] < 2 * _UNSEEN else last[0]
-        self._held.last, (self._held.load, self._held.std) = last, np.split(known[1:], 2)
+        self._held.last, (self._held.entries, self._held.std) = last, np.split(known[1:], 2)
         if self._held.soon is None and since[-1] >= SOON:
             k = int(np.argmax(since >= SOON - 1e-9))
             low, high = found.mass_interval[rows][k]
             self._held.soon = float(found.mass[rows][k]), float(low), float(high)
 
     def _close(self, end: float | None) -> None:
-        one, self._held = self._held, None
-        if one is None or one.load is None or one.std is None:
+        load, self._held = self._held, None
+        if load is None or load.entries is None or load.std is None:
             return
-        if end is not None and end - one.start < _STEP and not self._told:
+        if end is not None and end - load.start < _STEP and not self._told:
             return
-        if one.load[0] < self._least and not self._told:
+        if load.entries[0] < self._least and not self._told:
             return
-        largest = self._scales * one.load[0] / self._scales[0]
+        largest = self._scales * load.entries[0] / self._scales[0]
         entries = []
         for i, (name, unit) in enumerate(self._names):
-            value, half = float(one.load[i]), _HALF * float(one.std[i])
+            value, half = float(load.entries[i]), HALF * float(load.std[i])
             low = max(value - half, 0.0) if name in ("m", "Ixx", "Iyy", "Izz") else value - half
             shown = i == 0 or half < _SHOWN * float(largest[i])
-            entries.append(Entry(name, unit, value, low, value + half, shown))
-        self._found.append(HeldLoad(one.start, end, one.soon, tuple(entries)))
+            entries.append(LoadEntry(name, unit, value, low, value + half, shown))
+        self._found.append(WeighedLoad(load.start, end, load.soon, tuple(entries)))
 
-    def found(self) -> tuple[HeldLoad, ...]:
-        """All of them."""
+    def finished(self) -> tuple[WeighedLoad, ...]:
+        """All of them, the last one closed."""
         self._close(None)
         return tuple(self._found)
 
@@ -198,34 +196,34 @@ class Touches:
         self._close()
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Some cycles more."""
+        """Take some more cycles."""
         out = found.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
-            at, size = float(time[k]), float(out["contact_size"][k, 0])
+            instant, size = float(time[k]), float(out["contact_size"][k, 0])
             now = self._now
-            if now is None or at - now.end > _APART:
+            if now is None or instant - now.end > _APART:
                 self._close()
                 none = np.zeros(len(self._drives) + 1)
-                now = self._now = _Touched(at, at, 0.0, none[:0], none[:0], none)
-            now.end = at
+                now = self._now = _Touched(instant, instant, 0.0, none[:0], none[:0], none)
+            now.end = instant
             now.votes[int(out["contact_limb"][k, 0])] += size**2
             if size > now.size:
                 now.size = size
                 now.force, now.effort = out["contact_force"][k], out["contact_effort"][k]
 
     def _close(self) -> None:
-        one, self._now = self._now, None
-        if one is None:
+        touch, self._now = self._now, None
+        if touch is None:
             return
-        limb = int(one.votes.argmax())
+        limb = int(touch.votes.argmax())
         if limb:
-            force, effort = None, float(one.effort[limb - 1])
+            force, effort = None, float(touch.effort[limb - 1])
         else:
-            force, effort = tuple(one.force.tolist()), None
+            force, effort = tuple(touch.force.tolist()), None
         place = self._drives[limb - 1] if limb else "platform"
-        self._found.append(Touch(one.start, one.end, place, force, effort, one.size))
+        self._found.append(Touch(touch.start, touch.end, place, force, effort, touch.size))
 
-    def found(self) -> tuple[Touch, ...]:
-        """All of them."""
+    def finished(self) -> tuple[Touch, ...]:
+        """All of them, the last one closed."""
         self._close()
         return tuple(self._found)

@@ -18,7 +18,7 @@ _LARGEST = 1e15
 
 
 @dataclass(frozen=True)
-class Kept:
+class StateField:
     """A field of the state: its symbol, what it becomes, and what it becomes in a bad cycle if that
     is something else."""
 
@@ -29,7 +29,7 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Given:
+class OutputField:
     """A field of the outputs."""
 
     field: Field
@@ -37,11 +37,11 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Part:
+class CyclePart:
     """What one concern adds to a cycle."""
 
-    kept: tuple[Kept, ...]
-    given: tuple[Given, ...]
+    kept: tuple[StateField, ...]
+    given: tuple[OutputField, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +73,14 @@ class StepGraph:
 
     @property
     def operations(self) -> int:
-        """Of a cycle."""
+        """How many a cycle takes."""
         f = self.function
         ends = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
         return sum(f.instruction_id(k) not in ends for k in range(f.n_instructions()))
 
 
 def assembled(
-    inputs: Layout, u: dict[str, ca.SX], good: ca.SX, parts: Sequence[Part], period: float
+    inputs: Layout, u: dict[str, ca.SX], good: ca.SX, parts: Sequence[CyclePart], period: float
 ) -> StepGraph:
     """One graph of all parts.
 
@@ -88,24 +88,25 @@ def assembled(
         inputs, u: what is read, with its symbols.
         good: 1 where the inputs can be used.
     """
-    kept = [one for part in parts for one in part.kept if one.field.size]
-    given = [one for part in parts for one in part.given if one.field.size]
-    state, outputs = Layout.of(*(one.field for one in kept)), Layout.of(*(g.field for g in given))
+    kept = [k for part in parts for k in part.kept if k.field.size]
+    given = [g for part in parts for g in part.given if g.field.size]
+    state, outputs = (
+        Layout.from_fields(*(k.field for k in kept)),
+        Layout.from_fields(*(g.field for g in given)),
+    )
     following = state.vector(
         {
-            one.field.name: one.following
-            if one.spoilt is None
-            else chosen(good, one.following, one.spoilt)
-            for one in kept
+            k.field.name: k.following if k.spoilt is None else chosen(good, k.following, k.spoilt)
+            for k in kept
         }
     )
-    y = outputs.vector({one.field.name: one.value for one in given})
+    y = outputs.vector({g.field.name: g.value for g in given})
     status = Field("status", 1, "0 for a good cycle, 1 for one that could not be used")
     return StepGraph(
         state,
         inputs,
-        outputs + Layout.of(status),
-        ca.vertcat(ca.SX(0, 1), *(one.symbol for one in kept)),
+        outputs + Layout.from_fields(status),
+        ca.vertcat(ca.SX(0, 1), *(k.symbol for k in kept)),
         inputs.vector(u),
         following,
         ca.vertcat(y, 1 - good),

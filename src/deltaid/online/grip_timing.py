@@ -31,7 +31,7 @@ _GRID = _STEP * np.arange(-round(0.2 / _STEP), round(0.2 / _STEP) + 1)
 
 @dataclass(frozen=True)
 class Offset:
-    """Of the signals of one kind.
+    """How early signals of one kind come.
 
     Attributes:
         low, high: how much later than the signal the load is held, or left [s]: while a robot
@@ -47,7 +47,7 @@ class Offset:
 
     @property
     def middle(self) -> float:
-        """Of what it may be [s]."""
+        """Middle of what it may be [s]."""
         return 0.5 * (self.low + self.high)
 
 
@@ -78,7 +78,7 @@ class GripTiming:
         lifted: Float[np.ndarray, "rows drives"],
         lacking: Float[np.ndarray, "rows drives"],
     ) -> None:
-        """Some cycles more.
+        """Take some more cycles.
 
         Args:
             told: what the gripper says.

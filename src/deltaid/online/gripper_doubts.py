@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from deltaid.errors import Doubt
-from deltaid.online.events import HeldLoad
+from deltaid.online.events import WeighedLoad
 from deltaid.online.grip_timing import Offset
 from deltaid.online.replay import EMPTY, HOLDS
-from deltaid.online.suspicion import Seen
+from deltaid.online.suspicion import RunEvidence
 
 # Share of the time that the gripper calls empty with a contact, beyond which something is held.
 _TOUCHED = 0.2
@@ -19,7 +19,7 @@ _OFF, _ALIKE = 0.008, 0.011
 
 
 def gripper_doubts(
-    seen: Seen, loads: Sequence[HeldLoad], grip_time: float, *, is_column: bool = True
+    seen: RunEvidence, loads: Sequence[WeighedLoad], grip_time: float, *, is_column: bool = True
 ) -> tuple[Doubt, ...]:
     """All that speaks against the gripper's signal.
 
@@ -32,7 +32,7 @@ def gripper_doubts(
     return constant or wrong or tuple(_without_part(loads))
 
 
-def _constant(seen: Seen) -> Iterator[Doubt]:
+def _constant(seen: RunEvidence) -> Iterator[Doubt]:
     if seen.told <= {EMPTY} or seen.told <= {HOLDS}:
         what = "empty" if EMPTY in seen.told else "something held"
         yield Doubt(
@@ -43,13 +43,13 @@ def _constant(seen: Seen) -> Iterator[Doubt]:
         )
 
 
-def _weightless(loads: Sequence[HeldLoad]) -> int:
+def _weightless(loads: Sequence[WeighedLoad]) -> int:
     """How many weigh nothing, if that is worth a word; else 0."""
-    nothing = sum(one.mass.low <= 0 for one in loads)
+    nothing = sum(load.mass.low <= 0 for load in loads)
     return nothing if nothing >= max(1, _SHARE * len(loads)) else 0
 
 
-def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+def _inverted(seen: RunEvidence, loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
     nothing = _weightless(loads)
     if nothing and seen.touched_empty > _TOUCHED * seen.empty:
         yield Doubt(
@@ -60,7 +60,7 @@ def _inverted(seen: Seen, loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
         )
 
 
-def _without_part(loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
+def _without_part(loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
     nothing = _weightless(loads)
     if nothing:
         yield Doubt(
@@ -70,14 +70,14 @@ def _without_part(loads: Sequence[HeldLoad]) -> Iterator[Doubt]:
         )
 
 
-def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
+def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     """Signals that come before or after what they tell of."""
     kinds = {"are taken": seen.taken, "are left": seen.left}
-    shown = {word: one for word, one in kinds.items() if one.low or one.high}
+    shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
     off = {w: o for w, o in shown.items() if abs(_least(o, grip_time)) > _OFF}
     if not off:
         return
-    low, high = max(one.low for one in off.values()), min(one.high for one in off.values())
+    low, high = max(o.low for o in off.values()), min(o.high for o in off.values())
     alike = len(off) == 2 and high > low - _ALIKE
     if alike:
         low, high = min(low, high), max(low, high)
@@ -87,7 +87,7 @@ def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
             f"{_in_words(o.low, o.high, grip_time)} loads {w}" for w, o in off.items()
         )
     signals, saying = (sum(getattr(o, n) for o in off.values()) for n in ("signals", "saying"))
-    early = min(one.middle for one in off.values()) > grip_time
+    early = min(offset.middle for offset in off.values()) > grip_time
     yield Doubt(
         f"the gripper tells {said} ({saying} of {signals} signals show it): masses of the first "
         "tenths of a second are wrong, later ones a little, and contacts about then may be the "
@@ -101,9 +101,9 @@ def _apart(seen: Seen, grip_time: float) -> Iterator[Doubt]:
     )
 
 
-def _least(one: Offset, grip_time: float) -> float:
+def _least(offset: Offset, grip_time: float) -> float:
     """By how much it is off at least [s]."""
-    return float(np.clip(grip_time, one.low, one.high)) - grip_time
+    return float(np.clip(grip_time, offset.low, offset.high)) - grip_time
 
 
 def _in_words(low: float, high: float, grip_time: float) -> str:

@@ -6,6 +6,7 @@ takes the motion of w = max(0, δ_1, …) ago, and of each drive the torque that
 ago: all of one instant. What lies between two cycles is interpolated along a straight line. The
 numbers that wait stand one behind the other and move on by one a cycle, so their count and the work
 are fixed.
+
 The pose z of measured drive coordinates is a closed form, or found by Newton steps cycle by cycle.
 """
 
@@ -21,14 +22,28 @@ from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model
-from deltaid.online.graph import Kept, only_if
+from deltaid.online.graph import StateField, chosen, only_if
 from deltaid.online.layout import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
 # How long a signal may wait: seconds and cycles.
 _LONGEST, _MOST = 0.05, 500
+# How long filters remember what they began with, in their time constants.
+_SETTLED = 3.0
 # A part of a cycle that is none.
 _NONE = 1e-6
+
+
+def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
+    """What a cycle reads."""
+    dof, units = model.dynamics.dof, model.robot
+    angle = "m" if all(units.is_linear(drive) for drive in units.drives) else "rad"
+    return Layout.from_fields(
+        Field("q", dof, "drive coordinates", angle),
+        Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
+        Field("tau", dof, "torques or forces as the drives report them"),
+        Field("gripper", 1, "1 holds, 0 empty, -1 not told", initial=-1.0),
+    )
 
 
 @dataclass(frozen=True)
@@ -48,11 +63,11 @@ class Waits:
         """Cycles by which what is known is late, the nearest whole number."""
         return round(self.motion)
 
-    def of(self, inputs: Layout) -> list[float]:
+    def of_inputs(self, inputs: Layout) -> list[float]:
         """Of each number that a cycle reads: the gripper goes with the motion, in whole cycles."""
         each = {"tau": list(self.torque), "gripper": [float(self.whole)]}
         waits = (each.get(f.name, [self.motion] * f.size) for f in inputs.fields)
-        return [one for field in waits for one in field]
+        return [wait for field in waits for wait in field]
 
 
 def waits(model: Model, settings: OnlineSettings) -> Waits:
@@ -86,7 +101,7 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class AlignedInputs:
     """What a cycle reads, all of one instant.
 
     Attributes:
@@ -97,12 +112,12 @@ class Line:
 
     u: dict[str, ca.SX]
     cycles: int
-    kept: tuple[Kept, ...]
+    kept: tuple[StateField, ...]
 
 
 def line(
     inputs: Layout, u: dict[str, ca.SX], waits: Sequence[float], goes_on: ca.SX, finite: ca.SX
-) -> Line:
+) -> AlignedInputs:
     """Let signals wait.
 
     Args:
@@ -115,13 +130,13 @@ def line(
     """
     counts = [int(np.ceil(wait)) for wait in waits]
     if not any(counts):
-        return Line(u, 0, ())
+        return AlignedInputs(u, 0, ())
     past, start = ca.SX.sym("waiting", sum(counts)), 0
     then, following = list[ca.SX](), list[ca.SX]()
     now = ca.vertsplit(only_if(finite, inputs.vector(u)))
-    for one, wait, count in zip(now, waits, counts, strict=True):
+    for number, wait, count in zip(now, waits, counts, strict=True):
         before = ca.vertsplit(past[start : start + count]) if count else []
-        values = [one, *(ca.if_else(goes_on, value, one) for value in before)]
+        values = [number, *(ca.if_else(goes_on, value, number) for value in before)]
         share = count - wait
         then.append(
             share * values[count - 1] + (1 - share) * values[count] if share else values[-1]
@@ -129,8 +144,63 @@ def line(
         following += values[:count]
         start += count
     field = Field("waiting", start, "what waits, number by number, the latest first")
-    u = {name: ca.vertcat(*then[at]) for name, at in inputs.places.items()}
-    return Line(u, max(counts), (Kept(field, past, ca.vertcat(*following)),))
+    u = {name: ca.vertcat(*then[place]) for name, place in inputs.places.items()}
+    return AlignedInputs(u, max(counts), (StateField(field, past, ca.vertcat(*following)),))
+
+
+@dataclass(frozen=True, eq=False)
+class CycleInstant:
+    """Where and how fast the robot is at one instant, and the torques there.
+
+    Attributes:
+        live: 1 where the cycles before were good, and
+        settled: for so long that filters have forgotten what they began with.
+        holds: whether the torque stays until the next instant.
+    """
+
+    q: ca.SX
+    qd: ca.SX
+    tau: ca.SX
+    live: ca.SX
+    settled: ca.SX
+    holds: bool
+    kept: tuple[StateField, ...]
+
+
+def instant(
+    waited: AlignedInputs, count: ca.SX, gains: ca.SX, settings: OnlineSettings
+) -> CycleInstant:
+    """This cycle's, or the middle between the last one's and this one's.
+
+    A torque that holds between two positions is that of the middle.
+
+    Args:
+        waited: what is read, of one instant.
+        count: good cycles in a row.
+    """
+    u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
+    held = settings.torque == "held"
+    needed = waited.cycles + (1 if settings.speed == "measured" else 2)
+    most = needed + round(_SETTLED * settings.rate / settings.corner)
+    field = Field("live", 1, f"good cycles in a row, up to {most}")
+    kept = [StateField(field, count, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
+    live, settled = count >= needed, count >= most
+    if settings.speed == "measured":
+        return CycleInstant(q, u["qd"], tau, live, settled, held, tuple(kept))
+    dof = q.numel()
+    q_before, tau_before = ca.SX.sym("q_before", dof), ca.SX.sym("tau_before", dof)
+    kept += [
+        StateField(
+            Field("q_before", dof, "drive coordinates of the cycle before"), q_before, q, q_before
+        ),
+        StateField(
+            Field("tau_before", dof, "torques of the cycle before"), tau_before, tau, tau_before
+        ),
+    ]
+    last = chosen(count > 0, q_before, q)
+    middle = tau_before if held else 0.5 * (tau + tau_before)
+    speed = (q - last) / settings.period
+    return CycleInstant(0.5 * (q + last), speed, middle, live, settled, False, tuple(kept))
 
 
 # Newton's steps a cycle; each squares the distance, and a robot moves a few millimetres a cycle.
@@ -139,16 +209,8 @@ _STEPS = 2
 _CLOSED = 1e-5
 
 
-@dataclass(frozen=True)
-class Pose:
-    """z of one cycle, and whether the loops close there."""
-
-    z: ca.SX
-    closed: ca.SX
-
-
-def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> Pose:
-    """z of q.
+def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """z of q, and whether the loops close there.
 
     Args:
         near: the cycle before's.
@@ -157,7 +219,7 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> Pose:
     if form is not None:
         found = ca.Function("z", [mechanism.q_symbols], [form.z, form.margin, form.modes])
         z, margin, modes = found(q)
-        return Pose(z, ca.logic_and(margin > 0, ca.mmin(modes) > 0))
+        return z, ca.logic_and(margin > 0, ca.mmin(modes) > 0)
     step = mechanism.z - inverse(ca.jacobian(mechanism.closure, mechanism.z)) @ mechanism.closure
     move = ca.Function("move", [mechanism.z, mechanism.q_symbols], [step])
     check = ca.Function(
@@ -167,4 +229,4 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> Pose:
     for _ in range(_STEPS):
         z = move(z, q)
     gap, modes = check(z, q)
-    return Pose(z, ca.logic_and(ca.sum1(ca.fabs(gap)) < _CLOSED, ca.mmin(modes) > 0))
+    return z, ca.logic_and(ca.sum1(ca.fabs(gap)) < _CLOSED, ca.mmin(modes) > 0)

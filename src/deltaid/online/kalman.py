@@ -15,7 +15,7 @@ import casadi as ca
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Update:
     """What one measured number does.
 
     Attributes:
@@ -55,7 +55,7 @@ class Estimate:
 
     def measured(
         self, row: ca.SX, value: ca.SX, variance: ca.SX, weight: ca.SX
-    ) -> tuple["Estimate", Told]:
+    ) -> tuple["Estimate", Update]:
         """With one number known, value = row·x and noise of this variance.
 
         Args:
@@ -66,5 +66,5 @@ class Estimate:
         share = weight / total
         gain = moves * share
         P = ca.tril2symm(ca.tril(self.P - gain @ moves.T))
-        told = Told(row, innovation * weight, total, gain)
-        return Estimate(self.x + gain * innovation, P), told
+        update = Update(row, innovation * weight, total, gain)
+        return Estimate(self.x + gain * innovation, P), update

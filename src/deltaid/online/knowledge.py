@@ -39,7 +39,7 @@ _TARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class OnlineKnowledge:
     """Numbers that a cycle is made with.
 
     Attributes:
@@ -69,7 +69,7 @@ class Knowledge:
     largest: Float[np.ndarray, " drives"]
 
 
-def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
+def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     """What is known of a model.
 
     Raises:
@@ -99,8 +99,10 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     root = _root(model)
     followed = tuple(
         k
-        for k, one in enumerate(layout.parameters)
-        if one.kind == "friction" and one.symbol in _FOLLOWED and one.owner in model.robot.drives
+        for k, parameter in enumerate(layout.parameters)
+        if parameter.kind == "friction"
+        and parameter.symbol in _FOLLOWED
+        and parameter.owner in model.robot.drives
     )
     std = np.sqrt(np.sum(root[list(followed)] ** 2, axis=1))
     std = np.maximum(std, settings.friction_range / 2 * np.abs(model.p[list(followed)]))
@@ -113,7 +115,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> Knowledge:
     mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
     tare = np.zeros((len(model.p), 1))
     tare[layout.body(entries.body).start] = _TARE * mass
-    return Knowledge(
+    return OnlineKnowledge(
         entries=entries,
         load_scales=entries.scales(mass, settings.extent),
         least_mass=settings.least_mass or 0.01 * mass,
@@ -165,5 +167,8 @@ def _root(model: Model) -> Float[np.ndarray, "parameters n"]:
     if found is not None:
         return np.diag([parameter.std for parameter in found.parameters])
     spreads = stated_spreads(model.robot)
-    sizes = [spreads.get(one.name, model.prior_spread) * one.scale for one in layout.parameters]
+    sizes = [
+        spreads.get(parameter.name, model.prior_spread) * parameter.scale
+        for parameter in layout.parameters
+    ]
     return np.diag(sizes)

@@ -47,8 +47,8 @@ class Layout:
     fields: tuple[Field, ...]
 
     @classmethod
-    def of(cls, *fields: Field) -> "Layout":
-        """Of the fields that have any number.
+    def from_fields(cls, *fields: Field) -> "Layout":
+        """A layout of the fields that have any number.
 
         Raises:
             ValueError: two have the same name.
@@ -67,7 +67,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Of the vector."""
+        """How many numbers the vector has."""
         return sum(field.size for field in self.fields)
 
     @property
@@ -97,7 +97,7 @@ class Layout:
         self, vector: Float[np.ndarray, "*samples size"]
     ) -> dict[str, Float[np.ndarray, "..."]]:
         """A vector, or many, by fields."""
-        return {name: vector[..., at] for name, at in self.places.items()}
+        return {name: vector[..., place] for name, place in self.places.items()}
 
     def __add__(self, other: "Layout") -> "Layout":
-        return Layout.of(*self.fields, *other.fields)
+        return Layout.from_fields(*self.fields, *other.fields)

@@ -138,7 +138,7 @@ def _smooth_sign(rest: float) -> Sign:
 
 
 def _rate(matrix: ca.SX, x: ca.SX, xd: ca.SX) -> ca.SX:
-    """∂matrix/∂x ẋ."""
+    """The matrix's rate ∂matrix/∂x ẋ."""
     flat = ca.vec(ca.densify(matrix))
     return ca.sparsify(ca.reshape(ca.jtimes(flat, x, xd), *matrix.shape))
 

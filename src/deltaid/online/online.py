@@ -16,12 +16,12 @@ from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import MorePart, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
-from deltaid.online.knowledge import Knowledge, knowledge
+from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.shown import Named
 
 # Half of a 95 % interval in standard deviations.
-_HALF = 1.959964
+HALF = 1.959964
 _NOT_TOLD = -1.0
 
 Rows = Float[np.ndarray, "samples dof"]
@@ -59,7 +59,7 @@ class OnlineEstimate(Named):
 
     @property
     def mass(self) -> Float[np.ndarray, "*samples"]:
-        """Of the load [kg]."""
+        """Mass of the load [kg]."""
         return np.asarray(self.load[..., 0])
 
     @property
@@ -103,7 +103,7 @@ class OnlineEstimate(Named):
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
         """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
         be held unnoticed."""
-        half = _HALF * self.load_std[..., 0]
+        half = HALF * self.load_std[..., 0]
         low, high = self.mass - half, self.mass + half + self.unnoticed
         return np.maximum(np.stack([low, high], axis=-1), 0.0)
 
@@ -117,7 +117,7 @@ class FeedForward:
             where a noisy measurement does.
     """
 
-    def __init__(self, model: Model, known: Knowledge) -> None:
+    def __init__(self, model: Model, known: OnlineKnowledge) -> None:
         e, layout = model.dynamics.equations, model.layout
         self.z, self.qd, self.qdd = e.z, e.qd, e.qdd
         self.load = ca.SX.sym("load", len(known.entries.shown))
@@ -161,7 +161,7 @@ class Online(Named):
         model: anything that stands for a robot with its parameters; best an identified model, whose
             intervals then are in those of the load.
         settings: what else is known of the robot; or `rate` alone.
-        rate: cycles a second [Hz], in place of that of the settings (`OnlineSettings.at`).
+        rate: cycles a second [Hz], in place of that of the settings (`OnlineSettings.at_rate`).
         more: further parts of the cycle. Contact is one of them by itself where the model is
             identified: without its intervals nothing says what is a contact.
 
@@ -180,14 +180,14 @@ class Online(Named):
         self.model: Model = load(model)
         self.settings = settings or OnlineSettings()
         if rate is not None:
-            self.settings = self.settings.at(rate)
-        self.known: Knowledge = knowledge(self.model, self.settings)
+            self.settings = self.settings.at_rate(rate)
+        self.known: OnlineKnowledge = knowledge(self.model, self.settings)
         parts = (*standard_parts(self.model), *more)
         self.graph: StepGraph = step_graph(self.model, self.settings, parts, self.known)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all of the past."""
         self.state: Float[np.ndarray, " state"] = self.graph.state.initial
 
     @property
@@ -207,7 +207,7 @@ class Online(Named):
         tau: Float[np.ndarray, " dof"],
         gripper: bool | None = None,
     ) -> OnlineEstimate:
-        """One cycle.
+        """Advance by one cycle.
 
         Args:
             q: measured drive coordinates.
@@ -269,12 +269,11 @@ class Online(Named):
 
     def _estimate(self, y: Float[np.ndarray, "*samples outputs"]) -> OnlineEstimate:
         fields = self.graph.outputs.split(y)
-        one = {name: np.asarray(fields[name][..., 0] > 0.5) for name in ("held", "changed")}
         empty = np.zeros((*y.shape[:-1], 0))
         return OnlineEstimate(
             names=self.entries.names,
-            held=one["held"],
-            changed=one["changed"],
+            held=np.asarray(fields["held"][..., 0] > 0.5),
+            changed=np.asarray(fields["changed"][..., 0] > 0.5),
             load=fields["load"],
             load_std=fields["load_std"],
             friction=fields.get("friction", empty),

@@ -16,7 +16,7 @@ from deltaid.identification.as_identified import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.words import percent
-from deltaid.online.columns import Speeds, judged_wiring, speeds_of
+from deltaid.online.columns import RecordedSpeeds, judged_wiring, speeds_of
 from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
@@ -38,7 +38,7 @@ _BLOCK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Cycles:
     """Consecutive cycles, one a row.
 
     Attributes:
@@ -73,7 +73,7 @@ class Replay:
 
     log: Log
     delay: tuple[float, ...]
-    speeds: Speeds
+    speeds: RecordedSpeeds
     masks: tuple[Mask, ...]
     ends: tuple[float, ...]
     doubts: tuple[Doubt, ...]
@@ -96,14 +96,14 @@ class Replay:
     def settings(self, given: OnlineSettings) -> OnlineSettings:
         """Settings with what the recording decides: rate, speeds, and lags where these are open."""
         return replace(
-            given.at(self.rate),
+            given.at_rate(self.rate),
             speed="measured" if self.has_velocity else "differenced",
             speed_noise=self.speeds.noise,
             delay=self.delay if given.delay is None else given.delay,
             torque_ends=self.ends,
         )
 
-    def rows(self) -> Iterator[Rows]:
+    def rows(self) -> Iterator[Cycles]:
         """All cycles, in blocks; after a hole the first block begins anew."""
         for segment in self.log.segments(None):
             begins = True
@@ -134,7 +134,7 @@ class Replay:
         ]
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
 
-    def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Rows:
+    def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
         c, dof = self.log.columns, len(self.log.columns.torque)
         time, told = values[:, 0], values[:, c.extra_places]
         gripper = np.full(len(values), NOT_TOLD)
@@ -142,7 +142,7 @@ class Replay:
             gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
         tau = values[:, c.torque_places].copy()
         tau[self._without_power(time)] = np.nan
-        return Rows(
+        return Cycles(
             begins,
             time,
             values[:, 1 : 1 + dof],

@@ -107,11 +107,11 @@ class OnlineSettings:
         """How large a residual must be for a contact, in deviations (`online.contact`)."""
         return threshold(self.false_alarms, self.corner, dof)
 
-    def at(self, rate: float) -> "OnlineSettings":
+    def at_rate(self, rate: float) -> "OnlineSettings":
         """The same at another rate, with a filter that is no faster than a fifth of it."""
         return replace(self, rate=rate, corner=min(self.corner, rate / _CYCLES))
 
     @property
     def period(self) -> float:
-        """Of a cycle [s]."""
+        """Seconds that a cycle takes."""
         return 1 / self.rate

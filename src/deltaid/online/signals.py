@@ -7,15 +7,13 @@ import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
-from deltaid.online.graph import Kept, Part, all_finite, chosen, only_if
-from deltaid.online.instant import Line, line, pose, waits
-from deltaid.online.knowledge import Knowledge
+from deltaid.online.graph import CyclePart, StateField, all_finite, chosen, only_if
+from deltaid.online.instant import inputs_of, instant, line, pose, waits
+from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.layout import Field, Layout
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum, filtered_torque
 from deltaid.online.settings import OnlineSettings
 
-# How long filters remember what they began with, in their time constants.
-_SETTLED = 3.0
 # Friction by what gears carry that a model may lack, as a share of that.
 _CARRIED = 0.03
 
@@ -29,12 +27,12 @@ class Signals:
         good: 1 where it can be used and the loops close.
         live: 1 where this cycle is good and those before were, so that filters have a past, and
         settled: for so long that they have forgotten what they began with.
-        z, qd, tau: pose, speeds, and torques on the joints' side.
+        z, qd: pose and speeds.
         gripper: what it told at that time.
         torque: filtered torque, as measured.
         residual: ρ, filtered torque that the model without any load does not explain.
         columns: filtered torques of a load's entries, of the model's own directions and of the
-            followed friction, for one unit of each (`Knowledge`); δ × n.
+            followed friction, for one unit of each (`OnlineKnowledge`); δ × n.
         smooth_residual, smooth_columns: both through the same filter once more. Noise of speeds, of
             which ρ and columns have the same and which would make loads look lighter, falls there
             with the frequency.
@@ -52,7 +50,6 @@ class Signals:
     settled: ca.SX
     z: ca.SX
     qd: ca.SX
-    tau: ca.SX
     gripper: ca.SX
     torque: ca.SX
     residual: ca.SX
@@ -68,21 +65,9 @@ class Signals:
     momentum: Momentum
 
 
-def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
-    """What a cycle reads."""
-    dof, units = model.dynamics.dof, model.robot
-    angle = "m" if all(units.is_linear(drive) for drive in units.drives) else "rad"
-    return Layout.of(
-        Field("q", dof, "drive coordinates", angle),
-        Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
-        Field("tau", dof, "torques or forces as the drives report them"),
-        Field("gripper", 1, "1 holds, 0 empty, -1 not told", initial=-1.0),
-    )
-
-
 def signals(
-    model: Model, known: Knowledge, settings: OnlineSettings, anew: ca.SX
-) -> tuple[Signals, Part]:
+    model: Model, known: OnlineKnowledge, settings: OnlineSettings, anew: ca.SX
+) -> tuple[Signals, CyclePart]:
     """The first part of a cycle.
 
     Args:
@@ -92,130 +77,91 @@ def signals(
     inputs = inputs_of(model, settings)
     u = inputs.symbols("in")
     finite, count = all_finite(inputs.vector(u)), ca.SX.sym("live")
-    waited = line(inputs, u, waits(model, settings).of(inputs), count > 0, finite)
-    now = _instant(waited, count, ca.SX(model.gains), settings)
-    q, qd, tau = now.q, now.qd, now.tau
+    waited = line(inputs, u, waits(model, settings).of_inputs(inputs), count > 0, finite)
+    now = instant(waited, count, ca.SX(model.gains), settings)
     near = ca.SX.sym("z", dof)
-    found = pose(mechanism, near, q)
+    z, closed = pose(mechanism, near, now.q)
     momentum, D = _columns(model, known, settings)
-    load = _carried(model, qd, tau)
-    period, K = settings.period, settings.corner
-    lines = Lowpass.lines(K, period)
+    load = _carried(model, now.qd, now.tau)
     along = ca.Function(
         "columns",
         [momentum.z, momentum.qd, momentum.load],
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
-    parts = along(found.z, qd, load)
-    lacked = _lacked(known, settings, qd, load)
+    parts = along(z, now.qd, load)
+    lacked = _lacked(known, settings, now.qd, load)
     parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
-    computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
-    good = ca.logic_and(finite, ca.logic_and(found.closed, computed))
+    computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], now.tau)) for p in parts[:2]))
+    good = ca.logic_and(finite, ca.logic_and(closed, computed))
     of_momentum, rest, dry = (only_if(good, part) for part in parts)
-    qd, tau, z = only_if(good, qd), only_if(good, tau), chosen(good, found.z, ca.SX(model.home))
+    qd, tau = only_if(good, now.qd), only_if(good, now.tau)
     live = ca.logic_and(now.live, good)
+    begins = ca.logic_or(anew, ca.logic_not(live))
+    lines = Lowpass.lines(settings.corner, settings.period)
+    of_torque = Lowpass.held(settings.corner, settings.period) if now.holds else lines
+    torque, torque_kept = _filtered("torque", of_torque, tau, of_torque.before * tau, begins)
     shape = (ca.DM(of_momentum.sparsity(), 1) + ca.DM(rest.sparsity(), 1)).sparsity()
     before = ca.SX.sym("columns", shape.nnz())
-    f = filtered_torque(of_momentum, rest, ca.SX(shape, before), lines, K)
-    of_torque = Lowpass.held(K, period) if now.holds else lines
-    torque_before, dry_before = ca.SX.sym("torque", dof), ca.SX.sym("dry", dof)
-    torque = of_torque.output(torque_before, tau)
-    dry = dry + _beyond(model, tau, settings)
-    dry_now = lines.output(dry_before, dry)
-    slow_before, slow = ca.SX.sym("slow", dof), 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
-    slow_now = lines.output(slow_before, slow)
+    f = filtered_torque(of_momentum, rest, ca.SX(shape, before), lines, settings.corner)
+    columns_kept = _kept("columns", before, f.kept, f.resting, shape, begins)
     both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
-    smooth_shape = both.sparsity()
-    smooth_before = ca.SX.sym("smooth", smooth_shape.nnz())
-    smooth = lines.output(ca.SX(smooth_shape, smooth_before), both)
-    begins = ca.logic_or(anew, ca.logic_not(live))
-    at = np.cumsum([1, len(known.entries.shown), known.directions.shape[1], len(known.followed)])
-    kept = [
-        _z(near, finite, found.z, model),
-        *now.kept,
-        _filter(
-            "torque", torque_before, of_torque.keep(torque, tau), of_torque.before * tau, begins
-        ),
-        _filter("columns", before, _entries(f.kept, shape), _entries(f.resting, shape), begins),
-        _filter(
-            "smooth",
-            smooth_before,
-            _entries(lines.keep(smooth, both), smooth_shape),
-            ca.SX.zeros(smooth_shape.nnz()),
-            begins,
-        ),
-        _filter("dry", dry_before, lines.keep(dry_now, dry), lines.keep(dry, dry), begins),
-        _filter("slow", slow_before, lines.keep(slow_now, slow), lines.keep(slow, slow), begins),
-    ]
+    smooth, smooth_kept = _filtered("smooth", lines, both, ca.SX(*both.shape), begins)
+    dry = dry + _beyond(model, tau, settings)
+    dry, dry_kept = _filtered("dry", lines, dry, lines.keep(dry, dry), begins)
+    slow = 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
+    slow, slow_kept = _filtered("slow", lines, slow, lines.keep(slow, slow), begins)
+    of_filters = torque_kept, columns_kept, smooth_kept, dry_kept, slow_kept
+    kept = (_pose_kept(near, finite, z, model), *now.kept, *of_filters)
+    counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
+    ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
-        inputs, u, good, live, ca.logic_and(now.settled, good), z, qd, tau, waited.u["gripper"],
+        inputs=inputs,
+        u=u,
+        good=good,
+        live=live,
+        settled=ca.logic_and(now.settled, good),
+        z=chosen(good, z, ca.SX(model.home)),
+        qd=qd,
+        gripper=waited.u["gripper"],
         torque=only_if(live, torque),
         residual=both[:, 0],
         columns=both[:, 1:],
         smooth_residual=smooth[:, 0],
         smooth_columns=smooth[:, 1:],
-        at_load=slice(0, int(at[1]) - 1),
-        at_directions=slice(int(at[1]) - 1, int(at[2]) - 1),
-        at_friction=slice(int(at[2]) - 1, int(at[3]) - 1),
-        at_lacked=slice(int(at[3]) - 1, int(at[3]) - 1 + lacked.shape[1]),
-        dry=dry_now,
-        slow=slow_now,
+        at_load=slice(*ends[:2]),
+        at_directions=slice(*ends[1:3]),
+        at_friction=slice(*ends[2:4]),
+        at_lacked=slice(*ends[3:]),
+        dry=dry,
+        slow=slow,
         momentum=momentum,
-    ), Part(tuple(kept), ())  # fmt: skip
+    ), CyclePart(kept, ())
 
 
-@dataclass(frozen=True, eq=False)
-class _Instant:
-    """Where and how fast the robot is at one instant, and the torques there.
-
-    Attributes:
-        live: 1 where the cycles before were good, and
-        settled: for so long that filters have forgotten what they began with.
-        holds: whether the torque stays until the next instant.
-    """
-
-    q: ca.SX
-    qd: ca.SX
-    tau: ca.SX
-    live: ca.SX
-    settled: ca.SX
-    holds: bool
-    kept: tuple[Kept, ...]
-
-
-def _instant(waited: Line, count: ca.SX, gains: ca.SX, settings: OnlineSettings) -> _Instant:
-    """This cycle's, or the middle between the last one's and this one's.
-
-    A torque that holds between two positions is that of the middle.
+def _filtered(
+    name: str, lowpass: Lowpass, x: ca.SX, resting: ca.SX, begins: ca.SX
+) -> tuple[ca.SX, StateField]:
+    """x through a filter, and what is kept for that.
 
     Args:
-        waited: what is read, of one instant.
-        count: good cycles in a row.
+        resting: what is kept where the filter begins anew.
     """
-    u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
-    held = settings.torque == "held"
-    needed = waited.cycles + (1 if settings.speed == "measured" else 2)
-    most = needed + round(_SETTLED * settings.rate / settings.corner)
-    field = Field("live", 1, f"good cycles in a row, up to {most}")
-    kept = [Kept(field, count, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
-    live, settled = count >= needed, count >= most
-    if settings.speed == "measured":
-        return _Instant(q, u["qd"], tau, live, settled, held, tuple(kept))
-    dof = q.numel()
-    q_before, tau_before = ca.SX.sym("q_before", dof), ca.SX.sym("tau_before", dof)
-    kept += [
-        Kept(
-            Field("q_before", dof, "drive coordinates of the cycle before"), q_before, q, q_before
-        ),
-        Kept(Field("tau_before", dof, "torques of the cycle before"), tau_before, tau, tau_before),
-    ]
-    last = chosen(count > 0, q_before, q)
-    middle = tau_before if held else 0.5 * (tau + tau_before)
-    speed = (q - last) / settings.period
-    return _Instant(0.5 * (q + last), speed, middle, live, settled, False, tuple(kept))
+    before = ca.SX.sym(name, x.nnz())
+    y = lowpass.output(ca.SX(x.sparsity(), before), x)
+    return y, _kept(name, before, lowpass.keep(y, x), resting, x.sparsity(), begins)
 
 
-def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[Momentum, ca.DM]:
+def _kept(
+    name: str, before: ca.SX, kept: ca.SX, resting: ca.SX, shape: ca.Sparsity, begins: ca.SX
+) -> StateField:
+    kept, resting = (ca.project(matrix, shape).nz[:] for matrix in (kept, resting))
+    field = Field(name, before.numel(), f"filter of {name}")
+    return StateField(field, before, chosen(begins, resting, kept))
+
+
+def _columns(
+    model: Model, known: OnlineKnowledge, settings: OnlineSettings
+) -> tuple[Momentum, ca.DM]:
     """The equations, and directions of p: the model's own, a load, its errors, friction."""
     rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
@@ -226,16 +172,12 @@ def _columns(model: Model, known: Knowledge, settings: OnlineSettings) -> tuple[
     return momentum, ca.sparsify(ca.DM(D))
 
 
-def _lacked(known: Knowledge, settings: OnlineSettings, qd: ca.SX, load: ca.SX) -> ca.SX:
+def _lacked(known: OnlineKnowledge, settings: OnlineSettings, qd: ca.SX, load: ca.SX) -> ca.SX:
     """Friction that many gears have and few models: more of it at low speed, and with what gears
     carry; each the same share of all drives."""
     sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
     falling = known.unmodelled_slow * sign * ca.exp(-((qd / ca.SX(known.slow_speed)) ** 2))
     return ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
-
-
-def _entries(matrix: ca.SX, shape: ca.Sparsity) -> ca.SX:
-    return ca.project(matrix, shape).nz[:]
 
 
 def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
@@ -266,14 +208,9 @@ def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
     return found
 
 
-def _z(near: ca.SX, finite: ca.SX, z: ca.SX, model: Model) -> Kept:
+def _pose_kept(near: ca.SX, finite: ca.SX, z: ca.SX, model: Model) -> StateField:
     """The pose; where loops do not close yet it goes on from where it came, or from home."""
     home = ca.SX(model.home)
     field = Field("z", z.numel(), "pose [x, y, z, psi]", initial=tuple(model.home.tolist()))
     onwards = chosen(finite, chosen(all_finite(z), z, home), near)
-    return Kept(field, near, z, onwards)
-
-
-def _filter(name: str, before: ca.SX, kept: ca.SX, resting: ca.SX, begins: ca.SX) -> Kept:
-    field = Field(name, before.numel(), f"filter of {name}")
-    return Kept(field, before, chosen(begins, ca.vec(resting), ca.vec(kept)))
+    return StateField(field, near, z, onwards)

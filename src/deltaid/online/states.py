@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.changes import Change
-from deltaid.online.graph import Kept
+from deltaid.online.graph import StateField
 from deltaid.online.kalman import Estimate
-from deltaid.online.knowledge import Knowledge
+from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.layout import Field
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
@@ -52,7 +52,7 @@ class States:
 
     @classmethod
     def named(cls, s: Signals, settings: OnlineSettings) -> "States":
-        """New symbols."""
+        """States with new symbols."""
         kinds = _kinds(s)
         n, symbol = len(kinds), ca.SX.sym
         P = symbol("P", ca.Sparsity.lower(n).nnz())
@@ -61,7 +61,7 @@ class States:
 
     @property
     def count(self) -> int:
-        """Of states."""
+        """How many states there are."""
         return len(self.kinds)
 
     @property
@@ -78,18 +78,18 @@ class States:
         wanders = ca.SX((self.kinds == 3).astype(float))
         return Estimate(self.x, P).forgotten(stays, prior, wanders)
 
-    def kept(self, behind: Estimate, found: Change) -> tuple[Kept, ...]:
+    def kept(self, behind: Estimate, change: Change) -> tuple[StateField, ...]:
         """Fields of the state."""
         n, initial = self.count, np.diag(np.where(self.kinds == 0, 0.0, 1.0))
         first = tuple(initial.T[np.triu_indices(n)].tolist())
         triangle = Field("P", len(first), "its covariance, columns of the lower triangle",
                          initial=first)  # fmt: skip
         gripping = Field("gripping", 1, "for which a load may still be on its way", "s")
-        taken = ca.logic_and(found.told, found.held)
+        taken = ca.logic_and(change.told, change.held)
         return (
-            Kept(Field("x", n, "estimate, in deviations of its prior"), self.x, behind.x),
-            Kept(triangle, self.P, ca.tril(ca.densify(behind.P)).nz[:]),
-            Kept(
+            StateField(Field("x", n, "estimate, in deviations of its prior"), self.x, behind.x),
+            StateField(triangle, self.P, ca.tril(ca.densify(behind.P)).nz[:]),
+            StateField(
                 gripping,
                 self.gripping,
                 ca.if_else(taken, _GRIPS, ca.fmax(self.gripping - self.period, 0)),
@@ -122,8 +122,8 @@ class Lacking:
     parts: tuple[ca.SX, ca.SX]
 
     @classmethod
-    def named(cls, known: Knowledge, s: Signals) -> "Lacking":
-        """New symbols."""
+    def named(cls, known: OnlineKnowledge, s: Signals) -> "Lacking":
+        """States with new symbols."""
         moving, slow = (ca.SX.sym(name, s.qd.numel()) for name in _NAMES)
         parts = known.unmodelled * moving, known.unmodelled_slow * slow * s.slow
         return cls((moving, slow), (ca.SX(parts[0]), ca.SX(parts[1])))
@@ -133,7 +133,7 @@ class Lacking:
         """Of d, drive by drive."""
         return self.parts[0] + self.parts[1]
 
-    def kept(self, d: Estimate, calm: ca.SX, period: float) -> tuple[Kept, ...]:
+    def kept(self, d: Estimate, calm: ca.SX, period: float) -> tuple[StateField, ...]:
         """Fields of the state.
 
         Args:
@@ -141,12 +141,12 @@ class Lacking:
             calm: 1 where it may be learnt from.
         """
         beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, _LARGEST_STEP)
-        fields = list[Kept]()
+        fields = list[StateField]()
         for name, level, part in zip(_NAMES, self.levels, self.parts, strict=True):
             doc = f"how much more than thought the model lacks of {name} drives"
             grown = level * (1 + period / _LEARNT * calm * beyond * (part / self.size) ** 2)
             grown = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])
             fields.append(
-                Kept(Field(f"{name}_level", level.numel(), doc, initial=1.0), level, grown)
+                StateField(Field(f"{name}_level", level.numel(), doc, initial=1.0), level, grown)
             )
         return tuple(fields)

@@ -6,24 +6,24 @@ the model has not. With m what bodies take of it and f the drives' friction, whi
 says how sure g is.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.online.cycle import Cycle
-from deltaid.online.graph import Given, Part
+from deltaid.online.graph import CyclePart, OutputField
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
-from deltaid.online.replay import EMPTY, HOLDS, Rows
+from deltaid.online.replay import EMPTY, HOLDS, Cycles
 
 # No gain is known better than by so much, and filters remember a torque for so long [s].
 _SURE, _REMEMBERED = 0.004, 0.05
 
 
-def measured_of(cycle: Cycle) -> Part:
+def measured_of(cycle: Cycle) -> CyclePart:
     """The part of a cycle that gives filtered torques: measured, of friction, and of a load."""
     s, known = cycle.signals, cycle.known
     share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
@@ -34,12 +34,12 @@ def measured_of(cycle: Cycle) -> Part:
     a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
     dry = Field("dry_friction", s.qd.numel(), "filtered size of torques that no speed tells")
     values = (torque, s.torque), (friction, rubs), (lifted, a_kilogram), (dry, s.dry)
-    return Part((), tuple(Given(field, ca.densify(value)) for field, value in values))
+    return CyclePart((), tuple(OutputField(field, ca.densify(value)) for field, value in values))
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """All of a run.
+class RunEvidence:
+    """What speaks against a whole run.
 
     Attributes:
         gain: measured torque of each drive in units of the model's, with its
@@ -71,46 +71,41 @@ class Seen:
         return float(self.gain @ weight / weight.sum()), float(1 / np.sqrt(weight.sum()))
 
 
-@dataclass
 class Suspicion:
     """Running sums; `add` consecutive cycles, then read `seen`.
 
-    Attributes:
+    Args:
         period: of a cycle [s].
         ends: of each drive's torque channel [N m or N], as it reports.
         lacking: what the model may lack of each drive's torque [N m or N].
     """
 
-    period: float
-    ends: tuple[float, ...]
-    lacking: Float[np.ndarray, " drives"]
-    drives: int = field(init=False)
-    _timing: GripTiming = field(init=False)
-    _sums: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    _seconds: Float[np.ndarray, " four"] = field(default_factory=lambda: np.zeros(4))
-    _told: set[float] = field(default_factory=set[float])
+    def __init__(
+        self, period: float, ends: tuple[float, ...], lacking: Float[np.ndarray, " drives"]
+    ) -> None:
+        self._period, self._ends, self._lacking = period, np.array(ends), lacking
+        self._timing = GripTiming(period)
+        self._sums = [np.zeros((0, len(ends), 4, 4))]
+        self._seconds = np.zeros(4)
+        self._told = set[float]()
+        self._stuck, self._stuck_at = np.zeros(len(ends)), np.zeros(len(ends))
 
-    def __post_init__(self) -> None:
-        self.drives = len(self.ends)
-        self._timing = GripTiming(self.period)
-        self._stuck, self._at = np.zeros(self.drives), np.zeros(self.drives)
-
-    def add(self, rows: Rows, found: OnlineEstimate) -> None:
-        """Some cycles more."""
+    def add(self, rows: Cycles, found: OnlineEstimate) -> None:
+        """Take some more cycles."""
         out = found.outputs
         if rows.begins:
             self._timing.broken()
-        lacking = np.hypot(self.lacking, out["dry_friction"])
+        lacking = np.hypot(self._lacking, out["dry_friction"])
         self._timing.add(rows.gripper, found.residual, out["lifted"], lacking)
         live = found.good & (out["torque"] != 0).any(axis=1)
-        cut = np.any(np.abs(rows.tau) >= 0.999 * np.array(self.ends), axis=1)
-        remembered = max(1, round(_REMEMBERED / self.period))
+        cut = np.any(np.abs(rows.tau) >= 0.999 * self._ends, axis=1)
+        remembered = max(1, round(_REMEMBERED / self._period))
         cut = np.convolve(cut, np.ones(remembered))[: len(rows.time)] > 0.5
         empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
         touched = live & (out["contact"][:, 0] > 0.5)
         told = live & (rows.gripper == EMPTY)
         parts = touched, live & ~touched, touched & told, told
-        self._seconds += self.period * np.array([np.sum(one) for one in parts])
+        self._seconds += self._period * np.array([np.sum(part) for part in parts])
         self._told.update(np.unique(rows.gripper).tolist())
         self._compare(out["torque"], found.residual, out["rubs"], empty)
         self._look_for_stuck(rows)
@@ -126,35 +121,34 @@ class Suspicion:
         columns = np.stack([m, friction, self._rate(m + friction), torque], axis=2)
         columns *= empty[:, None, None]
         products = np.einsum("tdi,tdj->tdij", columns, columns)
-        starts = np.arange(0, len(products), max(1, round(1 / self.period)))
+        starts = np.arange(0, len(products), max(1, round(1 / self._period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
 
     def _rate(self, x: Float[np.ndarray, "rows drives"]) -> Float[np.ndarray, "rows drives"]:
-        return np.gradient(x, self.period, axis=0) if len(x) > 1 else np.zeros_like(x)
+        return np.gradient(x, self._period, axis=0) if len(x) > 1 else np.zeros_like(x)
 
-    def _look_for_stuck(self, rows: Rows) -> None:
+    def _look_for_stuck(self, rows: Cycles) -> None:
         """The longest time for which a torque is the same, no end of its channel, while its drive
         moves in every cycle."""
-        within = np.abs(rows.tau[1:]) < 0.999 * np.array(self.ends)
+        within = np.abs(rows.tau[1:]) < 0.999 * self._ends
         same = (np.diff(rows.tau, axis=0) == 0) & (np.diff(rows.q, axis=0) != 0) & within
-        for i, one in enumerate(same.T):
-            ends = np.flatnonzero(np.diff(one.astype(int), prepend=0, append=0))
+        for i, drive in enumerate(same.T):
+            ends = np.flatnonzero(np.diff(drive.astype(int), prepend=0, append=0))
             if not ends.size:
                 continue
             longest = np.diff(ends)[::2]
             k = int(longest.argmax())
-            if longest[k] * self.period > self._stuck[i]:
-                self._stuck[i] = longest[k] * self.period
-                self._at[i] = rows.time[ends[2 * k]]
+            if longest[k] * self._period > self._stuck[i]:
+                self._stuck[i] = longest[k] * self._period
+                self._stuck_at[i] = rows.time[ends[2 * k]]
 
     @property
-    def seen(self) -> Seen:
-        """All of them."""
-        none = np.zeros((0, self.drives, 4, 4))
-        gain, deviation = _gain(np.concatenate([none, *self._sums]))
+    def seen(self) -> RunEvidence:
+        """All that was summed up."""
+        gain, deviation = _gain(np.concatenate(self._sums))
         touched, untouched, touched_empty, empty = self._seconds.tolist()
         self._timing.broken()
-        return Seen(
+        return RunEvidence(
             gain,
             deviation,
             touched,
@@ -165,7 +159,7 @@ class Suspicion:
             self._timing.taken,
             self._timing.left,
             self._stuck,
-            self._at,
+            self._stuck_at,
         )
 
 

@@ -12,15 +12,15 @@ from deltaid.errors import DescriptionError, Doubt
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force
 from deltaid.online.doubts import doubts
-from deltaid.online.events import HeldLoad, Loads, Touch, Touches
+from deltaid.online.events import Loads, Touch, Touches, WeighedLoad
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
-from deltaid.online.replay import Replay, Rows
+from deltaid.online.replay import Cycles, Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
 
-# [m/s²].
+# What a mass weighs [m/s²].
 _GRAVITY = 9.81
 # Rows of a series at most.
 _SERIES = 200_000
@@ -44,7 +44,7 @@ class FollowedFriction:
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class WatchSeries:
     """Some cycles, one a row, for figures and tables.
 
     Attributes:
@@ -98,13 +98,13 @@ class Watched:
     rate: float
     told: bool
     false_alarms: float
-    loads: tuple[HeldLoad, ...]
+    loads: tuple[WeighedLoad, ...]
     touches: tuple[Touch, ...]
     friction: tuple[FollowedFriction, ...]
     best: float
     worst: float
     seconds: float
-    series: Series
+    series: WatchSeries
     doubts: tuple[Doubt, ...]
 
 
@@ -133,7 +133,7 @@ def watch(
         )
     settings = replay.settings(settings)
     online = Online(model, settings, more=(measured_of,))
-    run = _Run(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
+    run = _WatchRun(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
         run.add(rows)
@@ -142,13 +142,13 @@ def watch(
 
 
 @dataclass
-class _Run:
+class _WatchRun:
     """A recording on its way through."""
 
     online: Online
     told: bool
     every: int
-    series: list[Series] = field(default_factory=list[Series])
+    series: list[WatchSeries] = field(default_factory=list[WatchSeries])
     cycles: int = 0
     bad: int = 0
     seconds: float = 0.0
@@ -165,8 +165,8 @@ class _Run:
         self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
         self.online.reset()
 
-    def add(self, rows: Rows) -> None:
-        """Some cycles more."""
+    def add(self, rows: Cycles) -> None:
+        """Run through some more cycles."""
         if rows.begins:
             self.online.reset()
             self.loads.broken()
@@ -183,7 +183,7 @@ class _Run:
         self.suspicion.add(rows, found)
         self.series.append(self._thinned(at, found))
 
-    def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> Series:
+    def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> WatchSeries:
         """Every so-manieth cycle; of the residual the one of largest size since."""
         out, n = found.outputs, len(at)
         size = out["contact_size"][:, 0]
@@ -199,7 +199,7 @@ class _Run:
         if not self.told:  # straight up or down, a load may hide its weight of a push
             worst = worst + _GRAVITY * self.online.known.load_scales[0]
         interval = found.mass_interval[ends]
-        return Series(
+        return WatchSeries(
             time=at[ends],
             mass=found.mass[ends],
             low=interval[:, 0],
@@ -218,7 +218,7 @@ class _Run:
         online = self.online
         series = _joined(self.series)
         finite = np.isfinite(series.worst)
-        loads, touches = self.loads.found(), self.touches.found()
+        loads, touches = self.loads.finished(), self.touches.finished()
         return Watched(
             robot=online.model.robot,
             log=replay.log.path.name,
@@ -240,9 +240,11 @@ class _Run:
         )
 
 
-def _joined(parts: list[Series]) -> Series:
-    names = Series.__dataclass_fields__
-    return Series(**{name: np.concatenate([getattr(one, name) for one in parts]) for name in names})
+def _joined(parts: list[WatchSeries]) -> WatchSeries:
+    names = WatchSeries.__dataclass_fields__
+    return WatchSeries(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    )
 
 
 def _friction(online: Online) -> tuple[FollowedFriction, ...]:
@@ -268,7 +270,7 @@ def _friction(online: Online) -> tuple[FollowedFriction, ...]:
 
 
 def over_time(found: Watched) -> pl.DataFrame:
-    """One row a cycle, or every so many cycles of a long recording (`Series`)."""
+    """One row a cycle, or every so many cycles of a long recording (`WatchSeries`)."""
     s, names = found.series, found.robot.task.names
     force = {f"force_{name}": x for name, x in zip(names, s.force.T, strict=False)}
     effort = {f"effort{i + 1}": x for i, x in enumerate(s.effort.T)}

@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.online.events import HeldLoad, Touch
-from deltaid.online.watch import Series, Watched
+from deltaid.online.events import Touch, WeighedLoad
+from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
 from deltaid.view.numbers import number
 from deltaid.view.page import Block, Fact, Figure, Page, Section, Text
@@ -177,14 +177,14 @@ def _least(watched: Watched) -> Figure:
     )
 
 
-def _thinned(series: Series) -> Series:
+def _thinned(series: WatchSeries) -> WatchSeries:
     step = -(-len(series.time) // _POINTS)
     if step == 1:
         return series
     whole = len(series.time) // step
     at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
     names = [one.name for one in fields(series)]
-    return Series(**{name: getattr(series, name)[at] for name in names})
+    return WatchSeries(**{name: getattr(series, name)[at] for name in names})
 
 
 def _few(values: np.ndarray) -> np.ndarray:
@@ -200,7 +200,7 @@ def loads_table(watched: Watched) -> Table:
     return Table(head, tuple(rows), title=f"Loads, {by}")
 
 
-def _load(one: HeldLoad, until: str) -> tuple[str, ...]:
+def _load(one: WeighedLoad, until: str) -> tuple[str, ...]:
     end = until if one.end is None else f"{one.end:.3f}"
     soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
     centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in one.centre) or "not shown"

@@ -1,6 +1,6 @@
 """Tables of a recording that was run through online, for the terminal and for a page."""
 
-from deltaid.online.events import HeldLoad, Touch
+from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.watch import Watched
 from deltaid.view.numbers import number
 from deltaid.view.table import Table
@@ -20,7 +20,7 @@ def loads_table(watched: Watched) -> Table:
     return Table(head, tuple(rows), title=f"Loads, {by}")
 
 
-def _load(one: HeldLoad, until: str) -> tuple[str, ...]:
+def _load(one: WeighedLoad, until: str) -> tuple[str, ...]:
     end = until if one.end is None else f"{one.end:.3f}"
     soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
     centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in one.centre) or "not shown"
