@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects import lags as module
 from deltaid.effects.lags import Lags, estimate_lags
-from deltaid.effects.reversals import Told, lags_of_reversals
+from deltaid.effects.reversals import ReversalLags, lags_of_reversals
 from deltaid.estimation.traces import Trace, trace
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
@@ -66,9 +66,9 @@ def told(monkeypatch: pytest.MonkeyPatch):
         filtered: tuple[int, ...] = (),
         doubtful: tuple[int, ...] = (),
     ) -> Lags:
-        def seen(*_: object) -> Told:
+        def seen(*_: object) -> ReversalLags:
             flags = (np.isin(np.arange(3), which) for which in (filtered, doubtful))
-            return Told(values, deviation, *flags)
+            return ReversalLags(values, deviation, *flags)
 
         monkeypatch.setattr(module, "lags_of_reversals", seen)
         return estimate_lags([recording()], spread=0.5)

@@ -8,14 +8,13 @@ from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
 from deltaid.effects.falling_gain import FallingGain, Saturation
 from deltaid.effects.friction import FrictionLaw
-from deltaid.effects.gain import Gain
-from deltaid.effects.gain import Ratios as Gains
-from deltaid.effects.geometry import Lengths, Ratios, Structure, Tilt, Zeros
+from deltaid.effects.gain import Gain, GainRatios
+from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
-from deltaid.effects.place import Place
-from deltaid.effects.ripple import Ripple
-from deltaid.effects.unknown import BESIDE, Unknown
+from deltaid.effects.place import PlaceDependence
+from deltaid.effects.ripple import PositionRipple
+from deltaid.effects.unknown import BESIDE, UnknownEffect
 from deltaid.effects.zero import Zero
 
 EFFECTS: tuple[Effect, ...] = (
@@ -25,18 +24,18 @@ EFFECTS: tuple[Effect, ...] = (
     FrictionLaw(),
     Drift(),
     Zero(),
-    Place(),
-    Ripple(),
+    PlaceDependence(),
+    PositionRipple(),
     LoadChange(),
     MissingFriction(),
 )
 
-UNKNOWNS: tuple[Unknown, ...] = (
+UNKNOWNS: tuple[UnknownEffect, ...] = (
     *BESIDE,
-    Gains(),
+    GainRatios(),
     Saturation(),
     Zeros(),
-    Ratios(),
+    GearRatios(),
     Tilt(),
     Lengths(),
     Structure(),

@@ -80,7 +80,7 @@ class AtDrives(AlongMotion):
     @property
     @abstractmethod
     def unit(self) -> str:
-        """Of the coefficients."""
+        """Unit of the coefficients."""
 
     @abstractmethod
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
@@ -123,7 +123,7 @@ class DriveSpring(AtDrives):
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
         return q[None]
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         text = f"a spring or balancer acts on the drive; {WITHOUT}"
         return tuple(
             Correction(kind=self.kind, subject=owner, value=entry.value, low=entry.low,
@@ -169,7 +169,7 @@ class RippleColumns(AtDrives):
     def record(self, values: tuple[float, ...]) -> FittedEffect:
         return super().record(values).changed(orders=self.orders)
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         corrections, waves = list[Correction](), zip(judged[::2], judged[1::2], strict=True)
         for owner, order, (a, b) in zip(self.owners, self.orders, waves, strict=True):
             half = max((x.high or x.value) - (x.low or x.value) for x in (a, b)) / 2
@@ -186,7 +186,7 @@ class RippleColumns(AtDrives):
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedTorques:
     """An effect with its coefficients; a `recording.burden.Pull`."""
 
     addition: AlongMotion
@@ -197,10 +197,12 @@ class Fitted:
         return torques_of(self.addition.pattern, qd.shape[1], entries, np.array(self.values)).T
 
 
-def fitted_effects(additions: Iterable[Addition], judged: Sequence[Judged]) -> tuple[Fitted, ...]:
+def fitted_effects(
+    additions: Iterable[Addition], judged: Sequence[Judged]
+) -> tuple[FittedTorques, ...]:
     """Those among the additions of a fit, by what it judged of all their parameters."""
     return tuple(
-        Fitted(addition, tuple(entry.value for entry in own))
+        FittedTorques(addition, tuple(entry.value for entry in own))
         for addition, own in of_each(tuple(additions), judged)
         if isinstance(addition, AlongMotion)
     )

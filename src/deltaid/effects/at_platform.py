@@ -18,7 +18,7 @@ from deltaid.effects.along_motion import (
     WITHOUT,
     AlongMotion,
     DriveSpring,
-    Fitted,
+    FittedTorques,
     InTask,
     RippleColumns,
 )
@@ -92,14 +92,14 @@ class ConstantForce(AtPlatform):
     def forces(self, x: InWorld, v: InWorld) -> Forces:
         return np.eye(3)[:, None, :] * np.ones((len(x), 1))
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         f = np.array([entry.value for entry in judged])
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
         text = f"a constant force pulls at the platform along ({way}), as a hose or cable does"
         return self.correction(float(np.linalg.norm(f)), judged, "N", text)
 
 
-class Spring(AtPlatform):
+class PlatformSpring(AtPlatform):
     """K: a force that grows with the way from home, in any direction."""
 
     name = "platform-spring"
@@ -109,7 +109,7 @@ class Spring(AtPlatform):
     def forces(self, x: InWorld, v: InWorld) -> Forces:
         return -np.einsum("ik,sj->ijsk", np.eye(3), x).reshape(9, len(x), 3)
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         K = np.array([entry.value for entry in judged]).reshape(3, 3)
         text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
         return self.correction(float(np.trace(K)) / 3, judged, "N/m", text)
@@ -126,12 +126,12 @@ class Drag(AtPlatform):
         speed = np.hypot(np.linalg.norm(v, axis=1), _STILL * self.fastest)
         return -np.stack([v / speed[:, None], v])
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         text = "something drags at the platform against its motion, as a hose or cable does"
         return self.correction(judged[0].value, judged[:1], "N", text)
 
 
-FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, Spring, Drag)
+FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, PlatformSpring, Drag)
 
 
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
@@ -139,13 +139,15 @@ def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...
     return tuple(force(dynamics, (1.0,) * len(force.symbols), fastest) for force in FORCES)
 
 
-def as_fitted(dynamics: Dynamics, record: FittedEffect) -> Fitted:
+def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:
     """An effect of a model file."""
     names, deviation = dynamics.robot.drives, (1.0,) * len(record.values)
     drives = tuple(names.index(drive) for drive in record.drives)
     if record.name == RippleColumns.name:
-        return Fitted(RippleColumns(dynamics, drives, deviation, record.orders), record.values)
+        return FittedTorques(
+            RippleColumns(dynamics, drives, deviation, record.orders), record.values
+        )
     if record.name == DriveSpring.name:
-        return Fitted(DriveSpring(dynamics, drives, deviation), record.values)
+        return FittedTorques(DriveSpring(dynamics, drives, deviation), record.values)
     force = next(force for force in FORCES if force.name == record.name)
-    return Fitted(force(dynamics, deviation, record.fastest), record.values)
+    return FittedTorques(force(dynamics, deviation, record.fastest), record.values)

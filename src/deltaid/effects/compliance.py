@@ -130,7 +130,7 @@ def compliances(
     """
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
     _, p = fitted(rows, traces)
-    residuals, p = fit.at(fit.known, p)
+    residuals, p = fit.residuals(fit.known, p)
     none = np.zeros(0)
     nothing = Windup(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
     free = np.isnan(stated) & np.all([winding.loaded for winding in fit.windings(p)], axis=0)
@@ -149,7 +149,7 @@ def compliances(
     if not fit.better(gears):
         return nothing
     whole = replace(fit, traces=tuple(wide))
-    with_it, without = (_size(whole.at(s, gears.p)[0]) for s in (gears.values, fit.known))
+    with_it, without = (_size(whole.residuals(s, gears.p)[0]) for s in (gears.values, fit.known))
     return gears if with_it < without else nothing
 
 
@@ -168,7 +168,7 @@ class _Fit:
         motors = [motors_of(robot, p, low_pass.cutoff, low_pass.rate) for low_pass in filters]
         return [Windings.measured(*pair) for pair in zip(self.traces, motors, strict=True)]
 
-    def at(self, s: Compliance, p: Parameters) -> tuple[list[OfDrives], Parameters]:
+    def residuals(self, s: Compliance, p: Parameters) -> tuple[list[OfDrives], Parameters]:
         """Residuals of each trace's rows with compliances, and p fitted with lags and friction, for
         what motors take by other p."""
         return fitted(self.rows, [winding.turned(s) for winding in self.windings(p)])
@@ -181,7 +181,7 @@ class _Fit:
         best, value = self.known, _size(residuals)
         for share in _SHARES:
             s = self.known + share * np.where(free, self._softer, 0.0)
-            residuals, p_s = self.at(s, p)
+            residuals, p_s = self.residuals(s, p)
             if _size(residuals) >= value:
                 break
             best, value, p = s, _size(residuals), p_s
@@ -257,7 +257,7 @@ class _Fit:
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
         """Whether these compliances fit most stretches of time better, by at least so many
         standard deviations."""
-        residuals = [self.at(s, gears.p)[0] for s in (gears.values, self.known)]
+        residuals = [self.residuals(s, gears.p)[0] for s in (gears.values, self.known)]
         gains = list[np.ndarray]()
         for ours, theirs in zip(*residuals, strict=True):
             noise = np.mean(ours**2, axis=1, keepdims=True)

@@ -23,7 +23,7 @@ _CLOSE, _ROUNDS = 4, 5
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class Contribution:
     """What a candidate explains of a residual.
 
     Attributes:
@@ -54,10 +54,10 @@ class Account:
         first: how surprising each candidate is on its own, the best first.
     """
 
-    found: tuple[Explained, ...]
+    found: tuple[Contribution, ...]
     span: Span
     left: Rows
-    first: tuple[Explained, ...]
+    first: tuple[Contribution, ...]
 
 
 def account(
@@ -76,16 +76,16 @@ def account(
         span: what parameters explain.
         residual: what they leave.
     """
-    detected, first = list[Explained](), tuple[Explained, ...]()
+    detected, first = list[Contribution](), tuple[Contribution, ...]()
 
-    def of(some: Sequence[Candidate]) -> list[Columns]:
+    def unexplained(some: Sequence[Candidate]) -> list[Columns]:
         """Columns of unit length, without what is explained."""
         return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in some]
 
-    bare = of(candidates)
+    bare = unexplained(candidates)
     for _ in range(_ROUNDS):
         more = tuple(searched(residual))
-        columns = [*bare, *of(more)]
+        columns = [*bare, *unexplained(more)]
         tries, freedom = float(np.log10(len(columns))), len(residual) - span.rank
         trials = [
             _Trial(candidate, A, basis, residual, freedom, candidate.tries + tries)
@@ -145,15 +145,15 @@ class _Trial:
         """For noise of some variance."""
         return surprise(self.gain / level, self.rank) - self.tries
 
-    def explained(self, groups: Int[np.ndarray, " rows"]) -> Explained:
+    def explained(self, groups: Int[np.ndarray, " rows"]) -> Contribution:
         """With the noise by its scatter between stretches of time where that is larger."""
         U = self.A @ self.basis
         after = self.residual - U @ (U.T @ self.residual)
         along = level_along(U, after, groups, max(self.freedom - self.rank, 1))
-        return Explained(self.candidate, self.gain, self.surprise(max(self.noise, along)), U)
+        return Contribution(self.candidate, self.gain, self.surprise(max(self.noise, along)), U)
 
 
-def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Explained]:
+def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Contribution]:
     """What trials explain, the most surprising first.
 
     One that explains hardly less with fewer columns goes first; so does a preferred one.
@@ -181,7 +181,7 @@ def _is_taken_before(trial: _Trial, best: _Trial) -> bool:
     return trial.rank < best.rank and (best.candidate.bends or not much_more)
 
 
-def _simplest(ranked: Sequence[Explained], total: float, rows: int) -> Explained:
+def _simplest(ranked: Sequence[Contribution], total: float, rows: int) -> Contribution:
     """The first, or one of fewer columns that leaves hardly more (Bayesian information)."""
     best = ranked[0]
     for explained in ranked[1:]:

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.contest import Account, Explained
+from deltaid.effects.contest import Account, Contribution
 from deltaid.effects.point import Candidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.span import Columns, Rows, Span
@@ -36,7 +36,7 @@ class Cause:
     # fit, account: where, and beside what else
     fit: RigidFit
     account: Account
-    found: tuple[Explained, ...]  # its candidates, in the order they were detected
+    found: tuple[Contribution, ...]  # its candidates, in the order they were detected
     rms: Float[np.ndarray, " dof"]  # of what it explains in each drive's torque [N m or N]
 
     @property

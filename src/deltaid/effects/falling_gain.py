@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import Candidate, Point, RigidFit
-from deltaid.effects.unknown import Deviations, Unknown
+from deltaid.effects.unknown import Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
 from deltaid.model.corrections import Correction
@@ -18,7 +18,7 @@ from deltaid.robot.description import RobotDescription
 _CURRENTS = 21
 
 
-class Saturation(Unknown):
+class Saturation(UnknownEffect):
     """β_2, β_4 of each drive as of `Readings`, with the columns τ_m u² and τ_m u⁴."""
 
     name = "torque-constant"

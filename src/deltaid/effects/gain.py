@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import Candidate, Point, RigidFit
-from deltaid.effects.unknown import Unknown
+from deltaid.effects.unknown import UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
 from deltaid.model.words import listed, percent
@@ -20,7 +20,7 @@ _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 _SHOWN = 1e-4
 
 
-class Ratios(Unknown):
+class GainRatios(UnknownEffect):
     """τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to all is not
     identifiable."""
 

@@ -8,7 +8,7 @@ from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
 from deltaid.effects.point import Point
-from deltaid.effects.unknown import SIZE, Deviations, Unknown
+from deltaid.effects.unknown import SIZE, Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.reduction import Reduction, build_reduction
@@ -20,7 +20,7 @@ from deltaid.robot.description import RobotDescription
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 
 
-class Zeros(Unknown):
+class Zeros(UnknownEffect):
     """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
 
     name = kind = "zero"
@@ -33,7 +33,7 @@ class Zeros(Unknown):
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
 
 
-class Ratios(Unknown):
+class GearRatios(UnknownEffect):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
 
     name = kind = "gear-ratio"
@@ -50,7 +50,7 @@ class Ratios(Unknown):
         ])  # fmt: skip
 
 
-class Tilt(Unknown):
+class Tilt(UnknownEffect):
     """Turns of gravity about two axes across it [rad]; a base that leans more than its limit is
     seen by eye, and is no error of mounting."""
 
@@ -85,7 +85,7 @@ class Tilt(Unknown):
         )
 
 
-class Lengths(Unknown):
+class Lengths(UnknownEffect):
     """What lengths of limbs are more than described [m]."""
 
     name = kind = "length"
@@ -130,7 +130,7 @@ def reshaped(
     return robot.model_copy(update=changed)
 
 
-class Structure(Unknown):
+class Structure(UnknownEffect):
     """First moments and products of bodies that a description takes to be zero [kg m, kg m²].
 
     A centre that is off by a share of a body's length, or an axis that is turned by as much, makes

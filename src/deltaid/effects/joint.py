@@ -37,7 +37,7 @@ Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class FrictionJoint:
     """A joint with friction that moves."""
 
     name: str
@@ -62,21 +62,25 @@ class Joint:
         return carried[:, self.drive] + self.moved * w.qdd[:, self.drive]
 
 
-def joints_of(dynamics: Dynamics) -> tuple[Joint, ...]:
+def joints_of(dynamics: Dynamics) -> tuple[FrictionJoint, ...]:
     """Joints with friction, their speeds unknown."""
     rows, columns = dynamics.regressor_pattern
-    names, robot, joints = np.array(dynamics.layout.names)[columns], dynamics.robot, list[Joint]()
+    names, robot, joints = (
+        np.array(dynamics.layout.names)[columns],
+        dynamics.robot,
+        list[FrictionJoint](),
+    )
     for joint in robot.friction_joints:
         viscous, coulomb = (
             np.flatnonzero(names == f"{term}.{joint}") for term in ("viscous", "coulomb")
         )
         drive = robot.drives.index(joint) if joint in robot.drives else None
-        joints.append(Joint(joint, drive, viscous, coulomb, rows[coulomb]))
+        joints.append(FrictionJoint(joint, drive, viscous, coulomb, rows[coulomb]))
     return tuple(joints)
 
 
 def joint_columns(
-    trace: Trace, p: Parameters, shapes: Sequence[tuple[Joint, Shape]]
+    trace: Trace, p: Parameters, shapes: Sequence[tuple[FrictionJoint, Shape]]
 ) -> ColumnsOfDrives:
     """One filtered column for each shape of a joint, where gears carry what p says."""
     drives = [joint.drives for joint, _ in shapes]
@@ -109,7 +113,7 @@ def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
     return C * np.abs(load)
 
 
-def over_speed(joint: Joint, shape: Callable[[Speeds], Speeds]) -> Shape:
+def over_speed(joint: FrictionJoint, shape: Callable[[Speeds], Speeds]) -> Shape:
     """Coulomb's entries times a shape over the speed as a share of the joint's largest."""
     return lambda v, C, load: C * shape(v / joint.fastest)
 

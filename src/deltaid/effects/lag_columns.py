@@ -42,7 +42,7 @@ Ends = tuple[float | None, float | None]
 Change = Callable[[Samples, Values, Callable[[Values], Values]], Values]
 
 
-class Column(NamedTuple):
+class TimingColumn(NamedTuple):
     """A coefficient of the torques of some drives: its owner, unit, standard deviation and mean."""
 
     drives: Sequence[int]
@@ -63,7 +63,7 @@ class TimingColumns(OfTorques):
 
     @property
     @abstractmethod
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[TimingColumn]:
         """What is unknown of the sampling."""
 
     @property
@@ -120,16 +120,16 @@ class LagColumns(TimingColumns):
     unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter as well as a delay
 
     @property
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[TimingColumn]:
         """One lag a group that is free."""
-        columns = list[Column]()
+        columns = list[TimingColumn]()
         for group in (group for group in self.groups if group.free):
             name = "+".join(group.subjects(self.dynamics)) or "torques"
             deviation = min(group.deviation, PRIOR_SPREAD * _SIZE)
-            columns.append(Column(group.drives, name, "s", _late, deviation, group.beside))
+            columns.append(TimingColumn(group.drives, name, "s", _late, deviation, group.beside))
         return columns
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
         corrections, spread = list[Correction](), max(delays) - min(delays)
@@ -156,7 +156,7 @@ class UnknownLag(LagColumns):
     def is_held(self) -> bool:
         return True
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """Nothing has been corrected."""
         return ()
 

@@ -51,7 +51,7 @@ _VAGUE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class LoadColumns(Addition):
-    """One load."""
+    """A load that is held, declared or detected."""
 
     dynamics: Dynamics  # of the robot
     load: Load  # what is declared of it
@@ -170,7 +170,7 @@ class LoadColumns(Addition):
     def witness(self) -> str:
         return "what the known load weighs and how it resists"
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         mass, body = self.whole(judged)[0], self.body
         known = self.load.mass is not None and not self.load.mass_tolerance
         low, high = (None, None) if known else (mass.low, mass.high)

@@ -12,7 +12,7 @@ from deltaid.effects.point import Candidate, RigidFit
 _BENDS = 6.0
 
 
-class Place(DescribedEffect):
+class PlaceDependence(DescribedEffect):
     """Squares of the task coordinates, alone and times what the drive gives."""
 
     kind = "geometry-or-cogging"

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import TorqueSlopes
 from deltaid.dynamics.grown import grown_torques
-from deltaid.effects.joint import Joint, Shape, joint_columns, joints_of
+from deltaid.effects.joint import FrictionJoint, Shape, joint_columns, joints_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
@@ -91,14 +91,14 @@ class Point:
         return {j.name: float(j.speed(entries).max()) for j in joints_of(self.dynamics)}
 
     @cached_property
-    def joints(self) -> tuple[Joint, ...]:
+    def joints(self) -> tuple[FrictionJoint, ...]:
         """Joints with friction that move."""
         speeds = self.fastest or self.speeds
         joints = [replace(joint, fastest=speeds[joint.name]) for joint in joints_of(self.dynamics)]
         return tuple(joint for joint in joints if joint.fastest > 0)
 
     @property
-    def driven(self) -> tuple[Joint, ...]:
+    def driven(self) -> tuple[FrictionJoint, ...]:
         """Those of them that are drives."""
         return tuple(joint for joint in self.joints if joint.drive is not None)
 
@@ -121,7 +121,7 @@ class Point:
         columns = [slope * weights for slope in slopes]
         return np.stack(columns, axis=2) if columns else np.zeros((*weights.shape, 0))
 
-    def of_joints(self, shapes: Sequence[tuple[Joint, Shape]]) -> ColumnsOfDrives:
+    def of_joints(self, shapes: Sequence[tuple[FrictionJoint, Shape]]) -> ColumnsOfDrives:
         """A column for each shape of a joint."""
         return joint_columns(self.trace, self.p, shapes)
 

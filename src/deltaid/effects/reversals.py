@@ -58,7 +58,7 @@ Around = Float[np.ndarray, "reversals around"]
 Torques = Float[np.ndarray, "dof _"]  # each stretch as long as it is
 
 
-class Told(NamedTuple):
+class ReversalLags(NamedTuple):
     """Lags of the drives of one recording as their reversals show them."""
 
     values: Delay  # [s]
@@ -87,11 +87,11 @@ class Local:
 
 def lags_of_reversals(
     trace: Trace, additions: Sequence[Addition], p: Parameters, known: Delay
-) -> Told:
+) -> ReversalLags:
     """The lag of every drive by its reversals, for those by all other rows, `known` [s], and the
     parameters of robot and additions that go with them."""
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
-    lags = Told(known.copy(), np.full(len(known), np.inf), still, still.copy())
+    lags = ReversalLags(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period
     held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]

@@ -13,7 +13,7 @@ from deltaid.estimation.span import Rows
 _COUNTS = np.arange(1.0, 81.0, 0.5)
 
 
-class Ripple(DescribedEffect):
+class PositionRipple(DescribedEffect):
     """For each drive the largest ripple in the residual.
 
     One of k waves over the stroke passes the filter as far as its frequency, k q̇ / stroke, does.

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.lag_columns import NORMAL, Column, TimingColumns
+from deltaid.effects.lag_columns import NORMAL, TimingColumn, TimingColumns
 from deltaid.effects.lag_groups import common_lag
 from deltaid.estimation.additions import Values
 from deltaid.estimation.problem import LinearProblem
@@ -88,7 +88,7 @@ class Timing:
 
 
 @dataclass(frozen=True, eq=False)
-class Free:
+class FreeTiming:
     """What of a timing is estimated."""
 
     filters: Bool[np.ndarray, " dof"]  # whose torques may have passed a filter
@@ -125,7 +125,7 @@ class UnknownFilter(TimingColumns):
         return True
 
     @property
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[TimingColumn]:
         """By how much a response is wider than that of a delay, T², one a group."""
 
         def wider(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
@@ -133,7 +133,7 @@ class UnknownFilter(TimingColumns):
 
         names = [f"filter.{'+'.join(group.subjects(self.dynamics))}" for group in self.groups]
         return [
-            Column(group.drives, name, "s²", wider, 0.5 * group.delay**2)
+            TimingColumn(group.drives, name, "s²", wider, 0.5 * group.delay**2)
             for name, group in zip(names, self.groups, strict=True)
         ]
 
@@ -145,7 +145,7 @@ class RestOfTiming(TimingColumns):
     timing: Timing  # what has been corrected
 
     @property
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[TimingColumn]:
         timing, names = self.timing, self.dynamics.robot.drives
 
         def longer(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
@@ -155,12 +155,12 @@ class RestOfTiming(TimingColumns):
             return (w.time - timing.about) * late
 
         columns = [
-            Column((i,), f"filter.{names[i]}", "s", longer, float(timing.deviation[i]))
+            TimingColumn((i,), f"filter.{names[i]}", "s", longer, float(timing.deviation[i]))
             for i in self._filters
         ]
         if timing.rate:
             deviation = float(timing.covariance[-1, -1]) ** 0.5
-            columns.append(Column(range(len(names)), "clock", "1", growing, deviation))
+            columns.append(TimingColumn(range(len(names)), "clock", "1", growing, deviation))
         return columns
 
     @property
@@ -168,7 +168,7 @@ class RestOfTiming(TimingColumns):
         """Drives whose time constants are not their lags."""
         return [] if self.timing.pure else np.flatnonzero(self.timing.constants).tolist()
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         corrections, names = list(self._pure_filters()), self.dynamics.robot.drives
         for i, rest in zip(self._filters, judged, strict=False):
             T = rest.moved(float(self.timing.constants[i]))

@@ -26,7 +26,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.contest import SEEN
 from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import exceeded
-from deltaid.effects.sampling import Free, Timing
+from deltaid.effects.sampling import FreeTiming, Timing
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.trace_rows import TraceRows
@@ -66,12 +66,12 @@ def other_than_delays(
     none = Timing(lags, np.zeros(dof), 0.0, about, np.zeros((2 * dof + 1,) * 2), p)
     # Steps at once, all over a recording, leave no room for a clock.
     clock = 2 * int(np.count_nonzero(abrupt)) < dof and _may_be_clock(rows, trace, none)
-    free = Free((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
+    free = FreeTiming((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
     unsure = np.zeros(dof, bool)
     while free.filters.any() or free.clock:
         start = replace(none, constants=np.where(free.filters, 0.5 * lags, 0.0))
         timing = _swept(rows, trace, start, free)
-        kept = Free(
+        kept = FreeTiming(
             _filtered(rows, trace, timing, free), free.clock and _is_clock(rows, trace, timing)
         )
         if np.array_equal(kept.columns, free.columns):
@@ -82,7 +82,7 @@ def other_than_delays(
     return None, unsure
 
 
-def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Timing:
+def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> Timing:
     """The same without dead times where all filters do without: their T is known as well as L."""
     dead, covariance = _dead_times(timing, free.filters)
     if not len(dead) or exceeded(dead, covariance, _SELDOM):
@@ -102,12 +102,12 @@ def _dead_times(
 
 def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
     """Whether torques with lags corrected may have a clock of their own."""
-    free = Free(np.zeros(len(none.lags), bool), clock=True)
+    free = FreeTiming(np.zeros(len(none.lags), bool), clock=True)
     step, covariance = free.steps(_linear(rows, none.beside(trace), none, free), rows.size)
     return exceeded(step[-1:], covariance[-1:, -1:], _SELDOM)
 
 
-def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
+def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Timing:
     """Lags, time constants of some drives, and the rate of a clock, by Gauss and Newton."""
     timing, dof, own = start, len(start.lags), np.flatnonzero(free.filters)
     low = _SHORTEST / trace.low_pass.rate
@@ -131,7 +131,7 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: Free) -> Timing:
     return timing
 
 
-def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> LinearProblem:
+def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> LinearProblem:
     """Least squares of x, of steps from what is found, and of friction that warms up."""
     late, longer, growing = timing_slopes(trace, timing.p, rows.additions, timing.about)
     if free.pure:
@@ -162,7 +162,7 @@ def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     return trace.columns(growing, (drives[which], np.arange(len(which))), len(which), 1)
 
 
-def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: Free) -> Drives:
+def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> Drives:
     """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
     dof, row = len(timing.lags), 1.0 / trace.low_pass.rate
     kept = free.filters & (timing.constants > row)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Legendre
 
-from deltaid.effects.joint import SHAPES, Joint, of_load, one_way, one_way_speed, over_speed
+from deltaid.effects.joint import SHAPES, FrictionJoint, of_load, one_way, one_way_speed, over_speed
 from deltaid.effects.lag_columns import late, slope
 from deltaid.effects.point import Point
 from deltaid.estimation.additions import Addition
@@ -29,7 +29,7 @@ _CURVE, _ONE_WAY, _WARM = 0.15, 0.1, (0.1, 0.03)
 Deviations = Float[np.ndarray, " coefficients"]
 
 
-class Unknown(ABC):
+class UnknownEffect(ABC):
     """An effect in the contest."""
 
     name: str  # of the effect
@@ -97,7 +97,7 @@ class Unknown(ABC):
         return ""
 
 
-class Added(Unknown):
+class Added(UnknownEffect):
     """An effect whose columns are an addition to the fit."""
 
     def __init__(self, name: str, addition: Addition) -> None:
@@ -107,7 +107,7 @@ class Added(Unknown):
         return point.added(self.addition)
 
 
-class FrictionOverSpeed(Unknown):
+class FrictionOverSpeed(UnknownEffect):
     """Any curve over the speed of each joint."""
 
     name = "friction-curve"
@@ -122,7 +122,7 @@ class FrictionOverSpeed(Unknown):
         return _CURVE * np.repeat(_coulomb(point, point.joints), len(SHAPES))
 
 
-class FrictionByDirection(Unknown):
+class FrictionByDirection(UnknownEffect):
     """What drives' friction has more one way than the other, constant and with the speed."""
 
     name = "friction-direction"
@@ -137,7 +137,7 @@ class FrictionByDirection(Unknown):
         return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
 
-class FrictionByLoad(Unknown):
+class FrictionByLoad(UnknownEffect):
     """A share of what a drive's gear carries."""
 
     name = "friction-load"
@@ -148,7 +148,7 @@ class FrictionByLoad(Unknown):
         return point.of_joints([(joint, of_load) for joint in point.driven])
 
 
-class FrictionOverTime(Unknown):
+class FrictionOverTime(UnknownEffect):
     """A share of each joint's friction that grows along a recording, and bends."""
 
     name = "friction-time"
@@ -169,7 +169,7 @@ class FrictionOverTime(Unknown):
         return np.tile(_WARM, len(point.joints))
 
 
-class Lag(Unknown):
+class RemainingLag(UnknownEffect):
     """What remains of each drive's lag [s]."""
 
     name = "lag"
@@ -181,7 +181,7 @@ class Lag(Unknown):
         return late(point.trace, point.p)
 
 
-class WindUp(Unknown):
+class WindUp(UnknownEffect):
     """q = q_m − s τ_g: gears that wind up under what they carry, s [rad/(N m) or m/N]."""
 
     name = "compliance"
@@ -205,17 +205,17 @@ class WindUp(Unknown):
         ])  # fmt: skip
 
 
-BESIDE: tuple[Unknown, ...] = (
+BESIDE: tuple[UnknownEffect, ...] = (
     FrictionOverSpeed(),
     FrictionByDirection(),
     FrictionByLoad(),
     FrictionOverTime(),
-    Lag(),
+    RemainingLag(),
     WindUp(),
 )
 
 
-def _coulomb(point: Point, joints: Sequence[Joint]) -> Float[np.ndarray, " joints"]:
+def _coulomb(point: Point, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
     """Coulomb's friction of joints, at least what the description says."""
     described = point.dynamics.robot.friction
     sizes = [

@@ -101,7 +101,7 @@ class Windings:
         return carried.std(axis=0) > _LOADED * np.concatenate(of_motors).std(axis=0)
 
     def turned(self, compliance: Compliance) -> Trace:
-        """The links' motion."""
+        """The motion of links behind gears that wind up."""
         kinematics, stretches = self.trace.dynamics.kinematics, list[Samples]()
         if not np.any(compliance):
             return self.trace

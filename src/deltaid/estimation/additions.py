@@ -89,7 +89,7 @@ class Addition(ABC):
         """Its name where it determines the scale of torques."""
         return "what is known"
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """Corrections by its fitted parameters `judged`."""
         del judged
         return ()

@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.effects.joint import Joint, joints_of, of_load, one_way, one_way_speed
+from deltaid.effects.joint import FrictionJoint, joints_of, of_load, one_way, one_way_speed
 from deltaid.estimation.additions import Addition, Extended, Own, Values, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import active_columns
@@ -62,7 +62,7 @@ class SpeedColumns(Addition):
     top: float
 
     @cached_property
-    def joint(self) -> Joint:
+    def joint(self) -> FrictionJoint:
         """The joint and its entries in the regressor."""
         return next(joint for joint in joints_of(self.dynamics) if joint.name == self.name)
 

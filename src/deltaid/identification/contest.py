@@ -17,7 +17,7 @@ from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.contest import SEEN
 from deltaid.effects.point import Point
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
-from deltaid.effects.unknown import Added, Unknown
+from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.estimation.drive_rows import POSITION_ERROR, stretch_numbers
 from deltaid.estimation.problem import KNOWN
 from deltaid.estimation.shrinkage import Block, Group, Shrunk
@@ -52,7 +52,7 @@ class Contest:
 
     rows: TraceRows
     points: tuple[Point, ...]
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownEffect, ...]
     shrunk: Shrunk
 
     @property
@@ -63,7 +63,7 @@ class Contest:
     def group(self, name: str) -> Group:
         return next(group for group in self.shrunk.groups if group.name == name)
 
-    def unknown(self, name: str) -> Unknown:
+    def unknown(self, name: str) -> UnknownEffect:
         return next(unknown for unknown in self.unknowns if unknown.name == name)
 
     @property
@@ -94,7 +94,7 @@ class Contest:
             contest = self._with_all(ripples)
         return contest
 
-    def _with_all(self, unknowns: Sequence[Unknown]) -> "Contest":
+    def _with_all(self, unknowns: Sequence[UnknownEffect]) -> "Contest":
         contest = self
         for unknown in unknowns:
             contest = contest._with(unknown)
@@ -111,7 +111,7 @@ class Contest:
         order = nearest_order(self.points, residuals, drive, order)
         return ripple_of(self.points[0], drive, order)
 
-    def _with(self, unknown: Unknown) -> "Contest":
+    def _with(self, unknown: UnknownEffect) -> "Contest":
         own = [unknown.columns(point) for point in self.points]
         deviation = unknown.deviations(self.points[0], own[0])
         columns = [drive for recording in own for drive in recording]
@@ -147,7 +147,7 @@ def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
 def contest(
     rows: TraceRows,
     points: Sequence[Point],
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[UnknownEffect],
     applied: Applied,
 ) -> Contest:
     """One sweep.

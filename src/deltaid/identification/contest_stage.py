@@ -12,7 +12,7 @@ from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import Point, points_of
-from deltaid.effects.unknown import Added, Unknown
+from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
@@ -120,7 +120,7 @@ def _traces(setup: Setup) -> list[Trace]:
     return [trace for trace in traces if trace is not None]
 
 
-def _unknowns(point: Point) -> tuple[Unknown, ...]:
+def _unknowns(point: Point) -> tuple[UnknownEffect, ...]:
     dynamics, every = point.dynamics, tuple(range(point.dof))
     fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
@@ -128,7 +128,9 @@ def _unknowns(point: Point) -> tuple[Unknown, ...]:
     return (*UNKNOWNS, Added("drive-spring", spring), *forces)
 
 
-def _allowed(unknowns: Sequence[Unknown], before: Outcome, sweep: int) -> tuple[Unknown, ...]:
+def _allowed(
+    unknowns: Sequence[UnknownEffect], before: Outcome, sweep: int
+) -> tuple[UnknownEffect, ...]:
     """Those that take part: later sweeps only drop, and a geometry that is off is no correction
     beside gears that wind up, since each may stand for what the other's slopes lack; what has been
     beyond its limit is no correction at all."""

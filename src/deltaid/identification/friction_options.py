@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from deltaid.effects.joint import (
-    Joint,
+    FrictionJoint,
     Shape,
     of_load,
     of_slope,
@@ -42,7 +42,7 @@ _SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
 class Variant:
     """One form of an addition to a joint's law; of a described term, other constants."""
 
-    joint: Joint
+    joint: FrictionJoint
     kind: AdditionKind
     more: dict[str, Any]  # what the law gets, as keys of `Friction`
     shapes: tuple[Shape, ...]  # of the columns that show it
@@ -74,7 +74,7 @@ def options(rows: FrictionRows) -> Iterator[list[Variant]]:
             ]  # fmt: skip
 
 
-def _changes(joint: Joint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
+def _changes(joint: FrictionJoint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
     """Forms of what a law may get, as keys of `Friction`; none where constants are others."""
     c, changes = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
     if joint.drive is not None and law.both_ways:

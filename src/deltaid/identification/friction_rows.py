@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.joint import Joint, Shape
+from deltaid.effects.joint import FrictionJoint, Shape
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
 from deltaid.effects.point import Point, points_of
@@ -64,7 +64,7 @@ class FrictionRows:
     span: Span  # what parameters and `extra` explain
     tau: Rows
     p: Parameters  # by least squares; where torques leave these open, near the prior
-    moved: Float[np.ndarray, " dof"]  # of each drive, as `Joint.moved`
+    moved: Float[np.ndarray, " dof"]  # of each drive, as `FrictionJoint.moved`
 
     @cached_property
     def residual(self) -> Rows:
@@ -116,14 +116,14 @@ class FrictionRows:
         )
 
     @cached_property
-    def joints(self) -> dict[str, Joint]:
+    def joints(self) -> dict[str, FrictionJoint]:
         """Joints whose friction may have further terms."""
         moved = dict(zip(self.dynamics.robot.drives, self.moved.tolist(), strict=True))
         joints = self.points[0].joints
         return {j.name: replace(j, moved=moved.get(j.name, 0.0)) for j in joints}
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-    def columns(self, shapes: Sequence[tuple[Joint, Shape]]) -> Columns:
+    def columns(self, shapes: Sequence[tuple[FrictionJoint, Shape]]) -> Columns:
         """One column for each shape of a joint."""
         if not shapes:
             return np.zeros((len(self.tau), 0))

@@ -99,7 +99,7 @@ class Gains(OfTorques):
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         return -self.torques(w, own, recording)
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
         absolute = [other.witness for other in self.beside if other.is_absolute]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)

@@ -132,7 +132,9 @@ def identify(
     progress("comparing torques")
     some = [recording.sparser(_COMPARED) for recording in recordings]
     errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
-    corrections = (c for addition, own in of_each(additions, added) for c in addition.told(own))
+    corrections = (
+        c for addition, own in of_each(additions, added) for c in addition.to_corrections(own)
+    )
     model = assembled(
         problem,
         settings,

@@ -119,7 +119,7 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
         judged: the parameters of all additions, as fitted.
     """
     for addition, fitted in of_each(setup.additions, judged):
-        if not isinstance(addition, LagColumns) or not _doubtful(addition.told(fitted)):
+        if not isinstance(addition, LagColumns) or not _doubtful(addition.to_corrections(fitted)):
             continue
         recordings = [recording for recording in setup.recordings if addition.is_of(recording)]
         if any(r.repairs.constants or r.repairs.growth for r in recordings):

@@ -91,7 +91,7 @@ class SensorColumns(Addition):
     def witness(self) -> str:
         return f"sensor {self.rows.name}"
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         own = f".{self.rows.name}"
         names = ", ".join(entry.name.removesuffix(own).replace("_", " ") for entry in judged)
         words = f"; unknown of itself and found with the robot: {names}" if names else ""

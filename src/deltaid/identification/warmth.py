@@ -106,7 +106,7 @@ class Warmth(Addition):
     def on(self, dynamics: Dynamics) -> "Warmth":
         return replace(self, dynamics=dynamics)
 
-    def told(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """How friction changes, in one sentence."""
         first, laws = self.courses[0], self.dynamics.robot.friction
         shares = []
