@@ -106,7 +106,7 @@ def test_what_is_told_is_the_whole_gain_with_its_interval(
     alike: tuple[int, ...], std: float, words: str
 ) -> None:
     """c times what is left of it; told by a load where its prior is not most of what is known."""
-    told = gains(alike)[1].told(judged(std))
+    told = gains(alike)[1].to_corrections(judged(std))
     assert [one.subject for one in told] == ["drive1", "drive2", "drive3"][: len(alike) or 3]
     for c, one in zip(GAIN, told, strict=False):
         expected = c * np.exp([0.02 - 2 * std, 0.02, 0.02 + 2 * std])

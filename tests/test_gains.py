@@ -106,7 +106,7 @@ def test_gains_are_found_with_a_known_load_in_one_of_two_recordings(
     np.testing.assert_allclose(last.gain, gain, rtol=0.01)
     assert found.recordings[0].repairs.gain == tuple(last.gain.tolist())
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
-    for c, one in zip(gain, last.told(judged_parameters(problem)[-3:]), strict=True):
+    for c, one in zip(gain, last.to_corrections(judged_parameters(problem)[-3:]), strict=True):
         assert one.low is not None
         assert one.high is not None
         assert one.low < c < one.high
@@ -149,7 +149,7 @@ def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
     weight = Weight(dynamics, str(loaded.recordings[0].path))
     found = gains(loaded.changed(additions=(weight,)), lambda _: None)
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
-    for one in found.additions[-1].told(judged_parameters(problem)[-3:]):
+    for one in found.additions[-1].to_corrections(judged_parameters(problem)[-3:]):
         assert one.low is not None
         assert one.high is not None
         assert one.low < 1.04 < one.high

@@ -71,6 +71,40 @@ class Verdict(Shown):
         return sentence(self.finding, "", self.cure)
 
 
+@dataclass(frozen=True)
+class Fault:
+    """What may be wrong: the words that all verdicts on it share, unless one has its own.
+
+    Attributes:
+        key, cause, cure: as of a `Verdict` that is not good.
+        unit: of the figure that decides.
+    """
+
+    key: str
+    unit: str = ""
+    cause: str = ""
+    cure: str = ""
+
+    def good(self, seen: str, number: float | None = None) -> Verdict:
+        """The verdict that nothing is wrong."""
+        return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self.unit)
+
+    def poor(
+        self,
+        seen: str,
+        subject: str = "",
+        number: float | None = None,
+        *,
+        grade: Grade = Grade.DOUBTFUL,
+        cause: str = "",
+        cure: str = "",
+        proposals: tuple[Proposal, ...] = (),
+    ) -> Verdict:
+        """A verdict that something is."""
+        words = cause or self.cause, cure or self.cure
+        return Verdict(self.key, grade, seen, subject, *words, proposals, number, self.unit)
+
+
 def worst(verdicts: Iterable[Verdict]) -> Grade:
     """The most severe grade; good if there is none."""
     order = list(Grade)
