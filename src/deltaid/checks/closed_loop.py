@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence, Rows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict
 from deltaid.model.words import percent
 from deltaid.recording.recording import Recording
 
@@ -38,6 +38,14 @@ _CHANCE = 7.0
 # Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.
 _DOUBTFUL, _WRONG = 0.007, 0.02
+_FEEDBACK = Fault(
+    "closed-loop",
+    "%",
+    "coarse or noisy positions, differentiated by the controller, shake the drives: friction near "
+    "rest is averaged away, and inertia takes its part",
+    "lower the controller's gains or the cut-off of its speed for this recording, or use the "
+    "motor's encoder; intervals do not hold this",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,21 +70,17 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
         return
     worst = int(np.argmax(shake.reversed))
     drive, share = evidence.robot.drives[worst], float(shake.reversed[worst])
-    key, unit, number = "closed-loop", evidence.robot.drive_units[drive], 100 * share
+    unit, number = evidence.robot.drive_units[drive], 100 * share
     seen = (
         f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
         f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
         f"{percent(share)} of the samples"
     )
     if share < _DOUBTFUL:
-        yield Verdict(key, Grade.GOOD, seen, number=number, unit="%")
+        yield _FEEDBACK.good(seen, number)
         return
     grade = Grade.WRONG if share > _WRONG else Grade.DOUBTFUL
-    cause = "coarse or noisy positions, differentiated by the controller, shake the drives: "
-    cause += "friction near rest is averaged away, and inertia takes its part"
-    cure = "lower the controller's gains or the cut-off of its speed for this recording, or use "
-    cure += "the motor's encoder; intervals do not hold this"
-    yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+    yield _FEEDBACK.poor(seen, drive, number, grade=grade)
 
 
 def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:

@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
-from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.robot.description import RobotDescription
 
@@ -21,28 +21,41 @@ _SHARE, _SPEED = 0.1, {False: 3.0, True: 0.5}
 _DEFAULTS = {"platform_speed": "m/s", "platform_acceleration": "m/s²"}
 # Poses evaluated, and the share of them that may break a limit at the workspace's edge.
 _POINTS, _EDGE = 4096, 0.01
+_FRICTION = Fault(
+    "friction-missing",
+    "drives",
+    "left out of the description; a fit then puts the friction there is into masses and inertias",
+    "describe it; its size is only a start, as the recording decides it",
+)
+_LIMITS = Fault(
+    "limits-missing",
+    "limits",
+    "left out of the description",
+    "give what the machine may do before `deltaid excite` plans a motion: it goes to the limits "
+    "that it knows; identification does not depend on them",
+)
+_CUT = Fault(
+    "workspace-cut",
+    "share",
+    "a workspace that is larger than what the machine can do, or a limit, a zero or a length that "
+    "is wrong",
+)
+_HOLDS = Fault("torque-limit", "of the limit")
 
 
 def checked_friction(robot: RobotDescription) -> Iterable[Verdict]:
     """Whether every drive has a friction law."""
     missing = [drive for drive in robot.drives if drive not in robot.friction]
     if not missing:
-        seen = f"described of {listed(robot.friction_joints)}"
-        yield Verdict("friction-missing", Grade.GOOD, seen)
+        yield _FRICTION.good(f"described of {listed(robot.friction_joints)}")
         return
     laws = ((drive, *law) for drive in missing for law in _law(robot, drive).items())
     changes = tuple((f"friction.{drive}.{key}", value) for drive, key, value in laws)
-    yield Verdict(
-        "friction-missing",
-        Grade.DOUBTFUL,
+    yield _FRICTION.poor(
         f"no friction is described of {listed(missing)}",
         listed(missing),
-        "left out of the description; a fit then puts the friction there is into masses and "
-        "inertias",
-        "describe it; its size is only a start, as the recording decides it",
-        (Proposal("robot", changes),),
         float(len(missing)),
-        "drives",
+        proposals=(Proposal("robot", changes),),
     )
 
 
@@ -70,21 +83,13 @@ def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
         efforts = {robot.units(drive).effort for drive in free}
         seen.append(f"no {' or '.join(sorted(efforts))} limit of {listed(free)}")
     if not seen:
-        speed, acceleration = robot.platform_speed, robot.platform_acceleration
-        text = f"platform {speed:g} m/s, {acceleration:g} m/s²; effort of all drives"
-        yield Verdict("limits-missing", Grade.GOOD, text)
+        yield _LIMITS.good(
+            f"platform {robot.platform_speed:g} m/s, {robot.platform_acceleration:g} m/s²; effort "
+            "of all drives"
+        )
         return
-    yield Verdict(
-        "limits-missing",
-        Grade.DOUBTFUL,
-        "; ".join(seen),
-        listed(defaults + ["drive_limits"] * bool(free)),
-        "left out of the description",
-        "give what the machine may do before `deltaid excite` plans a motion: it goes to the "
-        "limits that it knows; identification does not depend on them",
-        number=float(len(seen)),
-        unit="limits",
-    )
+    subject = listed(defaults + ["drive_limits"] * bool(free))
+    yield _LIMITS.poor("; ".join(seen), subject, float(len(seen)))
 
 
 def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
@@ -93,10 +98,14 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     try:
         robot = AtRest(dynamics, prior_parameters(dynamics.robot))
     except KinematicsError as error:
-        seen = f"the robot cannot stand in the middle of its workspace: {error.what}"
-        cause = "workspace, lengths or working mode do not go together"
-        key, where, unit = "workspace-cut", "workspace", "share"
-        yield Verdict(key, Grade.WRONG, seen, where, cause, error.cure, number=0.0, unit=unit)
+        yield _CUT.poor(
+            f"the robot cannot stand in the middle of its workspace: {error.what}",
+            "workspace",
+            0.0,
+            grade=Grade.WRONG,
+            cause="workspace, lengths or working mode do not go together",
+            cure=error.cure,
+        )
         return
     poses = robot(_points(description))
     yield _cut(robot, poses)
@@ -124,23 +133,23 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
     names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[pose_limits]]
     broken = poses.shares[:, pose_limits] > 1.0  # not so where NaN: not reached
     lost = 1 - float(np.mean(poses.stands & ~np.any(broken, axis=1)))
-    key, where, unit = "workspace-cut", "workspace", "share"
     if lost <= _EDGE:
         seen = f"{percent(1 - lost)} of it lies within all limits of drives and joints"
-        return Verdict(key, Grade.GOOD, seen, number=lost, unit=unit)
+        return _CUT.good(seen, lost)
     parts = {
         f"{name} cuts": float(np.mean(np.any(broken[:, [n == name for n in names]], axis=1)))
         for name in dict.fromkeys(names)
     }
     parts["out of reach are"] = 1 - float(np.mean(poses.stands))
     worst = sorted((name for name in parts if parts[name] > 0), key=lambda name: -parts[name])
-    seen = f"{percent(lost)} of the workspace cannot be used: "
-    seen += "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3])
-    cause = "a workspace that is larger than what the machine can do, or a limit, a zero or a "
-    cause += "length that is wrong"
-    cure = f"shrink the workspace or widen the limits{_needed(robot.robot, poses)}, and check the "
-    cure += "lengths"
-    return Verdict(key, Grade.DOUBTFUL, seen, where, cause, cure, number=lost, unit=unit)
+    cuts = "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3])
+    needed = _needed(robot.robot, poses)
+    return _CUT.poor(
+        f"{percent(lost)} of the workspace cannot be used: {cuts}",
+        "workspace",
+        lost,
+        cure=f"shrink the workspace or widen the limits{needed}, and check the lengths",
+    )
 
 
 def _needed(robot: RobotDescription, poses: Poses) -> str:
@@ -163,19 +172,17 @@ def _held(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Ve
     use = torque.max(axis=0) / largest
     k = int(np.argmax(use))
     first, units, number = drives[k], robot.units(drives[k]), float(use[k])
-    key, unit = "torque-limit", "of the limit"
     if number <= 1:
-        seen = f"at rest at most {percent(number)} of the limit, of {first}"
-        return Verdict(key, Grade.GOOD, seen, number=number, unit=unit)
+        return _HOLDS.good(f"at rest at most {percent(number)} of the limit, of {first}", number)
     sinking = float(np.mean(np.any(torque > largest, axis=1)))
-    grade = Grade.WRONG if sinking > 0.5 else Grade.DOUBTFUL
-    seen = (
+    return _HOLDS.poor(
         f"{first} must hold up to {torque[:, k].max():.3g} {units.force} at rest, by the prior, "
         f"and may do {largest[k]:.3g} {units.force}; in {percent(sinking)} of the workspace the "
-        "robot would sink"
+        "robot would sink",
+        listed([drive for drive, share in zip(drives, use, strict=True) if share > 1]),
+        number,
+        grade=Grade.WRONG if sinking > 0.5 else Grade.DOUBTFUL,
+        cause=f"a {units.effort} limit of the motor's side of the gear or in another unit, or "
+        "masses that are too large",
+        cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
     )
-    weak = listed([drive for drive, share in zip(drives, use, strict=True) if share > 1])
-    cause = f"a {units.effort} limit of the motor's side of the gear or in another unit, or masses "
-    cause += "that are too large"
-    cure = f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses"
-    return Verdict(key, grade, seen, weak, cause, cure, number=number, unit=unit)

@@ -25,7 +25,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict
 from deltaid.model.words import listed
 from deltaid.motion.random_motion import random_motion
 
@@ -43,6 +43,20 @@ _USUAL_NOISE = 0.02
 # Samples and period [s] of motions that a recording is compared with, how much slower the slow one
 # is, and random motions that together are what is usual.
 _SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
+_HIDDEN = Fault(
+    "base-parameters",
+    "base parameters",
+    "the recorded motion does not move what they act on, or not fast enough",
+)
+_WEAK = Fault(
+    "excitation", "times less certain", "the motion is slow, or uses little of the workspace"
+)
+_STILL = Fault(
+    "excitation",
+    "drives",
+    "a motion of single drives, or none",
+    "record a motion of all drives, such as `deltaid excite` plans",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +113,13 @@ def judged_information(
     try:
         motions, ranges = _motions(dynamics)
     except KinematicsError as error:
-        seen = f"no motion within the limits was found to compare with: {error.what}"
-        cause = "the workspace or the limits of the description leave no room"
-        key, grade = "base-parameters", Grade.CANNOT_TELL
-        return (Verdict(key, grade, seen, cause=cause, cure=error.cure),)
+        unknown = _HIDDEN.poor(
+            f"no motion within the limits was found to compare with: {error.what}",
+            grade=Grade.CANNOT_TELL,
+            cause="the workspace or the limits of the description leave no room",
+            cure=error.cure,
+        )
+        return (unknown,)
     certainty = _assess(dynamics, information.of_drives, motions)
     rests = np.max(moved, axis=0) < _RESTING * ranges
     still = np.array(dynamics.robot.drives)[rests].tolist()
@@ -145,7 +162,7 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
 
 def _parameters(certainty: _Certainty) -> Verdict:
     """Base parameters that the recording determines, and the motion for the others."""
-    share, key, unit = certainty.recorded, "base-parameters", "base parameters"
+    share = certainty.recorded
     hidden, weak = share > _NOT, (share > _WELL) & (share <= _NOT)
     well = int(np.sum(share <= _WELL))
     seen = f"{well} of {len(share)} are identifiable"
@@ -157,32 +174,33 @@ def _parameters(certainty: _Certainty) -> Verdict:
     if not lost.size:
         if not missed.any() and len(share) > well:
             seen += "; no motion within the limits shows them much better"
-        return Verdict(key, Grade.GOOD, seen, number=float(well), unit=unit)
-    subject, cure = certainty.names[lost[0]], certainty.cure(lost)
-    cause = "the recorded motion does not move what they act on, or not fast enough"
-    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=float(well), unit=unit)
+        return _HIDDEN.good(seen, float(well))
+    return _HIDDEN.poor(seen, certainty.names[lost[0]], float(well), cure=certainty.cure(lost))
 
 
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     """Whether the motion is as informative as the robot's limits allow; some drives are still."""
-    ratio, key, unit = certainty.recorded / certainty.usual, "excitation", "times less certain"
     if still:
-        subject, number, unit = listed(still), float(len(still)), "drives"
-        seen = f"{subject} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded"
-        cause = "a motion of single drives, or none"
-        cure = "record a motion of all drives, such as `deltaid excite` plans"
-    else:
-        number = float(np.quantile(ratio, 0.75, method="higher"))
-        if number <= _POOR:
-            seen = f"standard deviations are {np.median(ratio):.2g} times those of a usual motion "
-            seen += "within limits"
-            return Verdict(key, Grade.GOOD, seen, number=number, unit=unit)
-        weak = np.flatnonzero(ratio >= number)
-        subject, cure = certainty.named(weak), certainty.cure(weak)
-        seen = f"a quarter of the base parameters are at least {number:.2g} times less certain "
-        seen += "than after a motion of the same length that uses the limits"
-        cause = "the motion is slow, or uses little of the workspace"
-    return Verdict(key, Grade.DOUBTFUL, seen, subject, cause, cure, number=number, unit=unit)
+        seen = (
+            f"{listed(still)} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded"
+        )
+        return _STILL.poor(seen, listed(still), float(len(still)))
+    ratio = certainty.recorded / certainty.usual
+    number = float(np.quantile(ratio, 0.75, method="higher"))
+    if number <= _POOR:
+        return _WEAK.good(
+            f"standard deviations are {np.median(ratio):.2g} times those of a usual motion within "
+            "limits",
+            number,
+        )
+    weak = np.flatnonzero(ratio >= number)
+    return _WEAK.poor(
+        f"a quarter of the base parameters are at least {number:.2g} times less certain than after "
+        "a motion of the same length that uses the limits",
+        certainty.named(weak),
+        number,
+        cure=certainty.cure(weak),
+    )
 
 
 @lru_cache(maxsize=8)

@@ -7,12 +7,13 @@ description may be, and so are refused when their file is loaded.
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
 
 # m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
 _GIANT, _DWARF = 10.0, 0.005
 # No part of a robot is so many times as long as a limb, none that counts so many times shorter.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
+_UNIT = Fault("millimetres", "m")
 
 # Keys of lengths, by the part of the description that holds them.
 _LIMBS = (
@@ -51,21 +52,18 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
         off = [group for group in groups if _longest(group) > _OUT_OF_SCALE * size]
     wrong = [length for group in off for length in group]
     if not wrong:
-        seen = f"limbs of {size:.3g} m; all lengths go with it"
-        return Verdict("millimetres", Grade.GOOD, seen, number=size, unit="m")
+        return _UNIT.good(f"limbs of {size:.3g} m; all lengths go with it", size)
     path, value = max(wrong, key=lambda length: abs(length[1]))
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     changes = tuple((place, float(f"{value * factor:.12g}")) for place, value in wrong if value)
-    return Verdict(
-        "millimetres",
-        Grade.WRONG,
+    return _UNIT.poor(
         f"{path} is {value:g} m{others}, where limbs of about {size:.3g} m are likely",
         path.partition(".")[0],
-        f"lengths {unit}; those of a description are in metres",
-        f"multiply these lengths by {factor:g}",
-        (Proposal("robot", changes),),
-        number=abs(value),
-        unit="m",
+        abs(value),
+        grade=Grade.WRONG,
+        cause=f"lengths {unit}; those of a description are in metres",
+        cure=f"multiply these lengths by {factor:g}",
+        proposals=(Proposal("robot", changes),),
     )
 
 
@@ -87,10 +85,8 @@ def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
 
 def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
     """All numbers under some keys of a part of a description, if it is one."""
-    found = list[Length]()
-    for key in keys if isinstance(part, dict) else ():
-        found += _numbers(part.get(key), f"{path}.{key}")
-    return found
+    held = part if isinstance(part, dict) else {}
+    return [length for key in keys for length in _numbers(held.get(key), f"{path}.{key}")]
 
 
 def _numbers(value: object, path: str) -> Iterator[Length]:

@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
-from deltaid.model.verdict import Grade, Proposal, Verdict
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
@@ -28,6 +28,21 @@ _FACTOR, _SPREADS = 100.0, 30.0
 # A centre of mass so many times as far away as a limb is long is one in millimetres.
 _FARTHEST = 3.0
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
+_MASS = Fault("prior-scale", "kg", "a mass in grams")
+_DENSITY = Fault("prior-scale", "kg/m³")
+_EXTENT = Fault(
+    "prior-scale",
+    "m",
+    cure="give mass in kg, first moments in kg m, moments of inertia in kg m² about the link "
+    "frame's origin",
+)
+_MEASURED = Fault("measured-scale")
+_CENTRE = Fault(
+    "measured-scale",
+    "m",
+    "a centre of mass in mm, or a first moment in kg mm or g mm",
+    "give centres in m and first moments in kg m, in the body's link frame",
+)
 
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
@@ -45,7 +60,7 @@ def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
         return wrong
     mass = sum(float(body.prior_parameters()[0]) for body in robot.bodies.values())
     seen = f"{len(robot.bodies)} bodies, together {mass:.3g} kg, go with the lengths"
-    return (Verdict("prior-scale", Grade.GOOD, seen, number=mass, unit="kg"),)
+    return (_MASS.good(seen, mass),)
 
 
 def _shape(
@@ -73,7 +88,9 @@ def _shape(
             proposals = _proposed((f"{path}.density", density * 1000))
     else:
         return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
-    return Verdict("prior-scale", grade, seen, name, cause, cure, proposals, density, "kg/m³")
+    return _DENSITY.poor(
+        seen, name, density, grade=grade, cause=cause, cure=cure, proposals=proposals
+    )
 
 
 def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Verdict | None:
@@ -100,10 +117,7 @@ def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Ver
     else:
         return None
     seen += f", {length / reach:.2g} times the body's reach of {reach:.3g} m"
-    cure = "give mass in kg, first moments in kg m, moments of inertia in kg m² about the link "
-    cure += "frame's origin"
-    key, unit = "prior-scale", "m"
-    return Verdict(key, Grade.WRONG, seen, name, cause, cure, number=length, unit=unit)
+    return _EXTENT.poor(seen, name, length, grade=Grade.WRONG, cause=cause)
 
 
 def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict | None:
@@ -115,8 +129,7 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
     seen = f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg"
     cure = "give kilograms" if alone else "give kilograms, and moments in kg m and kg m²"
     proposals = _proposed((path, mass / 1000)) if alone and mass / 1000 < largest else ()
-    key, cause = "prior-scale", "a mass in grams"
-    return Verdict(key, grade, seen, name, cause, cure, proposals, mass, "kg")
+    return _MASS.poor(seen, name, mass, grade=grade, cure=cure, proposals=proposals)
 
 
 def _proposed(*changes: tuple[str, float]) -> tuple[Proposal, ...]:
@@ -131,7 +144,7 @@ def _size_of(robot: RobotDescription) -> float:
 
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each measured value that cannot be, or one that all go with the prior."""
-    rows, stated, key = weighings(robot), stated_spreads(robot), "measured-scale"
+    rows, stated = weighings(robot), stated_spreads(robot)
     parameters = parameter_layout(robot).parameters
     prior = np.array([entry.prior for entry in parameters])
     std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
@@ -145,10 +158,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             lever = error / float(prior[10 * bodies].sum())
             if lever > _FARTHEST * _size_of(robot):
                 seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
-                cause = "a centre of mass in mm, or a first moment in kg mm or g mm"
-                cure = "give centres in m and first moments in kg m, in the body's link frame"
-                found = Verdict(key, Grade.WRONG, seen, row.where, cause, cure, (), lever, "m")
-                verdicts.append(found)
+                verdicts.append(_CENTRE.poor(seen, row.where, lever, grade=Grade.WRONG))
         elif ratio < 1 / _FACTOR or (ratio > _FACTOR and unlikely):
             verdicts.append(_scaled(row, expected, ratio))
     if verdicts or not rows:
@@ -156,7 +166,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     first, *_ = rows
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first.name}, {go} with the description"
-    return (Verdict(key, Grade.GOOD, seen),)
+    return (_MEASURED.good(seen),)
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
@@ -170,4 +180,6 @@ def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
         path = re.sub(r"\[(\d+)\]", lambda match: f"[{int(match[1]) - 1}]", row.where)
         changes = (f"{path}.mass", row.value / 1000), (f"{path}.std", row.std / 1000)
         cure, proposals = f"{cure}, and its std as well", _proposed(*changes)
-    return Verdict("measured-scale", grade, seen, row.where, cause, cure, proposals, number=ratio)
+    return _MEASURED.poor(
+        seen, row.where, ratio, grade=grade, cause=cause, cure=cure, proposals=proposals
+    )

@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from deltaid.checks.evidence import Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
@@ -34,6 +34,48 @@ _NOISY, _NOTHING_ELSE = 0.06, 0.9
 _COARSE, _BLIND = 0.1, 1.0
 
 _AT_REST: tuple[Reason, ...] = ("standing still", "on brakes", "emergency stop")
+_RATE = Fault("rate", "samples", "the recording is too slow for this motion")
+_TOO_SLOW = (
+    "the recording is too slow to be differentiated: what is faster than a sixteenth of the rate "
+    "is bent or cut away"
+)
+_ENCODER = Fault(
+    "encoder-step",
+    "%",
+    "the encoder, or the number format of the log, resolves too little for this motion",
+    "record the motor's encoder with all its digits, move faster, or take a lower --cutoff",
+)
+_CLOCK = Fault(
+    "clock",
+    "%",
+    "the logger or the network did not keep up",
+    "log with the controller's own cycle and its counter as time; meanwhile holes are cut out or "
+    "bridged, and rows put on an even grid",
+)
+_SATURATION = Fault(
+    "saturation",
+    "%",
+    "the drive is at its limit of current, or the channel's range ends there",
+    "raise the channel's range, or move more gently or with less load",
+)
+_STANDING = Fault(
+    "standing",
+    "%",
+    "at rest friction balances whatever there is, so that torques say nothing",
+    "record a motion without pauses, or more of it",
+)
+_NOISE = Fault(
+    "torque-noise",
+    "%",
+    "current ripple or an unshielded sensor, or a motion with little torque",
+    "record the controller's filtered torque and its lag, longer, or a faster motion",
+)
+_STEP = Fault(
+    "torque-step",
+    "%",
+    "the channel has too few digits, such as whole per cent of a rated torque",
+    "record it with more digits (per mille, or the current in mA)",
+)
 
 
 def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
@@ -61,21 +103,20 @@ def _rate(evidence: Evidence) -> Verdict:
     if fastest == 0:
         seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
         return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
-    samples, (doubtful, wrong) = rate / fastest, _TAKEN
-    cause = "the recording is too slow for this motion"
+    samples, (doubtful, wrong), cause = rate / fastest, _TAKEN, ""
     if not (columns.velocity and columns.acceleration):
-        doubtful, wrong = _DIFFERENTIATED
-        cause = "the recording is too slow to be differentiated: what is faster than a sixteenth "
-        cause += "of the rate is bent or cut away"
-    seen = f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
-    seen += f"{fastest:.3g} Hz"
+        (doubtful, wrong), cause = _DIFFERENTIATED, _TOO_SLOW
+    seen = (
+        f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
+        f"{fastest:.3g} Hz"
+    )
     if samples >= doubtful:
-        return Verdict("rate", Grade.GOOD, seen, number=samples, unit="samples")
+        return _RATE.good(seen, samples)
     scale = 10.0 ** np.floor(np.log10(20 * fastest))
     enough = float(np.ceil(20 * fastest / scale) * scale)  # to one significant digit
     cure = f"record at {enough:g} Hz or more, or move more slowly"
     grade = Grade.WRONG if samples < wrong else Grade.DOUBTFUL
-    return Verdict("rate", grade, seen, "", cause, cure, number=samples, unit="samples")
+    return _RATE.poor(seen, "", samples, grade=grade, cause=cause, cure=cure)
 
 
 def _encoder(evidence: Evidence) -> Iterator[Verdict]:
@@ -104,13 +145,10 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
             f"{percent(shares[worst])} of {drive}'s acceleration below {low_pass.cutoff:.3g} Hz"
         )
     if not bad.any():
-        yield Verdict("encoder-step", Grade.GOOD, seen, number=number, unit="%")
+        yield _ENCODER.good(seen, number)
         return
     grade = Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL
-    subject = listed(drives[bad].tolist())
-    cause = "the encoder, or the number format of the log, resolves too little for this motion"
-    cure = "record the motor's encoder with all its digits, move faster, or take a lower --cutoff"
-    yield Verdict("encoder-step", grade, seen, subject, cause, cure, number=number, unit="%")
+    yield _ENCODER.poor(seen, listed(drives[bad].tolist()), number, grade=grade)
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
@@ -150,20 +188,19 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:
             scatter = uneven
-            seen = f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
-            seen += f"{period} from where their even stamps say"
+            seen = (
+                f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
+                f"{period} from where their even stamps say"
+            )
     if not seen:
-        seen = f"{clock.rows} rows, one every {period}"
-        return Verdict("clock", Grade.GOOD, seen, number=100 * scatter, unit="%")
-    cause = "the logger or the network did not keep up"
+        return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
+    cause = ""
     if scatter > _JITTER and not (lost or restarts or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
-    cure = "log with the controller's own cycle and its counter as time; meanwhile holes are cut "
-    cure += "out or bridged, and rows put on an even grid"
     number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
-    return Verdict("clock", Grade.DOUBTFUL, seen, "", cause, cure, number=number, unit="%")
+    return _CLOCK.poor(seen, "", number, cause=cause)
 
 
 def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
@@ -173,28 +210,25 @@ def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
 
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
-    shares, key = _excluded(log, ("saturated torque",)), "saturation"
+    shares = _excluded(log, ("saturated torque",))
     if max(shares) <= _CLIPPED:
         seen = "no torque stays on its largest or smallest number"
-        yield Verdict(key, Grade.GOOD, seen, number=100 * max(shares), unit="%")
-    cause = "the drive is at its limit of current, or the channel's range ends there"
-    cure = "raise the channel's range, or move more gently or with less load"
+        yield _SATURATION.good(seen, 100 * max(shares))
     for drive, share in zip(evidence.robot.drives, shares, strict=True):
         if share > _CLIPPED:
-            seen = f"{percent(share)} of {drive}'s rows are on the largest or smallest number of "
-            seen, number = f"{seen}the torque; these are left out", 100 * share
-            yield Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")
+            seen = (
+                f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
+                "torque; these are left out"
+            )
+            yield _SATURATION.poor(seen, drive, 100 * share)
 
 
 def _standing(log: Log) -> Verdict:
     share = min(_excluded(log, _AT_REST))
     seen = f"the robot rests for {percent(share)} of the time"
     if share <= _RESTING:
-        return Verdict("standing", Grade.GOOD, seen, number=100 * share, unit="%")
-    seen = f"{seen}; these rows are left out"
-    cause = "at rest friction balances whatever there is, so that torques say nothing"
-    cure = "record a motion without pauses, or more of it"
-    return Verdict("standing", Grade.DOUBTFUL, seen, "", cause, cure, number=100 * share, unit="%")
+        return _STANDING.good(seen, 100 * share)
+    return _STANDING.poor(f"{seen}; these rows are left out", "", 100 * share)
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
@@ -209,28 +243,33 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
     if not noisy.size:
         share = shares[int(np.argmax(np.where(moves, shares, 0.0)))]
         seen = f"at most {percent(share)} of the largest torque"
-        yield Verdict("torque-noise", Grade.GOOD, seen, number=100 * share, unit="%")
+        yield _NOISE.good(seen, 100 * share)
     for i in noisy:
-        key, drive, number = "torque-noise", drives[i], 100 * shares[i]
-        grade, seen = Grade.WRONG, f"{drive}'s torque is noise only"
-        cause = "the channel is not connected, or another signal"
-        cure = "check which signal the column holds"
+        drive, number = drives[i], 100 * shares[i]
         if noise[i] ** 2 <= _NOTHING_ELSE * spread[i] ** 2:
-            grade, seen = Grade.DOUBTFUL, f"{drive}'s torque has noise of {percent(shares[i])} of "
-            seen += "its largest; 0.3 to 3 % is usual"
-            cause = "current ripple or an unshielded sensor, or a motion with little torque"
-            cure = "record the controller's filtered torque and its lag, longer, or a faster motion"
-        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+            seen = (
+                f"{drive}'s torque has noise of {percent(shares[i])} of its largest; 0.3 to 3 % is "
+                "usual"
+            )
+            yield _NOISE.poor(seen, drive, number)
+        else:
+            yield _NOISE.poor(
+                f"{drive}'s torque is noise only",
+                drive,
+                number,
+                grade=Grade.WRONG,
+                cause="the channel is not connected, or another signal",
+                cure="check which signal the column holds",
+            )
     shares = (steps / spread).tolist()
     if not coarse.any():
         share = max(shares)
         seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
-        yield Verdict("torque-step", Grade.GOOD, seen, number=100 * share, unit="%")
-    cause = "the channel has too few digits, such as whole per cent of a rated torque"
-    cure = "record it with more digits (per mille, or the current in mA)"
+        yield _STEP.good(seen, 100 * share)
     for i in np.flatnonzero(coarse):
-        key, drive, number = "torque-step", drives[i], 100 * shares[i]
         grade = Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL
-        seen = f"{drive}'s torque comes in steps of {steps[i]:.3g} "
-        seen += f"{evidence.robot.units(drive).force}, {percent(shares[i])} of its usual size"
-        yield Verdict(key, grade, seen, drive, cause, cure, number=number, unit="%")
+        seen = (
+            f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
+            f"{evidence.robot.units(drives[i]).force}, {percent(shares[i])} of its usual size"
+        )
+        yield _STEP.poor(seen, drives[i], 100 * shares[i], grade=grade)

@@ -87,7 +87,7 @@ class Fault:
 
     def good(self, seen: str, number: float | None = None) -> Verdict:
         """The verdict that nothing is wrong."""
-        return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self.unit)
+        return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self._unit(number))
 
     def poor(
         self,
@@ -102,7 +102,11 @@ class Fault:
     ) -> Verdict:
         """A verdict that something is."""
         words = cause or self.cause, cure or self.cure
-        return Verdict(self.key, grade, seen, subject, *words, proposals, number, self.unit)
+        unit = self._unit(number)
+        return Verdict(self.key, grade, seen, subject, *words, proposals, number, unit)
+
+    def _unit(self, number: float | None) -> str:
+        return "" if number is None else self.unit
 
 
 def worst(verdicts: Iterable[Verdict]) -> Grade:
