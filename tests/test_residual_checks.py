@@ -2,14 +2,17 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.checks.evidence import evidence
+from deltaid.checks.evidence import evidence, with_fit
 from deltaid.checks.residual import checked_residual
+from deltaid.identification.fit import FittedProblem
+from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot
 from sweeps import swept
@@ -61,6 +64,19 @@ def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
     assert "late" in lag.seen
     assert "the inertia of drive" in lag.seen
     assert "-1.5 rows" in lag.cure
+
+
+@pytest.mark.parametrize(("hidden", "why"), [(False, "--lag none"), (True, "may look like a lag")])
+def test_a_lag_that_is_not_corrected_says_why_and_what_it_costs(hidden: bool, why: str) -> None:
+    robot, table = load_robot("clavel-delta3"), frame(np.full(3, 3e-3), noise=0.01)
+    record = evidence(robot, table, settings=Settings(lag="none" if why[0] == "-" else "estimate"))
+    assert isinstance(record.fitted, FittedProblem)
+    assert record.study is not None
+    study = replace(record.study, hidden=hidden)
+    (lag, *_) = checked_residual(with_fit(record, record.fitted, record.setup.recordings[0], study))
+    harm = re.search(r"makes the inertia of drive\d [\d.]+ % too (small|large)", lag.seen)
+    assert harm, lag.seen
+    assert re.search(f"not corrected: .*{why}", lag.seen), lag.seen
 
 
 def test_friction_of_another_law_is_told_by_its_joint() -> None:

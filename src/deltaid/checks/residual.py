@@ -20,7 +20,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.recording.recording import Recording
 
@@ -50,6 +50,20 @@ _APART = 0.3
 # A residual comes in bursts when a tenth of the time has this share of it.
 _BURSTS = 0.7
 _LOOK = "look at the residual over time in the report"
+_LAG = Fault("torque-lag", "ms")
+_RINGS = Fault(
+    "resonance",
+    "Hz",
+    "struts, gears or frame ring there, or the drive's control loop does",
+    "excite less near it and take a --cutoff below it; look for play and loose screws, or lower "
+    "the gain of the control loop",
+)
+_REST = Fault(
+    "residual",
+    "%",
+    "no known effect, and what is corrected may stand for a part of it",
+    _LOOK,
+)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -60,7 +74,7 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
         return
     added = () if evidence.problem is None else evidence.problem.additions
     unknown = any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added)
-    yield _lag(study, unknown=unknown)
+    yield _lag(study, _why_left(evidence, study, recording), unknown=unknown)
     ringing = _resonance(study)
     yield ringing
     for cause in causes_of(study.fit, study.account):
@@ -92,66 +106,115 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Ver
     return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
 
 
-def _lag(study: Study, *, unknown: bool) -> Verdict:
-    """Whether torques and positions are simultaneous; `unknown` if the fit had to leave it open."""
+def _why_left(evidence: Evidence, study: Study, recording: Recording) -> str:
+    """Why an identification has not corrected a lag that is detected; empty before there is one."""
+    chosen = evidence.settings.lag
+    if evidence.problem is None:
+        return ""
+    if chosen == "none":
+        return "lags were not to be corrected (--lag none)"
+    if not isinstance(chosen, str):
+        return "torques were read by the lag that was given (--lag)"
+    if study.is_disturbed:
+        return "a load that comes and goes explains more of the torques, and may look like a lag"
+    if study.hidden:
+        return "a fault listed below explains more of the torques, and may look like a lag"
+    if any(recording.repairs.lag):
+        return "it is in addition to the lag that was corrected, which steps of friction determine"
+    return "the fit of all parameters does not confirm it; something undescribed may look like it"
+
+
+def _lag(study: Study, why: str, *, unknown: bool) -> Verdict:
+    """Whether torques and positions are simultaneous.
+
+    Args:
+        why: an identification has not corrected a lag; empty before one.
+        unknown: whether the fit had to leave it open.
+    """
     lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
     harm, shown = spoilt(study), study.common if study.alike else study.each
     sizes, halves = np.abs(shown.values), shown.interval
     clear = sizes > halves * np.where(halves > _WIDE, _CLEAR, 1.0)
     largest = np.max(sizes, where=clear, initial=0.0)
     matters = largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS)
-    number = half
     if study.hidden:
-        number, seen = lag, f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but "
-        seen += "another cause explains more of what that leaves"
-        cause = "a lag beside the causes below, or these alone, which imitate one"
-        cure = "mend the causes below first, and check again"
-    elif study.late and matters:
-        return _significant_lag(study, harm)
-    elif unknown:
-        seen = f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms"
-        seen += "; none has been put right, and intervals allow for it"
-        cause = "noise that a controller feeds back, or gears that wind up, hide the steps of "
-        cause += "friction that tell a lag best"
-        cure = "give the lag if it is known (--lag), or record with lower gains"
-    elif half > 1e3 * (_WIDE if study.late else _UNKNOWN):
-        seen = f"the lag of torques behind positions is known to ±{half:.2g} ms only"
-        cause = "the motion is too slow, or the torque too noisy, to see it"
-        cure = "record a faster motion with more reversals"
-    else:
-        return Verdict("torque-lag", Grade.GOOD, _agreement(study), number=lag, unit="ms")
-    key, grade = "torque-lag", Grade.CANNOT_TELL
-    return Verdict(key, grade, seen, "", cause, cure, number=number, unit="ms")
+        return _LAG.poor(
+            f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
+            f"can mimic a lag; {_cost(study, harm, why)}",
+            "",
+            lag,
+            grade=Grade.CANNOT_TELL,
+            cure="fix the fault first, and check again",
+        )
+    if study.late and matters:
+        grade = Grade.WRONG if np.abs(harm).max() > _SPOILT else Grade.DOUBTFUL
+        describe = _common_lag if study.alike else _differing_lags
+        return describe(study, _cost(study, harm, why), grade)
+    if unknown:
+        return _LAG.poor(
+            f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; none "
+            "has been corrected, and intervals allow for it",
+            "",
+            half,
+            grade=Grade.CANNOT_TELL,
+            cause="noise that a controller feeds back, or gears that wind up, hide the steps of "
+            "friction that determine a lag best",
+            cure="give the lag if it is known (--lag), or record with lower gains",
+        )
+    if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+        return _LAG.poor(
+            f"the lag of torques behind positions is known to ±{half:.2g} ms only",
+            "",
+            half,
+            grade=Grade.CANNOT_TELL,
+            cause="the motion is too slow, or the torque too noisy, to see it",
+            cure="record a faster motion with more reversals",
+        )
+    return _LAG.good(_agreement(study), lag)
 
 
-def _significant_lag(study: Study, harm: Float[np.ndarray, " dof"]) -> Verdict:
-    """The verdict on a lag, by the share by which it spoils each drive's inertia."""
-    drives, worst = study.fit.drives, int(np.argmax(np.abs(harm)))
-    harms = f"; left alone, it makes the inertia of {drives[worst]} {percent(abs(harm[worst]))} "
-    harms += "too large" if harm[worst] > 0 else "too small"
-    number, odd = 1e3 * float(study.common.values[0]), ""
-    if study.alike:
-        rows, half = 1e-3 * number * study.fit.trace.low_pass.rate, 1e3 * study.common.interval[0]
-        seen = f"torques come {abs(number):.3g} ± {half:.1g} ms {_late(number)} against positions"
-        cause = "torque and position are not of the same instant: a filter in the torque's way, a "
-        cause += "bus cycle, or two clocks"
-        cure = "record both in the same cycle of the controller and without filter, or shift the "
-        cure += f"torque columns by {-rows:+.2g} rows ({-number:+.3g} ms)"
-    else:
-        values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
-        pairs = zip(values, halves, strict=True)
-        lags = [f"{abs(x):.2g} ± {half:.1g} ms {_late(x)}" for x, half in pairs]
-        seen = "torques and positions do not agree in time, and drives differ: "
-        seen += _by_drive(drives, lags)
-        differing = np.abs(values - number) > np.maximum(halves, _APART)
-        odd = "" if differing.all() else listed(np.array(drives)[differing].tolist())
-        cause = "drives with filters or bus cycles of their own; otherwise a sign of a wrong "
-        cause += "friction law or torque constant, which a lag imitates"
-        cure = "set the torque filters of all drives alike and record in one cycle; check the "
-        cure += "friction law and torque constant of those that differ"
-        number = float(values[np.argmax(np.abs(values))])
-    grade = Grade.WRONG if abs(harm[worst]) > _SPOILT else Grade.DOUBTFUL
-    return Verdict("torque-lag", grade, seen + harms, odd, cause, cure, number=number, unit="ms")
+def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
+    """What a lag does to the inertia of the drive that it harms most, and why it is left."""
+    worst = int(np.argmax(np.abs(harm)))
+    size = f"{percent(abs(harm[worst]))} too {'large' if harm[worst] > 0 else 'small'}"
+    cost = f"uncorrected, it makes the inertia of {study.fit.drives[worst]} {size}"
+    return f"{cost}; not corrected: {why}" if why else cost
+
+
+def _common_lag(study: Study, cost: str, grade: Grade) -> Verdict:
+    """The verdict on a lag that all drives have."""
+    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
+    rows = 1e-3 * lag * study.fit.trace.low_pass.rate
+    return _LAG.poor(
+        f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
+        "",
+        lag,
+        grade=grade,
+        cause="torque and position are not of the same instant: a filter in the torque's way, a "
+        "bus cycle, or two clocks",
+        cure="record both in the same cycle of the controller and without filter, or shift the "
+        f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
+    )
+
+
+def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
+    """The verdict on lags of which each drive has its own."""
+    drives, common = study.fit.drives, 1e3 * float(study.common.values[0])
+    values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
+    pairs = zip(values, halves, strict=True)
+    lags = [f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}" for lag, half in pairs]
+    differing = np.abs(values - common) > np.maximum(halves, _APART)
+    return _LAG.poor(
+        "torques and positions do not agree in time, and drives differ: "
+        f"{_by_drive(drives, lags)}; {cost}",
+        "" if differing.all() else listed(np.array(drives)[differing].tolist()),
+        float(values[np.argmax(np.abs(values))]),
+        grade=grade,
+        cause="drives with filters or bus cycles of their own; otherwise a sign of a wrong "
+        "friction law or torque constant, which a lag imitates",
+        cure="set the torque filters of all drives alike and record in one cycle; check the "
+        "friction law and torque constant of those that differ",
+    )
 
 
 def _agreement(study: Study) -> str:
@@ -185,16 +248,12 @@ def _resonance(study: Study) -> Verdict:
     shares = np.sqrt(lines[:, 1]) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     k = int(np.argmax(shares))
     if shares[k] < _LEAST:
-        return Verdict("resonance", Grade.GOOD, "no line in what the model leaves of the torques")
+        return _RINGS.good("no line in what the model leaves of the torques")
     peak = float(lines[k, 0])
     same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
     seen = f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
     subject = "" if same.all() else listed(np.array(drives)[same].tolist())
-    cause = "struts, gears or frame ring there, or the drive's control loop does"
-    cure = "excite less near it and take a --cutoff below it; look for play and loose screws, or "
-    cure += "lower the gain of the control loop"
-    key, grade = "resonance", Grade.DOUBTFUL
-    return Verdict(key, grade, seen, subject, cause, cure, number=peak, unit="Hz")
+    return _RINGS.poor(seen, subject, peak)
 
 
 def _line(
@@ -228,7 +287,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
         return Verdict("residual", Grade.GOOD, seen, number=every[0].times, unit="times the noise")
     drive = study.fit.drives[rest.drive]
     seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, "
-    cause, cure = "no known effect, and what is corrected may stand for a part of it", _LOOK
+    cause, cure = "", ""
     squares = np.sort(study.fit.rows.of_drives(study.account.left)[rest.drive] ** 2)
     if rest.follows:
         seen += f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)"
@@ -239,5 +298,4 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     else:
         seen += "it varies with neither speed, place, time nor load"
         cure = f"{_LOOK}; check play and stiffness of the gears"
-    key, number = "residual", 100 * rest.part
-    return Verdict(key, Grade.DOUBTFUL, seen, drive, cause, cure, number=number, unit="%")
+    return _REST.poor(seen, drive, 100 * rest.part, cause=cause, cure=cure)

@@ -63,6 +63,7 @@ class Study:
     late: float  # surprise of a significant lag; else 0
     alike: bool  # whether all drives have the same lag
     plain: Float[np.ndarray, " dof"]  # M_ii at home of least squares without any of this
+    on_time: Float[np.ndarray, " dof"]  # the same with a significant lag corrected
     hidden: bool = False  # whether other causes explain better what looks like a lag
 
     @property
@@ -101,19 +102,21 @@ def studied(
     apart = np.abs(each.values - common.values)
     apart_by = float(apart.max()) / _AT_ONCE
     alike = _surprise(apart, each) < SEEN or apart_by < _SMALL
-    study = Study(fit, causes, common, each, 0.0, alike, _inertia(fit))
+    plain = _inertia(fit)
+    study = Study(fit, causes, common, each, 0.0, alike, plain, on_time=plain)
     off = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
     late = max(surprise(off, 1), _surprise(each.values, each)) - 1.0
     if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
         return study
     others = [trial.surprise for trial in causes.first if trial.candidate.kind != "torque-lag"]
     first = causes.found[0].candidate.kind if causes.found else ""
-    if first != "torque-lag" and late < max(others, default=0.0):
-        return replace(study, hidden=True)
     record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
-    fit, causes = _accounted(record, Y, DriveRows(rows.scale, Y.shape[1]), lag=True)
-    return replace(study, fit=fit, account=causes, late=late)
+    rows = DriveRows(rows.scale, Y.shape[1])
+    if first != "torque-lag" and late < max(others, default=0.0):
+        return replace(study, hidden=True, on_time=_inertia(_rigid_fit(record, Y, rows)))
+    fit, causes = _accounted(record, Y, rows, lag=True)
+    return replace(study, fit=fit, account=causes, late=late, on_time=_inertia(fit))
 
 
 def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
@@ -147,12 +150,7 @@ def _accounted(
 ) -> tuple[RigidFit, Account]:
     """The effects of a recording, by what parameters and additions behind them explain; with a lag
     that has been corrected, that is no effect."""
-    Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
-    span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
-    if Y_extra.size:
-        span = span.with_columns(rows.stack(Y_extra))
-    p = parameters_of(record.dynamics, span, tau)
-    fit = RigidFit(record, p, Y_robot, rows, span, tau)
+    fit = _rigid_fit(record, Y, rows)
     effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]
@@ -160,7 +158,17 @@ def _accounted(
     def searched(residual: Rows) -> chain[Candidate]:
         return chain.from_iterable(search(residual) for search in searches)
 
-    return fit, account(known, searched, rows.groups, span, span.without(tau))
+    return fit, account(known, searched, rows.groups, fit.span, fit.span.without(fit.tau))
+
+
+def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
+    """Least squares of a recording's parameters, with those of additions behind them in Y."""
+    Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
+    span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
+    if Y_extra.size:
+        span = span.with_columns(rows.stack(Y_extra))
+    p = parameters_of(record.dynamics, span, tau)
+    return RigidFit(record, p, Y_robot, rows, span, tau)
 
 
 def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
@@ -173,9 +181,8 @@ def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
 
 
 def spoilt(study: Study) -> Float[np.ndarray, " dof"]:
-    """By which share M_ii at home changes when causes are not corrected."""
-    right = _inertia(study.fit)
-    return study.plain / np.where(right == 0, 1.0, right) - 1.0
+    """By which share M_ii at home is too large where a significant lag is not corrected."""
+    return study.plain / np.where(study.on_time == 0, 1.0, study.on_time) - 1.0
 
 
 class Trend(NamedTuple):
