@@ -7,7 +7,7 @@ import pytest
 
 from bad_logs import GOOD, ROWS, changed, with_field, with_line, without_rows
 from deltaid.errors import DeltaidError
-from deltaid.recording.formats import csv_text
+from deltaid.recording.formats import csv_lines
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.words import told_of_holes
@@ -129,7 +129,7 @@ BAD_TEXT = {
 @pytest.mark.parametrize("name", BAD_TEXT)
 @pytest.mark.parametrize("size", [1 << 22, 700])
 def test_bad_csv(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
-    monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+    monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)
     content, *fragments = BAD_TEXT[name]
     path = write(tmp_path / "log.csv", content)
     message = refusal(lambda log: with_filter(opened(log)), path)
@@ -148,7 +148,7 @@ def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
         lines.insert(at, "# remark")
     path = write(tmp_path / "log.csv", "\n".join(lines))
     for size in (1 << 22, 700, 200):
-        monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+        monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)
         bad = lines.index(next(line for line in lines if ",x," in line)) + 1
         assert f"row {bad}: column q2 is 'x'" in refusal(opened, path)
     path = write(path, "# a\n# b\n" + without_rows(150, 152).replace("\n0.1,", "\n# c\n0.1,"))

@@ -12,7 +12,7 @@ import zstandard
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.recording import table
-from deltaid.recording.formats import csv_text, parquet
+from deltaid.recording.formats import csv_lines, parquet
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table, recut
@@ -109,7 +109,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch):
     """Sets how much of a file is read at a time."""
 
     def set_sizes(size: int) -> None:
-        monkeypatch.setattr(csv_text, "_BLOCK_BYTES", size)
+        monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)
         monkeypatch.setattr(parquet, "_SLICE_ROWS", size // 40)
 
     return set_sizes

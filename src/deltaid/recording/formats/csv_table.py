@@ -6,41 +6,114 @@ its line number. Fields are read as text, because only then the place of a bad n
 
 import io
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 import polars as pl
-from jaxtyping import Int
 
-from deltaid.errors import RecordingError
-from deltaid.recording.formats.csv_end import is_marked_row
-from deltaid.recording.formats.csv_head import LONGEST_LINE
-from deltaid.recording.formats.csv_layout import CsvLayout
-from deltaid.recording.formats.stream import content, skip
-from deltaid.recording.source import Rows
-from deltaid.recording.time.seconds import is_clock
+from deltaid.errors import Doubt, RecordingError
+from deltaid.recording.formats.csv_lines import (
+    NO_LINE_BREAK,
+    Decimals,
+    is_marked_row,
+    line_ends,
+    per_line,
+    whole_lines,
+)
+from deltaid.recording.source import Rows, Table
 
-_BLOCK_BYTES = 4 << 20
 
+@dataclass(frozen=True)
+class CsvTable(Table):
+    """An open CSV file, of which a block is in memory at a time; rows are lines of the file.
 
-def read_csv(table: CsvLayout, at: Sequence[int]) -> Iterator[Rows]:
-    """Some columns by their numbers from 0.
-
-    Raises:
-        RecordingError: a line has not the header's fields, or the first one holds no numbers.
+    Attributes:
+        separator: between its fields.
+        header_row: line of the names, from 1.
+        data_start, data_size: where the data starts, and how much there is [bytes].
+        ends_open: whether the file ends without a line break.
+        marked: comment lines that hold a number for every column but the first.
+        comments: for each comment line that was met among the data, the row after it, comments not
+            counted.
     """
-    decimals = Decimals(table.separator)
-    for row, block in _blocks(table):
-        fields = _fields(table, block, row)
-        texts = [fields.to_series(i).str.strip_chars() for i in at]
-        numbers = decimals.numbers(texts)
-        if row == table.first_row and all(series[0] is None for series in numbers):
-            raise _row_of_units(table)
-        yield Rows(numbers, texts)
+
+    separator: str
+    header_row: int
+    data_start: int
+    data_size: int
+    ends_open: bool
+    marked: list[int]
+    comments: list[int] = field(default_factory=list[int])
+
+    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
+        """As in `Table.rows`.
+
+        Raises:
+            RecordingError: a line has not the header's fields, or the first one holds no numbers.
+        """
+        places = [self.header.index(pick.field.name) for pick in self.picks(columns)]
+        decimals = Decimals(self.separator)
+        for row, block in _blocks(self):
+            fields = _fields(self, block, row)
+            texts = [fields.to_series(k).str.strip_chars() for k in places]
+            numbers = decimals.numbers(texts)
+            if row == self.first_row and all(series[0] is None for series in numbers):
+                raise _row_of_units(self)
+            yield Rows(numbers, texts)
+
+    @property
+    def header_place(self) -> str:
+        """The line of the names."""
+        return self.row_place(self.header_row)
+
+    def line(self, row: int) -> int:
+        """A row as a user counts it: with the comment lines among the data."""
+        return row + bisect_right(self.comments, row)
+
+    def row_place(self, row: int) -> str:
+        """One row, counted as an editor counts lines."""
+        return f"{self.path}, row {self.line(row)}"
+
+    @property
+    def doubts(self) -> list[Doubt]:
+        """Lines that may be data behind a comment mark, and an open end."""
+        doubts: list[Doubt] = []
+        if self.marked:
+            doubts.append(
+                Doubt(
+                    f"lines that begin with a comment mark are left out, but {len(self.marked)} of "
+                    "them hold a number for every other column, the first in row "
+                    f"{self.marked[0]}",
+                    cause="rows were commented out by hand",
+                    cure="if they are data, remove the mark",
+                )
+            )
+        if self.ends_open:
+            doubts.append(NO_LINE_BREAK)
+        return doubts
+
+    @property
+    def cure_of_missing(self) -> str:
+        """What to do about a column that is not there."""
+        if len(self.fields) == 1:
+            return "separate the columns by comma, semicolon, tab or blanks"
+        return (
+            "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
+            "which with --columns MAPPING.yaml, and in which row (header_row) the names are"
+        )
+
+    def cure(self, written: str) -> str:
+        """What to do about a field that is no number, by its marks."""
+        if "," in written and self.separator == ",":
+            return "decimal commas need semicolons or tabs between the columns"
+        if "," in written or "." in written:
+            return "write all numbers alike, with decimal point or comma, and no thousands sign"
+        return super().cure(written)
 
 
-def _blocks(table: CsvLayout) -> Iterator[tuple[int, bytes]]:
+def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
     row, empty_row, comments = table.first_row, 0, 0
     for whole in whole_lines(table.path, table.data_start, table.data_size):
@@ -93,33 +166,6 @@ def _single_blanks(block: bytes) -> bytes:
     return block.removeprefix(b" ").removesuffix(b" ")
 
 
-def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
-    """A part of a file in blocks that end where a line ends.
-
-    Raises:
-        RecordingError: it has no lines of a length that can be.
-    """
-    with content(path) as file:
-        skip(file, start)
-        rest, left = b"", size
-        while block := file.read(min(_BLOCK_BYTES, left)):
-            left -= len(block)
-            cut = block.rfind(b"\n") + 1
-            if cut:
-                yield rest + block[:cut]
-                rest = block[cut:]
-            else:
-                rest += block
-            if len(rest) > LONGEST_LINE + _BLOCK_BYTES:
-                raise RecordingError(
-                    "has lines that are too long for CSV",
-                    where=str(path),
-                    cure="export the log with a line break after every sample, or as Parquet",
-                )
-        if rest:
-            yield rest
-
-
 def _without_empty_end(block: bytes, separator: str) -> bytes:
     """A block up to its last line that holds something."""
     blank = b" \t\r\n\x0b\x0c" + separator.encode()
@@ -132,7 +178,7 @@ def _without_empty_end(block: bytes, separator: str) -> bytes:
     return block[:stop]
 
 
-def _fields(table: CsvLayout, block: bytes, row: int) -> pl.DataFrame:
+def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
     """The fields of a block as text, one row a line."""
     lines = _require_fields(table, block, row)
     try:
@@ -155,12 +201,9 @@ def _fields(table: CsvLayout, block: bytes, row: int) -> pl.DataFrame:
     return frame
 
 
-def _require_fields(table: CsvLayout, block: bytes, row: int) -> int:
+def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
     """The number of lines of a block, each with as many fields as the header has."""
-    data = np.frombuffer(block, np.uint8)
-    ends = np.flatnonzero(data == ord("\n"))
-    if not block.endswith(b"\n"):
-        ends = np.append(ends, len(data))
+    data, ends = np.frombuffer(block, np.uint8), line_ends(block)
     marks = np.flatnonzero(data == ord(table.separator))
     unclosed = np.zeros(0, dtype=int)
     if b'"' in block:
@@ -183,14 +226,7 @@ def _require_fields(table: CsvLayout, block: bytes, row: int) -> int:
     return len(ends)
 
 
-def per_line(
-    positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
-) -> Int[np.ndarray, " lines"]:
-    """How many of some sorted positions lie in each line, by where the lines end."""
-    return np.diff(np.searchsorted(positions, ends), prepend=0)
-
-
-def _ragged(table: CsvLayout, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
+def _ragged(table: CsvTable, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
     if not line.strip():
         return _empty_line(table, row)
     wanted = len(table.header)
@@ -205,7 +241,7 @@ def _ragged(table: CsvLayout, row: int, line: bytes, fields: int, at_end: bool) 
     )
 
 
-def _empty_line(table: CsvLayout, row: int) -> RecordingError:
+def _empty_line(table: CsvTable, row: int) -> RecordingError:
     return RecordingError(
         "is an empty line, but more data follows",
         where=table.row_place(row),
@@ -213,42 +249,7 @@ def _empty_line(table: CsvLayout, row: int) -> RecordingError:
     )
 
 
-class Decimals:
-    """Whether a file has decimal commas, which the first number that is not whole decides.
-
-    With commas between the columns there is no question. Numbers written the other way are none.
-    """
-
-    def __init__(self, separator: str) -> None:
-        self._mark = "." if separator == "," else ""
-
-    def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
-        """Text as numbers, null where it is none."""
-        # Fractions of a second have a mark of their own.
-        self._mark = self._mark or _first_mark([x for x in texts if len(x) and not is_clock(x[0])])
-        if self._mark == ",":
-            texts = [_with_points(text) for text in texts]
-        return [text.cast(pl.Float64, strict=False) for text in texts]
-
-
-def _with_points(text: pl.Series) -> pl.Series:
-    pointed = text.str.contains(".", literal=True)
-    return text.str.replace(",", ".", literal=True).set(pointed, None)
-
-
-def _first_mark(texts: list[pl.Series]) -> str:
-    """The decimal mark in the first row that has one; none if all numbers are whole."""
-
-    first: dict[int, str] = {}
-    for mark in (".", ","):
-        found = [text.str.contains(mark, literal=True).arg_true() for text in texts]
-        rows = [int(row[0]) for row in found if len(row)]
-        if rows:
-            first[min(rows)] = mark
-    return first[min(first)] if first else ""
-
-
-def _row_of_units(table: CsvLayout) -> RecordingError:
+def _row_of_units(table: CsvTable) -> RecordingError:
     return RecordingError(
         "holds no numbers, as if it were a row of units",
         where=table.row_place(table.first_row),

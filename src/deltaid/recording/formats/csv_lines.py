@@ -1,0 +1,282 @@
+"""Lines of a CSV file: the first ones as text, how it ends, blocks of them, marks within them.
+
+It begins with comments, a separator, cells and names. It ends with data, or with lines of text such
+as END that belong to no sample.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from jaxtyping import Int
+
+from deltaid.errors import Doubt, RecordingError
+from deltaid.recording.formats.stream import content, skip
+from deltaid.recording.time.seconds import is_clock
+
+# Longer than any line of samples [bytes], so that what has no line breaks is refused early.
+_LONGEST_LINE = 1 << 20
+# Bytes that are read at once.
+_BLOCK_BYTES = 4 << 20
+SEPARATORS = ("\t", ";", ",")
+COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
+NO_LINE_BREAK = Doubt(
+    "the last line has no line break, so its last number may be cut off",
+    cause="the file was copied while it was being written, or the disk was full",
+    cure="nothing is to be done if the file is whole; else remove the line",
+)
+# Bytes at the end in which lines of text are looked for, and how many such lines at most.
+_TAIL, _LINES = 1 << 16, 3
+
+
+class HeadLines:
+    """The lines from the start of a file, read as they are asked for."""
+
+    def __init__(self, file: io.BufferedReader, path: Path) -> None:
+        self._file, self._path = file, path
+        self._lines: list[bytes] = []
+
+    def __getitem__(self, row: int) -> bytes:
+        """A line, counted from 1; nothing behind the end of the file."""
+        while len(self._lines) < row:
+            self._lines.append(_line(self._file, self._path, len(self._lines) + 1))
+        return self._lines[row - 1]
+
+    def size(self, rows: int) -> int:
+        """Of the first lines together [bytes]."""
+        return sum(map(len, self._lines[:rows]))
+
+
+def is_comment(line: bytes) -> bool:
+    """Whether a line near the head of a file says nothing but remarks."""
+    return bool(COMMENT.match(line.decode("latin-1")))
+
+
+def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
+    line = file.readline(_LONGEST_LINE)
+    if len(line) == _LONGEST_LINE:
+        raise RecordingError(
+            "is too long for a line of CSV",
+            where=f"{path}, row {row}",
+            cure="export the log as CSV with a line break after every sample, or as Parquet",
+        )
+    return line
+
+
+def as_text(line: bytes) -> str:
+    """A line as text. What is not UTF-8 comes from Windows, where ° is one byte."""
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = line.decode("cp1252", errors="replace")
+    return text.rstrip("\r\n")
+
+
+def decoded(line: bytes, place: str) -> str:
+    """The header as text."""
+    text = as_text(line)
+    if "\r" in text:
+        raise RecordingError(
+            "has carriage returns alone as line breaks", where=place, cure="convert them to LF"
+        )
+    if any(ord(c) < 32 and c != "\t" for c in text):
+        raise RecordingError(
+            "is not text", where=place, cure="export the log as CSV in UTF-8 or as Parquet"
+        )
+    if not text.strip():
+        raise RecordingError(
+            "is an empty line where the column names are expected",
+            where=place,
+            cure="delete it, or give --columns a mapping with header_row",
+        )
+    return text
+
+
+def separator_of(header: str) -> str:
+    """The separator of a header: tab before semicolon before comma, since names may hold commas.
+
+    One that only follows another (`t,<tab>q1`) is padding. Where there is none of them, or numbers
+    with decimal commas stand apart, it is runs of blanks.
+    """
+    unquoted = re.sub(r'"[^"]*"', "", header)
+    for mark in SEPARATORS[:-1]:
+        fields = unquoted.split(mark)
+        if len(fields) > 1 and not any(f.rstrip().endswith(SEPARATORS) for f in fields):
+            return mark
+    words = unquoted.split()
+    apart = len(words) > 1 and all(is_number(w) and not w.endswith(",") for w in words)
+    if apart or (len(words) > 1 and "," not in unquoted):
+        return " "
+    return SEPARATORS[-1]
+
+
+def cells_of(text: str, separator: str) -> list[str]:
+    text = text.strip() if separator == " " else text
+    fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    return [field.strip() for field in fields]
+
+
+def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
+    """The names of a row.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    try:
+        return tuple(cells_of(text, separator))
+    except csv.Error as error:
+        raise RecordingError(
+            f"is not a row of column names: {error}",
+            where=place,
+            cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
+        ) from None
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a CSV file.
+
+    Attributes:
+        size: of the data [bytes].
+        tag: the text after the data; empty if there is none.
+        last_byte: of the file; empty if there is no data.
+    """
+
+    size: int
+    tag: str
+    last_byte: bytes
+
+
+def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
+    """Where the data ends that begins at an offset.
+
+    What is compressed has to be unpacked for it once more.
+    """
+    skip(file, data_start)
+    size, tail = _tail(file)
+    stop, tag = len(tail), ""
+    for _ in range(_LINES):
+        filled = len(tail[:stop].rstrip())
+        start = tail.rfind(b"\n", 0, filled) + 1
+        line = tail[start:filled].decode("latin-1").strip()
+        if not start or not _is_text(line, separator):
+            break
+        stop, tag = start, line
+    shown = "".join(c if c.isprintable() else "?" for c in tag[:40])
+    return End(size - len(tail) + stop, shown, tail[-1:])
+
+
+def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
+    """Whether a comment line might be a row of data: all fields but the first are numbers."""
+    text = line.decode("latin-1").strip()
+    fields = text.split(None if separator == " " else separator)
+    return 1 < columns == len(fields) and all(is_number(field) for field in fields[1:])
+
+
+def is_number(text: str) -> bool:
+    """Whether a field is empty or a number with decimal point or comma."""
+    try:
+        float(text.replace(",", ".", 1) or 0)
+    except ValueError:
+        return False
+    return True
+
+
+def _tail(file: io.BufferedReader) -> tuple[int, bytes]:
+    """How much there is from here on, and the last part of it."""
+    if file.seekable():
+        at = file.tell()
+        size = file.seek(0, io.SEEK_END) - at
+        file.seek(at + max(0, size - _TAIL))
+        return size, file.read()
+    size, tail = 0, b""
+    while part := file.read(_TAIL):
+        size += len(part)
+        tail = (tail + part)[-_TAIL:]
+    return size, tail
+
+
+def _is_text(line: str, separator: str) -> bool:
+    """Whether a line holds words and no number at all."""
+    fields = [field.strip(' "') for field in line.split(separator)]
+    return bool(re.match(r"[^\W\d_]", line)) and not any(f and is_number(f) for f in fields)
+
+
+def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
+    """A part of a file in blocks that end where a line ends.
+
+    Raises:
+        RecordingError: it has no lines of a length that can be.
+    """
+    with content(path) as file:
+        skip(file, start)
+        rest, left = b"", size
+        while block := file.read(min(_BLOCK_BYTES, left)):
+            left -= len(block)
+            cut = block.rfind(b"\n") + 1
+            if cut:
+                yield rest + block[:cut]
+                rest = block[cut:]
+            else:
+                rest += block
+            if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
+                raise RecordingError(
+                    "has lines that are too long for CSV",
+                    where=str(path),
+                    cure="export the log with a line break after every sample, or as Parquet",
+                )
+        if rest:
+            yield rest
+
+
+def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:
+    """Where the lines of a block end, the last one with a line break or without."""
+    ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
+    return ends if block.endswith(b"\n") else np.append(ends, len(block))
+
+
+def per_line(
+    positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
+) -> Int[np.ndarray, " lines"]:
+    """How many of some sorted positions lie in each line, by where the lines end."""
+    return np.diff(np.searchsorted(positions, ends), prepend=0)
+
+
+class Decimals:
+    """Whether a file has decimal commas, which the first number that is not whole decides.
+
+    With commas between the columns there is no question. Numbers written the other way are none.
+    """
+
+    def __init__(self, separator: str) -> None:
+        self._mark = "." if separator == "," else ""
+
+    def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
+        """Text as numbers, null where it is none."""
+        # Fractions of a second have a mark of their own.
+        self._mark = self._mark or _first_mark([x for x in texts if len(x) and not is_clock(x[0])])
+        if self._mark == ",":
+            texts = [_with_points(text) for text in texts]
+        return [text.cast(pl.Float64, strict=False) for text in texts]
+
+
+def _with_points(text: pl.Series) -> pl.Series:
+    pointed = text.str.contains(".", literal=True)
+    return text.str.replace(",", ".", literal=True).set(pointed, None)
+
+
+def _first_mark(texts: list[pl.Series]) -> str:
+    """The decimal mark in the first row that has one; none if all numbers are whole."""
+
+    first: dict[int, str] = {}
+    for mark in (".", ","):
+        found = [text.str.contains(mark, literal=True).arg_true() for text in texts]
+        rows = [int(row[0]) for row in found if len(row)]
+        if rows:
+            first[min(rows)] = mark
+    return first[min(first)] if first else ""
