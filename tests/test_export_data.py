@@ -25,7 +25,7 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
-from deltaid.robot.body_inertia import body_inertia, why_not_physical
+from deltaid.robot.inertia import body_inertia, why_not_physical
 from deltaid.robot.load import catalogue_text, load_robot
 from exports import model, states, subject
 from identified import identified

@@ -10,12 +10,9 @@ from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, consistency
+from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.parameter import ADDED, Parameter, ParameterKind
-
-# Entries of a body that are positive: its mass and moments of inertia.
-_POSITIVE = ("m", "Ixx", "Iyy", "Izz")
 
 
 @dataclass(frozen=True)
@@ -134,8 +131,8 @@ def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[Paramete
     prior = reduced_prior(given, free)
     scale = inertia_scale(prior)
     return tuple(
-        Parameter("inertia", name, symbol, unit, 0.0 if symbol in _POSITIVE else -np.inf, np.inf,
-                  float(prior[k]), float(scale[k]))
+        Parameter("inertia", name, symbol, unit, 0.0 if symbol in POSITIVE_NAMES else -np.inf,
+                  np.inf, float(prior[k]), float(scale[k]))
         for k, (symbol, unit) in enumerate(zip(INERTIA_NAMES, INERTIA_UNITS, strict=True))
     )  # fmt: skip
 

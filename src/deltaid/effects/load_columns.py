@@ -24,9 +24,10 @@ from deltaid.recording.windows import Samples
 from deltaid.robot.inertia import (
     INERTIA_NAMES,
     INERTIA_UNITS,
+    POSITIVE_NAMES,
     PSEUDO_INERTIA_ENTRIES,
+    body_at,
     entry_map,
-    inertia_parameters,
 )
 from deltaid.robot.parameter import Parameter
 
@@ -41,8 +42,6 @@ _ENTRIES = {
     "centre": ("mcx", "mcy", "mcz"),
     "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
 }
-# Parameters that cannot be negative.
-_POSITIVE = ("m", "Ixx", "Iyy", "Izz")
 # A mass that is known no better than this determines torques worse than torque constants do.
 _SURE = 0.02
 # A mass whose interval is wider than so many times itself is hardly known.
@@ -89,7 +88,7 @@ class LoadColumns(Addition):
         sizes = _WIDE * mass * np.array([1.0, *[radius] * 3, *[radius**2] * 6])
         if tolerance is not None:
             sizes[0] = tolerance / self.prior_spread
-        low = np.where(np.isin(INERTIA_NAMES, _POSITIVE), -self.taken, -np.inf)
+        low = np.where(np.isin(INERTIA_NAMES, POSITIVE_NAMES), -self.taken, -np.inf)
         known = np.stack([low, np.full(10, np.inf), self.prior - self.taken, sizes], axis=1)
         return tuple(
             Parameter("load", self.load.name, symbol, unit, *numbers)
@@ -140,8 +139,7 @@ class LoadColumns(Addition):
     @property
     def _kilogram(self) -> Ten:
         """p of 1 kg at its centre, or in the frame's origin where that is not known."""
-        c = np.array([*(self.load.centre or (0.0, 0.0, 0.0)), 1.0])
-        return inertia_parameters(np.outer(c, c))
+        return body_at(1.0, np.array(self.load.centre or (0.0, 0.0, 0.0)), np.zeros((3, 3)))
 
     @cached_property
     def _visible(self) -> Bool[np.ndarray, " 10"]:

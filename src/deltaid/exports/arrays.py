@@ -11,7 +11,7 @@ import numpy as np
 
 from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model
-from deltaid.robot.body_inertia import body_inertia
+from deltaid.robot.inertia import body_inertia
 
 
 def model_arrays(subject: Model) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.mjcf import mjcf
 from deltaid.files import new_folder
 from deltaid.model.samples import Samples
-from deltaid.robot.body_inertia import why_not_physical
+from deltaid.robot.inertia import why_not_physical
 
 INDEX = "index.csv"
 

@@ -25,7 +25,7 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
-from deltaid.robot.body_inertia import why_not_physical
+from deltaid.robot.inertia import why_not_physical
 
 # Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
 _LOADS = (1e-6, 1e3)

@@ -18,7 +18,7 @@ from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.text import numbers, xml_comment
 from deltaid.exports.tree import Point, Tree, TreeBody, TreeJoint
 from deltaid.model.model import Model
-from deltaid.robot.body_inertia import body_inertia
+from deltaid.robot.inertia import body_inertia
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
 # allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.

@@ -26,8 +26,8 @@ from deltaid.exports.tree import Strut, Tree, TreeBody, TreeJoint
 from deltaid.exports.urdf_control import control
 from deltaid.exports.urdf_shapes import colours, visual
 from deltaid.model.model import Model
-from deltaid.robot.body_inertia import body_inertia
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import body_inertia
 from deltaid.sensors.weighings import roll_pitch_yaw
 
 _WORLD, _BASE = "world", "base"

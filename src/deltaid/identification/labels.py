@@ -13,6 +13,7 @@ from deltaid.identification.consistent_range import ConsistentRanges
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Origin, Share
+from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
 
 # The data decides a parameter that it knows to less than this share of the prior's deviation.
@@ -26,7 +27,6 @@ _ROUNDING = 1e-9
 # How far a body may be from the symmetry of its description: its centre as a share of its radius of
 # gyration, its inertias as one of its mass times that squared.
 _ASYMMETRY = 0.3
-_MOMENTS = ("Ixx", "Iyy", "Izz")
 # Half the width of a 95 % interval in standard deviations.
 REACH = 1.959963984540054
 
@@ -121,7 +121,7 @@ class Labels:
         """The prior's own interval. A moment of inertia, positive and of a size that is known at
         most roughly, is log-normal."""
         prior, std = float(self._reduction.p_reg[i]), max(float(std), float(self._least_std[i]))
-        if prior > 0 and self._parameters[i].symbol in _MOMENTS:
+        if prior > 0 and self._parameters[i].symbol in MOMENTS_OF_INERTIA:
             factor = float(np.exp(REACH * np.sqrt(np.log1p((std / prior) ** 2))))
             return Label(by, std, prior / factor, prior * factor)
         return Label(by, std, prior - REACH * std, prior + REACH * std)

@@ -14,7 +14,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.inertia import transformed
 from deltaid.sensors.simulated import simulated_sensors
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
@@ -62,7 +62,7 @@ def surrogate_parameters(
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
-        p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
+        p[part] = transformed(p[part], G)
     if _like_the_papers(robot):
         for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
             p[columns] = [values[joint] for joint in robot.friction_joints]

@@ -11,13 +11,24 @@ is −∫xy dm. The pseudo-inertia matrix (12) is
     M̄ = [[Σ, mc], [mcᵀ, m]],   Σ = ½ tr(Θ) I − Θ = ∫ r rᵀ dm,
 
 and the body exists physically if and only if M̄ is positive definite.
+
+MuJoCo, URDF and most CAD programs want the tensor about the centre of mass c, by Steiner's rule
+
+    Θ_C = Θ_B − m (c·c I − c cᵀ),
+
+in axes parallel to the link frame. Entries off the diagonal carry the minus sign everywhere.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 INERTIA_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz")
 INERTIA_UNITS = ("kg",) + ("kg m",) * 3 + ("kg m²",) * 6
+MOMENTS_OF_INERTIA = INERTIA_NAMES[4:7]
+# A body's mass and moments of inertia; the other entries may be negative.
+POSITIVE_NAMES = (INERTIA_NAMES[0], *MOMENTS_OF_INERTIA)
 
 # The independent entries of M̄ and where they stand in it: x, y, z are rows 0–2, the mass is row 3.
 PSEUDO_INERTIA_ENTRIES = {
@@ -37,7 +48,7 @@ _SECOND_MOMENTS = (((0, 0), 4), ((1, 1), 5), ((2, 2), 6), ((0, 1), 7), ((1, 2), 
 
 
 def pseudo_inertia(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch 4 4"]:
-    """M̄(p), eq. (12)."""
+    """The matrix M̄(p), eq. (12)."""
     p = np.asarray(p, dtype=float)
     M = np.zeros((*p.shape[:-1], 4, 4))
     half_trace = 0.5 * (p[..., 4] + p[..., 5] + p[..., 6])
@@ -58,6 +69,31 @@ def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, 
     for (i, j), k in _SECOND_MOMENTS:
         p[..., k] = (trace if i == j else 0.0) - M[..., i, j]
     return p
+
+
+def body_at(
+    m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, " 10"]:
+    """Parameters of a mass m [kg] at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
+    M = np.empty((4, 4))
+    M[:3, :3] = Sigma_C + m * np.outer(c, c)
+    M[:3, 3] = M[3, :3] = m * c
+    M[3, 3] = m
+    return inertia_parameters(M)
+
+
+def transformed(
+    p: Float[np.ndarray, " 10"], T: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, " 10"]:
+    """Parameters of the body whose points are (r, 1) → T (r, 1), M̄ → T M̄ Tᵀ: moved or turned with a
+    homogeneous T, stretched with a diagonal one."""
+    return inertia_parameters(T @ pseudo_inertia(p) @ T.T)
+
+
+def inertia_tensor(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "3 3"]:
+    """Θ about the link frame's origin [kg m²]."""
+    xx, yy, zz, xy, yz, xz = p[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def entry_map() -> Float[np.ndarray, "10 10"]:
@@ -119,4 +155,48 @@ def why_inconsistent(p: Float[np.ndarray, " 10"]) -> str:
     return (
         "its principal moments of inertia about the centre of mass, "
         f"{a:.4g}, {b:.4g}, {c:.4g} kg m², violate the triangle inequality"
+    )
+
+
+@dataclass(frozen=True)
+class BodyInertia:
+    """One body's inertia in its link frame's axes.
+
+    Attributes:
+        mass: [kg].
+        com: centre of mass from the link frame's origin [m].
+        about_link: tensor about the link frame's origin [kg m²].
+        about_com: tensor about the centre of mass [kg m²].
+    """
+
+    mass: float
+    com: Float[np.ndarray, " 3"]
+    about_link: Float[np.ndarray, "3 3"]
+    about_com: Float[np.ndarray, "3 3"]
+
+
+def body_inertia(p: Float[np.ndarray, " 10"]) -> BodyInertia:
+    """From the ten parameters about the link frame."""
+    m, c, about_link = float(p[0]), p[1:4] / p[0], inertia_tensor(p)
+    about_com = about_link - m * (c @ c * np.eye(3) - np.outer(c, c))
+    return BodyInertia(m, c, about_link, about_com)
+
+
+def why_not_physical(p: Float[np.ndarray, " 10"]) -> str:
+    """Why no body has these parameters; empty for one that can exist.
+
+    Beside the pseudo-inertia matrix (12) the tensor about the centre of mass is looked at, as the
+    program that reads it will: positive definite, principal moments within the triangle inequality.
+    """
+    if not np.all(np.isfinite(p)):
+        return "its parameters are not all finite"
+    reason = why_inconsistent(p)
+    if reason:
+        return reason
+    a, b, c = np.linalg.eigvalsh(body_inertia(p).about_com)
+    if a > 0 and a + b > c:
+        return ""
+    return (
+        f"its principal moments of inertia about the centre of mass, {a:.4g}, {b:.4g}, {c:.4g} "
+        "kg m², are lost in rounding"
     )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.inertia import inertia_parameters
+from deltaid.robot.inertia import body_at
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Length, Mass, Point, Positive, Radius
 
@@ -47,7 +47,7 @@ class HollowCylinder(Part):
             mass = self.density * area * self.length
         second_moments = np.full(3, mass * radii / 4)  # ∫x² dm across the axis
         second_moments[_AXES[self.axis]] = mass * self.length**2 / 12
-        return _about_link_frame(mass, np.array(self.centre), np.diag(second_moments))
+        return body_at(mass, np.array(self.centre), np.diag(second_moments))
 
 
 class PointMass(Part):
@@ -59,18 +59,7 @@ class PointMass(Part):
 
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""
-        return _about_link_frame(self.mass, np.array(self.centre), np.zeros((3, 3)))
+        return body_at(self.mass, np.array(self.centre), np.zeros((3, 3)))
 
 
 Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]
-
-
-def _about_link_frame(
-    m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, " 10"]:
-    """Inertia parameters of a mass m at c with second moments Σ_C about its centre of mass."""
-    M = np.empty((4, 4))
-    M[:3, :3] = Sigma_C + m * np.outer(c, c)
-    M[:3, 3] = M[3, :3] = m * c
-    M[3, 3] = m
-    return inertia_parameters(M)

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.inertia import inertia_tensor, transformed
 from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
 from deltaid.robot.quantities import Vector
 
@@ -132,8 +132,8 @@ def _quantity(one: Measured, p: Ten) -> float:
         return float(e @ p[1:4])
     if one.quantity == "centre":
         return float(e @ p[1:4] - one.value * p[0])
-    xx, yy, zz, xy, yz, xz = _transformed(p, np.eye(3), -np.array(one.about))[4:]
-    return float(e @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ e)
+    about = _transformed(p, np.eye(3), -np.array(one.about))
+    return float(e @ inertia_tensor(about) @ e)
 
 
 def _transformed(p: Ten, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> Ten:
@@ -143,7 +143,7 @@ def _transformed(p: Ten, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]
     """
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, d
-    return inertia_parameters(T @ pseudo_inertia(p) @ T.T)
+    return transformed(p, T)
 
 
 def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:

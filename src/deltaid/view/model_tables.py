@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from deltaid.model.friction_record import AdditionKind, FrictionChoice
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
+from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
 from deltaid.view.table import Table
 
@@ -83,7 +84,7 @@ def origin(parameter: "Parameter") -> str:
         case "limit":
             return "at the limit of consistency"
         case "prior" if parameter.high is not None and parameter.prior:
-            if parameter.low and parameter.name.endswith(("Ixx", "Iyy", "Izz")):
+            if parameter.low and parameter.name.endswith(MOMENTS_OF_INERTIA):
                 factor = float(f"{parameter.high / parameter.prior:.2g}")
                 return f"prior, × or ÷ {factor:g}"
             reach = (parameter.high - parameter.prior) / abs(parameter.prior)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, body_at, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 from deltaid.sensors.planning.joints import Instance, Shared, move_alike, shared, turn_alike
 
@@ -68,8 +68,7 @@ def exchanges(
 
 def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
     """The ten parameters of 1 kg at a point."""
-    M = np.outer(np.append(r, 1.0), np.append(r, 1.0))
-    return inertia_parameters(M)
+    return body_at(1.0, r, np.zeros((3, 3)))
 
 
 def _along(r: Float[np.ndarray, " 3"], e: Float[np.ndarray, " 3"]) -> tuple[Ten, Ten]:
