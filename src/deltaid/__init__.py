@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from deltaid.checks.identified import identify
     from deltaid.checks.run import check
     from deltaid.checks.verdicts import Verdicts
+    from deltaid.control.simulate import Comparison, Simulation, compare_controllers, simulate
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.dynamics.forward_dynamics import ForwardDynamics
@@ -87,6 +88,10 @@ _HOME = {
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "check": "deltaid.checks.run",
+    "compare_controllers": "deltaid.control.simulate",
+    "simulate": "deltaid.control.simulate",
+    "Simulation": "deltaid.control.simulate",
+    "Comparison": "deltaid.control.simulate",
     "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
     "identify": "deltaid.checks.identified",
@@ -109,6 +114,7 @@ _RENAMED = {"verdicts": "check", "write_export": "export"}
 __all__ = [
     "BodyPose",
     "ColumnMapping",
+    "Comparison",
     "ConstraintForces",
     "DeltaidError",
     "Dynamics",
@@ -137,12 +143,14 @@ __all__ = [
     "Samples",
     "SensorPlan",
     "Settings",
+    "Simulation",
     "Validation",
     "Verdict",
     "Verdicts",
     "build_limb",
     "catalogue",
     "check",
+    "compare_controllers",
     "excite",
     "export",
     "identify",
@@ -154,6 +162,7 @@ __all__ = [
     "load_robot",
     "prior_parameters",
     "sensor_plan",
+    "simulate",
     "step_through",
     "use_mechanism",
     "validate",

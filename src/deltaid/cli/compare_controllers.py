@@ -6,15 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.conditions import (
-    CurrentLoop,
-    ElasticGears,
-    PayloadText,
-    drives_dictionary,
-    drives_of,
-    payload_dictionary,
-    payload_of,
-)
 from deltaid.cli.options import output_file
 from deltaid.cli.simulate import (
     DEFAULT_BANDWIDTH,
@@ -22,8 +13,11 @@ from deltaid.cli.simulate import (
     AsJson,
     Bandwidth,
     Columns,
+    CurrentLoop,
     Delay,
+    ElasticGears,
     Encoder,
+    PayloadText,
     Rate,
     Trajectory,
 )
@@ -72,45 +66,33 @@ def compare_controllers(
         progress,
         require_report,
     )
-    from deltaid.cli.simulate import given, load_plant, load_trajectory
-    from deltaid.control.comparison import candidates, compare
-    from deltaid.control.infeasible import of_motion
-    from deltaid.control.plant import Plant
-    from deltaid.model.model import load
+    from deltaid.cli.simulate import conditions_dictionary, given
+    from deltaid.control.simulate import compare_controllers as run
     from deltaid.view.tracking import infeasible_lines
 
-    drives = drives_of(rate, bandwidth, encoder, delay, current_loop)
-    held = payload_of(payload, known=False)
     if report is not None:
         require_report(report, given(model, trajectory, plant, columns))
-    known = load(model)
-    print_origin(known)
-    runs_on = load_plant(plant, known.robot)
-    moved = Plant(runs_on, elastic=elastic_gears)
     with progress(as_json) as say:
-        say(f"checking {trajectory}")
-        motion, warnings = load_trajectory(trajectory, known.robot, columns)
-        problems = of_motion(moved.carrying(held.mass).at(0.0) if held else runs_on, motion)
-        runs = compare(moved, candidates(known), motion, drives, bandwidth, say, held)
+        result = run(
+            model, trajectory, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
+            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
+            columns=columns, progress=say,
+        )  # fmt: skip
         if report is not None:
-            from deltaid.view.page import write_page
-            from deltaid.view.tracking import comparison_page
-
             say(f"writing {report}")
-            names = f"{Path(model).name} on {Path(plant).name} along {trajectory.name}"
-            said = ["gears wind up, with the encoders on the motors"] * elastic_gears
-            said += [f"the robot holds a load of {held.mass:.4g} kg"] if held else []
-            page = comparison_page(known.robot, runs, names, drives, bandwidth, problems, said)
-            write_page(page, report)
-    print_warnings(warnings)
+            result.report(report)
+    on = result.conditions
+    print_origin(on.model)
+    print_warnings(on.warnings)
     if as_json:
-        settings = {"model": str(model), "plant": plant} | drives_dictionary(drives, bandwidth)
-        settings |= {"elastic_gears": elastic_gears} | payload_dictionary(held, False, ())
-        told = {"infeasible": [asdict(problem) for problem in problems]}
-        print_json(settings | told | {"runs": [_as_dictionary(run) for run in runs]})
+        held = asdict(on.payload) | {"known": False, "ends": []} if on.payload else None
+        settings = {"model": model, "plant": plant} | conditions_dictionary(on) | {"payload": held}
+        infeasible = {"infeasible": [asdict(problem) for problem in result.problems]}
+        runs = {"runs": [_as_dictionary(run) for run in result.runs]}
+        print_json(settings | infeasible | runs)
     else:
-        _print(known.robot, runs, report)
-    print_problems(infeasible_lines(problems, runs))
+        _print(on.model.robot, result.runs, report)
+    print_problems(infeasible_lines(result.problems, result.runs))
 
 
 def _as_dictionary(run: "Run") -> dict[str, Any]:

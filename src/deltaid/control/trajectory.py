@@ -1,7 +1,6 @@
 """The motion that a controller is to follow: from a file, or from a motion in memory."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,6 +12,7 @@ from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.motion.surrogate import Motion
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 
@@ -100,7 +100,7 @@ class SampledTrajectory:
 
 
 def open_trajectory(
-    path: Path, kinematics: Kinematics, mapping: ColumnMapping | None = None
+    path: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
 ) -> tuple[SampledTrajectory, Log]:
     """The motion of a file: what `deltaid excite` writes, or a recording.
 

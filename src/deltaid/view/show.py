@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 _KINDS = {
     "model.verdict.Verdict": "verdicts",
     "checks.verdicts.Verdicts": "verdicts",
+    "control.simulate.Comparison": "simulations",
+    "control.simulate.Simulation": "simulations",
     "control.simulation.Path": "values",
     "dynamics.dynamics.Dynamics": "robots",
     "dynamics.dynamics.Terms": "values",

@@ -1,0 +1,334 @@
+"""A controller that knows a model, on a robot that may be another one, along a motion."""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from deltaid.control.comparison import Candidate, Run, candidates, compare, gains
+from deltaid.control.control_model import ControlModel
+from deltaid.control.infeasible import Problem, of_motion, of_tracking
+from deltaid.control.options import ControllerName
+from deltaid.control.plant import Payload, Plant
+from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, track
+from deltaid.control.trajectory import MotionTrajectory, Trajectory, open_trajectory
+from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import DeltaidError, positive
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.motion.surrogate import Motion
+from deltaid.progress import Progress, Watch, watched
+from deltaid.recording.mapping import MappingLike, as_mapping
+from deltaid.recording.memory import RecordingLike, as_source
+from deltaid.robot.description import RobotDescription
+from deltaid.sensors.simulated import simulated_sensors
+from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+_NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+_PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
+# Kilograms, beyond which it is another unit.
+_HEAVY = 1000.0
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a controller is tried on: models, a motion, the drives' electronics.
+
+    Attributes:
+        model: what the controller knows.
+        plant: the robot it runs on, without the load.
+        motion: to be followed; `path` is its name.
+        bandwidth: of the feedback [Hz].
+        payload: what the tool holds; None for nothing.
+        warnings: about the motion's file.
+    """
+
+    model: Model
+    plant: Plant
+    motion: Trajectory
+    path: str
+    drives: Drives
+    bandwidth: float
+    payload: Payload | None
+    warnings: tuple[str, ...]
+
+    @cached_property
+    def loaded(self) -> Plant:
+        """The plant with its load."""
+        return self.plant if self.payload is None else self.plant.carrying(self.payload.mass)
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(Shown, Plotted, Tabled, Reported):
+    """How a controller followed a motion.
+
+    Attributes:
+        controller: its name.
+        conditions: on what.
+        tracking: the motion as it was desired and as it became.
+        problems: what no one would want on a robot, of the motion and of how it was followed.
+        payload_known: whether the controller knows the mass of the load.
+        ends: the same with loads at the ends of what they may be, by their mass [kg].
+    """
+
+    controller: ControllerName
+    conditions: Conditions
+    tracking: Tracking
+    problems: tuple[Problem, ...]
+    payload_known: bool
+    ends: tuple[tuple[float, Tracking], ...]
+
+    @property
+    def error(self) -> TrackingError:
+        """How far the motion was from the desired one, and what it took."""
+        return self.tracking.error
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is held, and whether gears wind up, in words."""
+        payload = self.conditions.payload
+        lines = ["gears wind up, with the encoders on the motors"] * self.conditions.plant.elastic
+        if payload is None:
+            return tuple(lines)
+        known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
+        lines.append(f"with a load of {payload.mass:.4g} kg, of which the controller knows {known}")
+        for mass, result in self.ends:
+            lost = "" if result.ended is None else f", and lost after {result.ended:.3g} s"
+            lines.append(
+                f"with {mass:.4g} kg (two standard deviations off): "
+                f"{1e3 * result.error.platform_rms:.3g} mm rms and "
+                f"{1e3 * result.error.platform_max:.3g} mm at most{lost}"
+            )
+        return tuple(lines)
+
+    def table(self) -> pl.DataFrame:
+        """Motion and torques with the default names of a log, what sensors show, what was desired.
+
+        It ends where the robot was lost, so that it can be read as a log.
+        """
+        result, task = self.tracking, self.tracking.task.names
+        columns = {"t": result.time}
+        for name, values in (
+            ("q{}", result.q),
+            ("tau{}", result.tau),
+            ("q{}_desired", result.q_desired),
+        ):
+            columns |= {name.format(i + 1): values[:, i] for i in range(values.shape[1])}
+        columns |= {name: result.z[:, i] for i, name in enumerate(task)}
+        columns |= {f"{name}_desired": result.z_desired[:, i] for i, name in enumerate(task)}
+        columns |= self._sensed()
+        valid = result.time < (np.inf if result.ended is None else result.ended)
+        return pl.DataFrame({name: values[valid] for name, values in columns.items()})
+
+    def _sensed(self) -> dict[str, np.ndarray]:
+        """What the plant's sensors would show, with their noise.
+
+        Accelerations are differences of velocities, so as they are between the drives' samples.
+        """
+        plant, result = self.conditions.loaded.at(0.0), self.tracking
+        if not plant.robot.sensors:
+            return {}
+        motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
+        rng = np.random.default_rng(0)
+        return simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
+
+
+def simulate(
+    model: ModelLike,
+    motion: RecordingLike | Motion | Trajectory,
+    *,
+    controller: ControllerName = "computed-torque",
+    plant: ModelLike | None = None,
+    rate: float = 1000.0,
+    bandwidth: float = 10.0,
+    encoder: float | None = None,
+    delay: int = 0,
+    current_loop: float | None = None,
+    payload: Payload | float | str | None = None,
+    payload_known: bool = False,
+    elastic_gears: bool = False,
+    columns: MappingLike | None = None,
+    duration: float | None = None,
+    progress: Watch = None,
+) -> Simulation:
+    """Follow a motion with a controller that knows `model`, on a robot that may be another one.
+
+    Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
+    its prior.
+
+    Args:
+        motion: a file of `deltaid excite`, a recording, or a motion in memory.
+        plant: the robot it runs on; that of the model if None.
+        rate: samples a second of the drives.
+        bandwidth: of the feedback [Hz].
+        encoder: step [rad or m]; 0 for none, 2⁻²⁰ of a turn if None.
+        delay: samples from an encoder's reading to its use.
+        current_loop: bandwidth of the drives' current loop [Hz]; torques at once if None.
+        payload: load at the tool of the robot that is moved [kg]; "1.5±0.1" with its standard
+            deviation.
+        payload_known: whether the controller is told of its mass.
+        elastic_gears: gears wind up by the plant's `gear_stiffness`.
+        columns: of a recording, if not the default ones.
+        duration: of a motion in memory [s], if not its own.
+        progress: as of `identify`.
+
+    Raises:
+        DeltaidError: a number is out of bounds, or the plant's drives are not those of the model.
+        RecordingError: the motion's file cannot be used.
+        KinematicsError: the motion leaves the plant's reach, or the model's.
+    """
+    if payload is None and payload_known:
+        cure = "give --payload MASS too"
+        raise DeltaidError("there is no load to know", where="--payload-known", cure=cure)
+    with watched(progress, "simulate") as say:
+        on = conditions(
+            model, motion, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
+            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
+            columns=columns, duration=duration, progress=say,
+        )  # fmt: skip
+        say("simulating")
+        known = ControlModel(on.model.robot, on.model.p)
+        if on.payload is not None and payload_known:
+            known = known.holding(on.payload.mass)
+        law = gains(controller, known, on.motion, bandwidth)
+        problems = of_motion(on.loaded.at(0.0), on.motion)
+        result = track(on.loaded, law, known, on.motion, on.drives)
+        problems += of_tracking(on.plant.model, result)
+        ends = tuple(
+            (mass, track(on.plant.carrying(mass), law, known, on.motion, on.drives))
+            for mass in (on.payload.ends if on.payload else ())
+        )
+    return Simulation(controller, on, result, problems, payload_known, ends)
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown, Reported):
+    """Every controller with every model of a robot, on one plant.
+
+    Attributes:
+        conditions: on what.
+        candidates: the models.
+        runs: one a controller and model.
+        problems: what the motion asks of the plant beyond its limits.
+    """
+
+    conditions: Conditions
+    candidates: tuple[Candidate, ...]
+    runs: tuple[Run, ...]
+    problems: tuple[Problem, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is held, and whether gears wind up, in words."""
+        payload = self.conditions.payload
+        lines = ["gears wind up, with the encoders on the motors"] * self.conditions.plant.elastic
+        lines += [f"the robot holds a load of {payload.mass:.4g} kg"] if payload else []
+        return tuple(lines)
+
+
+def compare_controllers(
+    model: ModelLike,
+    motion: RecordingLike | Motion | Trajectory,
+    *,
+    plant: ModelLike,
+    rate: float = 1000.0,
+    bandwidth: float = 10.0,
+    encoder: float | None = None,
+    delay: int = 0,
+    current_loop: float | None = None,
+    payload: Payload | float | str | None = None,
+    elastic_gears: bool = False,
+    columns: MappingLike | None = None,
+    duration: float | None = None,
+    progress: Watch = None,
+) -> Comparison:
+    """Compare tracking with the prior, the base parameters and the identified model.
+
+    Every controller runs with every model on the plant, all tuned alike: what differs is what they
+    know of the robot. Arguments and errors are those of `simulate`.
+    """
+    with watched(progress, "compare") as say:
+        on = conditions(
+            model, motion, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
+            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
+            columns=columns, duration=duration, progress=say,
+        )  # fmt: skip
+        problems, models = of_motion(on.loaded.at(0.0), on.motion), candidates(on.model)
+        runs = compare(on.plant, models, on.motion, on.drives, bandwidth, say, on.payload)
+    return Comparison(on, models, runs, problems)
+
+
+def conditions(
+    model: ModelLike,
+    motion: RecordingLike | Motion | Trajectory,
+    *,
+    plant: ModelLike | None,
+    rate: float,
+    bandwidth: float,
+    encoder: float | None,
+    delay: int,
+    current_loop: float | None,
+    payload: Payload | float | str | None,
+    elastic_gears: bool,
+    columns: MappingLike | None,
+    duration: float | None,
+    progress: Progress,
+) -> Conditions:
+    """What `simulate` and `compare_controllers` try controllers on; arguments as there."""
+    positive("--rate", rate, (10.0, 1e5))
+    positive("--bandwidth", bandwidth, (0.01, rate / 10))
+    positive("--encoder", encoder or None, (0.0, 1.0))
+    positive("--current-loop", current_loop, (1.0, 1e5))
+    step = ENCODER_STEP if encoder is None else encoder
+    drives = Drives(rate, step, delay, current_loop=current_loop or math.inf)
+    held = as_payload(payload)
+    known = load(model)
+    moved = known if plant is None else load(plant)
+    _require_alike(moved.robot, known.robot, plant)
+    robot = Plant(moved, elastic=elastic_gears)
+    kinematics = compiled(known.robot).kinematics
+    if isinstance(motion, Motion):
+        length = duration or getattr(motion, "duration", 0.0) or getattr(motion, "period", 0.0)
+        motion = MotionTrajectory(kinematics, motion, length)
+    if isinstance(motion, Trajectory):
+        return Conditions(known, robot, motion, "a motion", drives, bandwidth, held, ())
+    source = as_source(motion)
+    progress(f"checking {source}")
+    path, log = open_trajectory(source, kinematics, as_mapping(columns))
+    warnings = tuple(f"{source}: {text}" for text in log.warnings)
+    return Conditions(known, robot, path, log.path.name, drives, bandwidth, held, warnings)
+
+
+def as_payload(given: Payload | float | str | None) -> Payload | None:
+    """A load from kilograms, or from text such as '1.5±0.1'.
+
+    Raises:
+        DeltaidError: it is no mass, or none that a robot carries.
+    """
+    if given is None or isinstance(given, Payload):
+        return given
+    text = str(given)
+    found = _PAYLOAD.fullmatch(text.strip())
+    if found is None:
+        cure = "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
+        raise DeltaidError(f"'{text[:40]}' is no mass", where="--payload", cure=cure)
+    mass, std = float(found[1]), float(found[2] or 0.0)
+    if not 0 < mass < _HEAVY or not std <= mass:
+        cure = "give kilograms; the standard deviation is no more than the mass"
+        raise DeltaidError(f"'{text[:40]}' is no load of a robot", where="--payload", cure=cure)
+    return Payload(mass, std)
+
+
+def _require_alike(plant: RobotDescription, robot: RobotDescription, source: object) -> None:
+    """Refuse a plant whose drives are not those of the model."""
+    kinds = [[r.is_linear(drive) for drive in r.drives] for r in (plant, robot)]
+    if kinds[0] != kinds[1]:
+        words = [f"{k.count(False)} rotary and {k.count(True)} linear drives" for k in kinds]
+        raise DeltaidError(
+            f"has {words[0]}, but the model's robot has {words[1]}",
+            where=f"--plant {source}" if isinstance(source, str | Path) else "plant",
+            cure="the plant must be the robot that the model is of",
+        )

@@ -1,0 +1,67 @@
+"""Simulated tracking of one controller, and of all of them with all models."""
+
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from deltaid.control.simulate import Comparison, Simulation
+from deltaid.view.card import Card
+from deltaid.view.style import IDENTIFIED
+from deltaid.view.tracking import (
+    comparison_page,
+    comparison_table,
+    drive_table,
+    infeasible_lines,
+    tracking_page,
+)
+from deltaid.view.tracking_figures import error_figures
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from deltaid.view.page import Page
+
+
+def card(value: Simulation | Comparison) -> Card:
+    """The errors, and what is not feasible."""
+    robot = value.conditions.model.robot
+    if isinstance(value, Comparison):
+        table = comparison_table(robot, value.runs)
+        problems = infeasible_lines(value.problems, value.runs)
+    else:
+        table = drive_table(robot, value.tracking)
+        problems = tuple(problem.text for problem in value.problems)
+    return Card(
+        f"Simulated tracking: {_title(value)}",
+        value.remarks,
+        table=table,
+        told=problems,
+        methods=('.report("x.html")',)
+        if isinstance(value, Comparison)
+        else (".error", ".plot()", ".to_frame()", '.report("x.html")'),
+    )
+
+
+def frame(value: Simulation) -> pl.DataFrame:
+    """Motion and torques over time, as a log."""
+    return value.table()
+
+
+def figure(value: Simulation) -> "go.Figure":
+    """Errors over time."""
+    return error_figures([(_title(value), IDENTIFIED, value.tracking)])[0].figure
+
+
+def page(value: Simulation | Comparison) -> "Page":
+    """The page of `deltaid simulate` or of `deltaid compare-controllers`."""
+    on = value.conditions
+    rest = _title(value), on.drives, on.bandwidth, value.problems, value.remarks
+    if isinstance(value, Comparison):
+        return comparison_page(on.model.robot, value.runs, *rest)
+    return tracking_page(on.plant.model.robot, value.tracking, *rest)
+
+
+def _title(value: Simulation | Comparison) -> str:
+    on = value.conditions
+    what = f"{on.model.source} on {on.plant.model.source} along {on.path}"
+    return what if isinstance(value, Comparison) else f"{value.controller} with {what}"
