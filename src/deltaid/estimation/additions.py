@@ -80,7 +80,7 @@ class Addition(ABC):
         return False
 
     @property
-    def tells(self) -> tuple[str, ...]:
+    def determines(self) -> tuple[str, ...]:
         """Prefixes of tolerances that its parameters determine."""
         return ()
 

@@ -82,7 +82,7 @@ class Gains(OfTorques):
         return Free(variables, A, np.zeros(len(A)), ())
 
     @property
-    def tells(self) -> tuple[str, ...]:
+    def determines(self) -> tuple[str, ...]:
         return (CONSTANT_OF,) if self.alike else (CONSTANT_OF, CONSTANTS)
 
     def on(self, dynamics: Dynamics) -> "Gains":
@@ -184,7 +184,7 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
     By torques alone that is a matter of units, for whoever gives the drives what they recorded; but
     a weighing is in kg, and other bodies then take up the difference, more of it than ε.
     """
-    known = any(CONSTANTS in addition.tells for addition in problem.additions)
+    known = any(CONSTANTS in addition.determines for addition in problem.additions)
     stated = problem.dynamics.robot.tolerances.torque_constants
     if problem.information.facts is None or known or stated:
         return ()

@@ -100,7 +100,7 @@ def shifted(
 ) -> Geometry:
     """Shifts of base parameters by what quantities do to some rows, as of `geometry`."""
     active = information.columns
-    determined = tuple(start for addition in additions for start in addition.tells)
+    determined = tuple(start for addition in additions for start in addition.determines)
     all_names = dict.fromkeys(name for row in rows for name in row.names)
     names = tuple(name for name in all_names if not (determined and name.startswith(determined)))
     k = np.searchsorted(active, [group.representative for group in base.groups])
