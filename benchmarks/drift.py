@@ -25,7 +25,7 @@ from drawn_fleet import DrawnType, drawn_type, made_alike
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_evidence import YEAR
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_recorded import Recorded
+from deltaid.fleets.drift_recorded import DriftRecording
 from deltaid.fleets.drift_series import Regressors, explained
 from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.identify_gathered import identify_gathered
@@ -180,10 +180,10 @@ def _looks(onset: np.ndarray) -> list[int]:
 
 def _recorded(
     kind: DrawnType, fleet: Fleet, k: int
-) -> tuple[FrictionSeries, list[Recorded], IdentifiedModel]:
+) -> tuple[FrictionSeries, list[DriftRecording], IdentifiedModel]:
     """A robot's recordings and what they say of friction."""
     rng, layout = np.random.default_rng([12, k]), kind.dynamics.layout
-    p, own = made_alike(kind.robot, prior_parameters(kind.robot), rng), list[Recorded]()
+    p, own = made_alike(kind.robot, prior_parameters(kind.robot), rng), list[DriftRecording]()
     tool = rng.uniform(0.1, 0.3)
     for day in range(DAYS):
         y = fleet.y[0, :, day]
@@ -198,7 +198,7 @@ def _recorded(
             f"robot{k}", day, q, temperature=float(fleet.recorded[0, day]),
             loaded=bool(rng.uniform() < 1 / 3),
         )  # fmt: skip
-        own.append(Recorded(file, _START + timedelta(days=day)))
+        own.append(DriftRecording(file, _START + timedelta(days=day)))
     early = [one.file for one in own if one.time < _START + timedelta(days=FIRST)]
     model = identify_gathered(kind.robot, early, SETTINGS).model
     return friction_series([one.file for one in own], model), own, model

@@ -71,7 +71,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
 
     from deltaid.fleets.cluster import client, done
     from deltaid.fleets.fleet import Recorded
-    from deltaid.fleets.gather_one import How, Job, gather_recorded
+    from deltaid.fleets.gather_one import GatherJob, How, gather_recorded
     from deltaid.fleets.place import Place
     from deltaid.fleets.store import Store
     from deltaid.model.record import Settings
@@ -79,7 +79,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
 
     place, how = Place.of(folder, Store()), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
     jobs = [
-        Job.of(
+        GatherJob.of(
             Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=place.store.stamp(str(one))),
             how,
         )

@@ -12,7 +12,7 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.fleets.drift_recorded import Recorded
+from deltaid.fleets.drift_recorded import DriftRecording
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.factor_record import Group, Groups, Temperature
@@ -113,7 +113,7 @@ def days(
     held: Callable[[int], float] = lambda _: 0.0,
     temperature: Callable[[int], float | None] = lambda _: None,
     every: int = 1,
-) -> list[Recorded]:
+) -> list[DriftRecording]:
     """One recording a day, or every so many days; functions of its number.
 
     Args:
@@ -121,7 +121,7 @@ def days(
         held: mass that nobody told of [kg].
     """
     robot, layout = load_robot(ROBOT), compiled(load_robot(ROBOT)).layout
-    p, found = prior_parameters(robot), list[Recorded]()
+    p, found = prior_parameters(robot), list[DriftRecording]()
     merging = merging_of([file], robot, SETTINGS)
     for day in range(count):
         more = {"P.m": held(day)}
@@ -131,5 +131,5 @@ def days(
                 more[name] = own * float(p[layout.names.index(name)])
         time = START + timedelta(days=every * day)
         one = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
-        found.append(Recorded(one, time, temperature(day)))
+        found.append(DriftRecording(one, time, temperature(day)))
     return found

@@ -11,7 +11,7 @@ import pytest
 
 from command import run
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.drift_recorded import Recorded, recorded
+from deltaid.fleets.drift_recorded import DriftRecording, recorded
 from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table, save
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
@@ -41,7 +41,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> FactorFile:
 
 
 @pytest.fixture(scope="module")
-def months(file: FactorFile) -> list[Recorded]:
+def months(file: FactorFile) -> list[DriftRecording]:
     def held(day: int) -> float:
         return 0.12 if day >= TOOL else 0.0
 
@@ -49,12 +49,12 @@ def months(file: FactorFile) -> list[Recorded]:
 
 
 @pytest.fixture(scope="module")
-def model(months: list[Recorded]) -> IdentifiedModel:
+def model(months: list[DriftRecording]) -> IdentifiedModel:
     return identify_gathered(ROBOT, [one.file for one in months[:10]], SETTINGS).model
 
 
 @pytest.fixture(scope="module")
-def found(months: list[Recorded], model: IdentifiedModel) -> RobotDrift:
+def found(months: list[DriftRecording], model: IdentifiedModel) -> RobotDrift:
     return robot_drift(months, model, DriftSettings(limit=1.5))
 
 
@@ -97,7 +97,7 @@ def test_order_does_not_matter(found: RobotDrift, months, model: IdentifiedModel
 
 def test_deviations_are_those_of_seeds(file: FactorFile, tmp_path: Path, model) -> None:
     """Recordings of one robot on other motions with other noise scatter as they say."""
-    own = [Recorded(one_recording(tmp_path, seed), START + timedelta(days=seed)) for seed in
+    own = [DriftRecording(one_recording(tmp_path, seed), START + timedelta(days=seed)) for seed in
            range(1, 4)]  # fmt: skip
     found = robot_drift(own, model).friction
     z = (found.mean - found.mean.mean(axis=1, keepdims=True)) / found.std
@@ -137,7 +137,7 @@ def test_times_come_from_names_or_stamps(file: FactorFile, months) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(months: list[Recorded], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(months: list[DriftRecording], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("factors")
     for one in months[:30]:
         write(one.file, path / f"{one.time:%m%d}{ENDING}")
@@ -193,7 +193,7 @@ def test_a_recorded_temperature_is_kept(tmp_path: Path) -> None:
     assert found.mean == pytest.approx(29.0, abs=0.2)
     assert found.low == pytest.approx(27.0, abs=0.5)
     assert found.high == pytest.approx(31.0, abs=0.5)
-    assert Recorded(known, START).degrees == found.mean
-    assert Recorded(known, START, temperature=20.0).degrees == 20.0
-    assert np.isnan(Recorded(replace(known, record=known.record.changed(temperature=None)), START)
-                    .degrees)  # fmt: skip
+    assert DriftRecording(known, START).degrees == found.mean
+    assert DriftRecording(known, START, temperature=20.0).degrees == 20.0
+    unknown = replace(known, record=known.record.changed(temperature=None))
+    assert np.isnan(DriftRecording(unknown, START).degrees)

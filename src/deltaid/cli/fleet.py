@@ -143,7 +143,7 @@ def fleet(
         print_json(_as_dictionary(run, output))
     else:
         _print(run, output)
-    if all(one.reason for one in run.fits):
+    if all(fit.reasons for fit in run.fits):
         raise typer.Exit(2)
 
 
@@ -169,9 +169,10 @@ def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> No
     """
     from deltaid.files import write_bytes
     from deltaid.fleets.place import Place
+    from deltaid.fleets.type_step import next_robot_file
 
     place = Place.of(output, store)
-    data = [store.read(place.at(one.job.file)) for one in run.types if not one.reason]
+    data = [store.read(place.at(next_robot_file(fit.job))) for fit in run.types if not fit.reasons]
     if not data or data[0] is None:
         raise DeltaidError(
             "there is nothing to write: no robot of the fleet could be used",
@@ -190,7 +191,7 @@ def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
         "recordings": len(run.outcomes),
         "gathered": run.computed[0],
         "used": sum(bool(one.file) for one in run.outcomes),
-        "fits": sum(not one.reason for one in run.fits),
+        "fits": sum(not fit.reasons for fit in run.fits),
         "fitted": run.computed[1],
         "site": None if not run.site else f"{output}/{run.site}",
         "quarantine": [asdict(line) for line in run.quarantine],
@@ -205,7 +206,7 @@ def _print(run: "FleetRun", output: str) -> None:
     console.print(
         f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
         f"({run.computed[0]} looked at now), "
-        f"{_count(sum(not one.reason for one in run.fits), 'fit')} "
+        f"{_count(sum(not fit.reasons for fit in run.fits), 'fit')} "
         f"({run.computed[1]} made now); in {output}"
     )
     if run.site:

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import get_all_start_methods
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+# Of one process: what runs within a task shares its work among threads, or is not safe among them.
+ALONE = Lock()
 # Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
 _AT_ONCE = 2000
 # Deaths of workers that a task may see before it is tried alone.

@@ -18,7 +18,7 @@ _SINCE_1970 = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class DriftRecording:
     """One recording's factors, and when it was made; for the rest None is what the file says.
 
     Attributes:
@@ -60,14 +60,14 @@ class Recorded:
 
 def recorded(
     files: Sequence[FactorFile], times: Sequence[datetime] | None = None
-) -> list[Recorded]:
+) -> list[DriftRecording]:
     """Factor files in the order of time, by what is given, their stamps, or dates in their names.
 
     Raises:
         RecordingError: nothing says when one was made.
     """
     stamps = [_time(file) for file in files] if times is None else times
-    recordings = [Recorded(file, time) for file, time in zip(files, stamps, strict=True)]
+    recordings = [DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)]
     return sorted(recordings, key=lambda recording: recording.time)
 
 

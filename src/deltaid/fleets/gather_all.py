@@ -1,177 +1,86 @@
-"""The steps of a call: recordings, fits, studies of robots; each does what is left."""
+"""All recordings of a fleet: what earlier calls have gathered or refused is not gathered again."""
 
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.drift_settings import DriftSettings
-from deltaid.fleets.fit_step import (
-    ALL,
-    MODELS,
-    PARAMETERS,
-    FitJob,
-    Fitted,
-    fit_jobs,
-    fit_period,
-    model_file,
-)
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gather_one import FACTORS, Job, Outcome, gather_recorded
-from deltaid.fleets.known import Named
+from deltaid.fleets.gather_one import FACTORS, GatherJob, Outcome, gather_recorded
 from deltaid.fleets.step import Call
 from deltaid.fleets.store import has_pattern
-from deltaid.fleets.study_step import MEMBERS, TABLES, Studied, StudyJob, study_jobs, study_robot
-from deltaid.fleets.type_step import FOLDER as TYPES
-from deltaid.fleets.type_step import TABLES as TYPE_TABLES
-from deltaid.fleets.type_step import Typed, TypeJob, fit_type, type_jobs
 
 
 def gather_all(call: Call) -> tuple[list[Outcome], int]:
-    """What became of all recordings, in their order, and how many were looked at now."""
-    listing = _listing(call, FACTORS)
-    outcomes, jobs = list[Outcome](), list[Job]()
-    for one in call.fleet.recordings:
+    """What became of all recordings, in their order, and how many were gathered now."""
+    listing = call.place.listing(FACTORS)
+    outcomes, jobs = list[Outcome](), list[GatherJob]()
+    for recorded in call.fleet.recordings:
         try:
-            call.ways.require(one)
-            job = Job.of(one, call.ways.how(one))
+            job = GatherJob.of(recorded, call.plan.how(recorded))
         except DeltaidError as error:
-            outcomes.append(Outcome(one, "", reason=str(error), is_new=False))
+            outcomes.append(Outcome(recorded, "", reason=str(error), is_new=False))
             continue
-        there = call.known.gathered(one, job.key, listing)
-        if there is not None:
-            outcomes.append(there)
-        else:
+        known = call.known.gathered(recorded, job.key, listing)
+        if known is None:
             jobs.append(job)
+        else:
+            outcomes.append(known)
     new = _gathered(call, jobs)
     outcomes += new + _gone(call, listing)
-    return _once(outcomes), sum(one.is_new for one in new)
+    return _once(outcomes), sum(outcome.is_new for outcome in new)
 
 
 def gather_again(
     call: Call, outcomes: Sequence[Outcome], files: Iterable[str]
 ) -> tuple[list[Outcome], int]:
     """The same with some recordings gathered anew, whose factor files are damaged."""
-    names = set(files)
-    lost = {one.recorded: one for one in outcomes if one.file in names}
-    new = _gathered(call, [Job.of(one, call.ways.how(one)) for one in lost if one.stamp])
-    known = {
-        one.recorded: replace(
-            one, key="", file="",
-            reason=f"{one.file} is damaged, and the recording is no longer there",
-        )
-        for one in lost.values()
-    } | {one.recorded: one for one in new}  # fmt: skip
-    return [known.get(one.recorded, one) for one in outcomes], len(new)
+    names, known = set(files), dict[Recorded, Outcome]()
+    for outcome in outcomes:
+        if outcome.file in names:
+            reason = f"{outcome.file} is damaged, and the recording is no longer there"
+            known[outcome.recorded] = replace(outcome, key="", file="", reason=reason)
+    jobs = [GatherJob.of(log, call.plan.how(log)) for log in known if log.stamp]
+    new = _gathered(call, jobs)
+    known |= {outcome.recorded: outcome for outcome in new}
+    return [known.get(outcome.recorded, outcome) for outcome in outcomes], len(new)
 
 
-def fit_all(call: Call, outcomes: Sequence[Outcome]) -> tuple[list[Fitted], int]:
-    """All fits, in the order of robots and periods, and how many were made now."""
-    jobs = fit_jobs(outcomes, call.fleet.period, dict(call.ways.robots), call.ways.settings)
-    there, models = call.known.keys(PARAMETERS), _listing(call, MODELS)
-    found = dict[FitJob, Fitted]()
-    for job in jobs:
-        if job.key in there and (ALL not in job.periods or model_file(job.robot) in models):
-            found[job] = Fitted(job)
-        elif job.key in call.known.refused:
-            found[job] = Fitted(job, reason=call.known.refused[job.key])
-    left = [job for job in jobs if job not in found]
-    for one in call.done(
-        ("fitted", "periods"), fit_period, left, lambda job, why: Fitted(job, {}, why, False)
-    ):
-        found[one.job] = one
-    return [found[job] for job in jobs], len(left)
-
-
-def study_all(
-    call: Call, fits: Sequence[Fitted], outcomes: Sequence[Outcome], drift: DriftSettings
-) -> tuple[list[Studied], int]:
-    """Drift of each robot and what it tells of its type, and of how many that was found now."""
-    jobs, members = study_jobs(fits, outcomes, drift), _listing(call, MEMBERS)
-    there = [call.known.keys(name) for name in TABLES]
-    found = dict[StudyJob, Studied]()
-    for job in jobs:
-        has_drift = all(job.key in own for own in there)
-        if has_drift and job.member_file in members:
-            found[job] = Studied(job)
-        elif job.key in call.known.refused:
-            missing = {"drift": not has_drift, "type": job.member_file not in members}
-            reason = call.known.refused[job.key]
-            found[job] = Studied(job, reasons={k: reason for k, no in missing.items() if no})
-    left = [job for job in jobs if job not in found]
-    for one in call.done(
-        ("studied", "robots"),
-        study_robot,
-        left,
-        lambda job, why: Studied(job, {}, {"drift": why, "type": why}, lasting=False),
-    ):
-        found[one.job] = one
-    return [found[job] for job in jobs], len(left)
-
-
-def type_all(call: Call, studies: Sequence[Studied]) -> tuple[list[Typed], int]:
-    """What robots of each type say together, and how many types were fitted now."""
-    jobs, there = type_jobs(studies), [call.known.keys(name) for name in TYPE_TABLES]
-    files = _listing(call, TYPES)
-    found = dict[TypeJob, Typed]()
-    for job in jobs:
-        if all(job.key in own for own in there) and job.file in files:
-            found[job] = Typed(job)
-        elif job.key in call.known.refused:
-            found[job] = Typed(job, reason=call.known.refused[job.key])
-    left = [job for job in jobs if job not in found]
-    for one in call.done(
-        ("compared", "types"), fit_type, left, lambda job, why: Typed(job, {}, why, lasting=False)
-    ):
-        found[one.job] = one
-    return [found[job] for job in jobs], len(left)
-
-
-def how_digest(call: Call, one: Recorded) -> str:
+def how_digest(call: Call, recorded: Recorded) -> str:
     """The checksum of how a recording is gathered; empty where it cannot be."""
     try:
-        call.ways.require(one)
-        return call.ways.how(one).digest
+        return call.plan.how(recorded).digest
     except DeltaidError:
         return ""
 
 
-def _gathered(call: Call, jobs: Sequence[Job]) -> list[Outcome]:
-    return list(
-        call.done(
-            ("gathered", "recordings"),
-            gather_recorded,
-            jobs,
-            lambda job, why: Outcome(job.recorded, "", reason=why),
-        )
-    )
+def _gathered(call: Call, jobs: Sequence[GatherJob]) -> list[Outcome]:
+    words = ("gathered", "recordings")
+    return list(call.done(words, gather_recorded, jobs, _failed))
 
 
-def _listing(call: Call, folder: str) -> dict[str, int]:
-    """Sizes of files in a part of the fleet's folder, by their names seen from that."""
-    found = call.place.store.listing(call.place.at(folder))
-    return {f"{folder}/{name}": size for name, size in found.items()}
+def _failed(job: GatherJob, why: str) -> Outcome:
+    return Outcome(job.recorded, "", reason=why)
 
 
 def _gone(call: Call, listing: dict[str, int]) -> list[Outcome]:
-    """Recordings that have been gathered, and thrown away since."""
+    """Recordings that the manifest still names and that have been thrown away once gathered.
+
+    What they said has been kept, so they count.
+    """
     from fsspec.utils import glob_translate
 
-    patterns = dict[str, list[str]]()
+    named, patterns = set(call.fleet.entries), dict[str, list[re.Pattern[str]]]()
     for robot, pattern in call.fleet.entries:
-        patterns.setdefault(robot, []).append(pattern)
-    named = {
-        robot: Named(
-            frozenset(one for one in own if not has_pattern(one)),
-            tuple(re.compile(glob_translate(one)) for one in own if has_pattern(one)),
-        )
-        for robot, own in patterns.items()
-    }
-    return [
-        outcome
-        for recorded, outcome, how in call.known.gone(call.fleet.recordings, named, listing)
-        if how_digest(call, recorded) == how
-    ]
+        if has_pattern(pattern):
+            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
+    here, gone = {recorded.path for recorded in call.fleet.recordings}, list[Outcome]()
+    for outcome, how in call.known.gone(here, listing):
+        robot, path = outcome.recorded.robot, outcome.recorded.path
+        matches = any(pattern.fullmatch(path) for pattern in patterns.get(robot, ()))
+        if (matches or (robot, path) in named) and how_digest(call, outcome.recorded) == how:
+            gone.append(outcome)
+    return gone
 
 
 def _once(outcomes: Iterable[Outcome]) -> list[Outcome]:
@@ -179,12 +88,14 @@ def _once(outcomes: Iterable[Outcome]) -> list[Outcome]:
 
     What is still there comes before what is not, and the first in order before others.
     """
-    found, first = list[Outcome](), dict[str, Recorded]()
-    for one in sorted(outcomes, key=lambda one: (not one.recorded.stamp, one.recorded)):
-        kept = first.setdefault(one.sha256, one.recorded) if one.file else one.recorded
-        if kept == one.recorded:
-            found.append(one)
-        elif one.recorded.stamp:
-            reason = f"is a copy of {kept.path} of {kept.robot}\n  → give each recording once"
-            found.append(replace(one, key="", file="", reason=reason))
-    return sorted(found, key=lambda one: one.recorded)
+    kept, first = list[Outcome](), dict[str, Recorded]()
+    for outcome in sorted(outcomes, key=lambda own: (not own.recorded.stamp, own.recorded)):
+        log = outcome.recorded
+        original = first.setdefault(outcome.sha256, log) if outcome.file else log
+        if original == log:
+            kept.append(outcome)
+        elif log.stamp:
+            reason = f"is a copy of {original.path} of {original.robot}\n"
+            reason += "  → give each recording once"
+            kept.append(replace(outcome, key="", file="", reason=reason))
+    return sorted(kept, key=lambda outcome: outcome.recorded)

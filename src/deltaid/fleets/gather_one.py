@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from threading import Lock
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.factor_file import ENDING, FactorFile
+from deltaid.fleets.cluster import ALONE
+from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.keys import digest, safe, ways
@@ -22,8 +22,6 @@ from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 
 FACTORS = "factors"
-# Of one process: what runs within a task shares its work among threads, or is not safe among them.
-ALONE = Lock()
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class How:
 
 
 @dataclass(frozen=True)
-class Job:
+class GatherJob:
     """A recording that is to be gathered, how, and the checksum of all that follows from."""
 
     recorded: Recorded
@@ -77,7 +75,7 @@ class Job:
     key: str
 
     @classmethod
-    def of(cls, recorded: Recorded, how: How) -> "Job":
+    def of(cls, recorded: Recorded, how: How) -> "GatherJob":
         """By the recording's stamp: nothing is read for it."""
         known = [recorded.path, recorded.stamp, how.digest, version("deltaid")]
         return cls(recorded, how, digest(known))
@@ -116,20 +114,22 @@ class Outcome:
     verdicts: str = ""
 
 
-def gather_recorded(job: Job, place: Place) -> Outcome:
+def gather_recorded(job: GatherJob, place: Place) -> Outcome:
     """Gather a recording into a fleet's folder, unless it is there.
 
     A recording that cannot be used is an outcome with its reason, and no error.
     """
     with ALONE:
         try:
-            there = _there(job, place)
-            found, size = there or _gathered(job, place)
+            file = there = place.factors(job.file, job.key)
+            if file is None:
+                file = _gathered(job, place)
+            size = place.size(job.file)
         except StoreError as error:
             return Outcome(job.recorded, "", reason=str(error))
         except DeltaidError as error:
             return Outcome(job.recorded, job.key, reason=str(error))
-    record = found.record
+    record = file.record
     return Outcome(
         job.recorded,
         job.key,
@@ -138,11 +138,11 @@ def gather_recorded(job: Job, place: Place) -> Outcome:
         size=size,
         sha256=record.sha256,
         samples=record.model.sources[0].samples,
-        verdicts=poor([found]),
+        verdicts=poor([file]),
     )
 
 
-def told_cutoff(job: Job, place: Place) -> float | None:
+def suggested_cutoff(job: GatherJob, place: Place) -> float | None:
     """The cut-off that a recording asks for [Hz], of two digits; None where it cannot be used."""
     with ALONE, threads(1):
         try:
@@ -151,41 +151,35 @@ def told_cutoff(job: Job, place: Place) -> float | None:
                 log = open_log(
                     path, kinematics, job.how.mapping, keep_all=job.how.settings.keep_all
                 )
-            told = log.suggested_cutoff
+            cutoff = log.suggested_cutoff
         except (DeltaidError, FileNotFoundError):
             return None
-    return None if told is None else float(f"{told:.2g}")
+    return None if cutoff is None else float(f"{cutoff:.2g}")
 
 
 def poor(files: list[FactorFile]) -> str:
     """Names of verdicts that are not good, joined."""
-    found = {one.key for file in files for one in file.record.verdicts if one.grade in _POOR}
-    return ", ".join(sorted(found))
+    verdicts = (verdict for file in files for verdict in file.record.verdicts)
+    return ", ".join(sorted({verdict.key for verdict in verdicts if verdict.grade in _POOR}))
 
 
 _POOR = ("wrong", "doubtful")
 
 
-def _there(job: Job, place: Place) -> tuple[FactorFile, int] | None:
-    """The factor file of a call before, if it is whole."""
+def _gathered(job: GatherJob, place: Place) -> FactorFile:
+    recorded, how = job.recorded, job.how
     try:
-        found = place.factors(job.file, job.key)
-    except RecordingError:
-        return None
-    return found, place.size(job.file)
-
-
-def _gathered(job: Job, place: Place) -> tuple[FactorFile, int]:
-    one, how = job.recorded, job.how
-    try:
-        with place.store.local(one.path, one.stamp) as path, threads(1):
+        with place.store.local(recorded.path, recorded.stamp) as path, threads(1):
             try:
-                found = gathered(
+                file = gathered(
                     how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
                 )
             except RecordingError as error:  # of a copy, which the user has not seen
-                where = error.where.replace(str(path), one.path)
+                where = error.where.replace(str(path), recorded.path)
                 raise RecordingError(error.what, where=where, cure=error.cure) from None
     except FileNotFoundError:
-        raise StoreError("is no longer there", where=one.path, cure="check the manifest") from None
-    return found, place.save_factors(job.file, found, job.key)
+        raise StoreError(
+            "is no longer there", where=recorded.path, cure="check the manifest"
+        ) from None
+    place.save_file(job.file, lambda path: write(file, path, job.key))
+    return file

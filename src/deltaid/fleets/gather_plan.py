@@ -1,16 +1,16 @@
 """How recordings of a fleet are gathered: descriptions, mappings, and one filter for each type."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.fleet import Fleet, Recorded
-from deltaid.fleets.gather_one import How, Job, told_cutoff
+from deltaid.fleets.gather_one import GatherJob, How, suggested_cutoff
 from deltaid.fleets.place import Place
-from deltaid.fleets.store import is_address
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.robot.description import RobotDescription
@@ -27,7 +27,7 @@ _Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True)
-class Ways:
+class GatherPlan:
     """What recordings are gathered with, or why they cannot be.
 
     Attributes:
@@ -49,93 +49,90 @@ class Ways:
     hows: dict[tuple[str, str, float | None], How] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool) -> "Ways":
+    def of(cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool) -> "GatherPlan":
         """What a fleet's manifest says; what cannot be read does not stop the rest."""
         wrong = dict[str, DeltaidError]()
 
-        def read(name: str, at: str, how: Callable[[str], _Read]) -> Iterable[tuple[str, _Read]]:
-            try:
-                if is_address(at):
-                    with place.store.local(at) as path:
-                        yield name, how(str(path))
-                else:
-                    yield name, how(at)
-            except FileNotFoundError:
-                wrong[name] = RecordingError("no such file", where=at, cure="check the manifest")
-            except DeltaidError as error:
-                wrong[name] = error
+        def read(names: Mapping[str, str], load: Callable[[Path], _Read]) -> dict[str, _Read]:
+            values = dict[str, _Read]()
+            for name, file in names.items():
+                try:
+                    with place.store.local(file) as path:
+                        values[name] = load(path)
+                except FileNotFoundError:
+                    wrong[name] = RecordingError(
+                        "no such file", where=file, cure="check the manifest"
+                    )
+                except DeltaidError as error:
+                    wrong[name] = error
+            return values
 
-        def each(names: Mapping[str, str], how: Callable[[str], _Read]) -> dict[str, _Read]:
-            return dict(pair for name, at in names.items() for pair in read(name, at, how))
-
-        columns = {one.columns: one.columns for one in fleet.recordings if one.columns}
-        robots = each(fleet.types, _robot)
-        mappings = each(columns, lambda path: load_mapping(Path(path)))
+        robots = read(fleet.types, _robot)
+        columns = {recorded.columns for recorded in fleet.recordings} - {""}
+        mappings = read({name: name for name in sorted(columns)}, load_mapping)
         return cls(settings, force, robots, mappings, {}, wrong)
 
-    def how(self, one: Recorded) -> How:
+    def how(self, recorded: Recorded) -> How:
         """How a recording is gathered.
 
         Raises:
             DeltaidError: its description or mapping is wrong.
         """
-        kind = (one.type, one.columns, one.load)
-        if kind not in self.hows:
-            self.hows[kind] = self._how(one)
-        return self.hows[kind]
-
-    def _how(self, one: Recorded) -> How:
-        settings = self.settings
-        if settings.cutoff is None and one.type in self.cutoffs:
-            settings = settings.changed(cutoff=self.cutoffs[one.type])
-        how = How(self.robots[one.type], self.mappings.get(one.columns), settings, self.force)
-        return how.holding(one.load, one.path)
-
-    def require(self, one: Recorded) -> None:
-        """Refuse a recording that cannot be gathered.
-
-        Raises:
-            RecordingError: its description or its mapping is wrong.
-        """
-        for name in (one.type, one.columns):
+        for name in (recorded.type, recorded.columns):
             if name in self.wrong:
                 raise self.wrong[name]
+        kind = (recorded.type, recorded.columns, recorded.load)
+        if kind not in self.hows:
+            self.hows[kind] = self._how(recorded)
+        return self.hows[kind]
+
+    def _how(self, recorded: Recorded) -> How:
+        settings, kind = self.settings, recorded.type
+        if settings.cutoff is None and kind in self.cutoffs:
+            settings = settings.changed(cutoff=self.cutoffs[kind])
+        how = How(self.robots[kind], self.mappings.get(recorded.columns), settings, self.force)
+        return how.holding(recorded.load, recorded.path)
 
 
-def with_cutoffs(ways: Ways, fleet: Fleet, place: Place, client: "Callable[[], Client]") -> Ways:
+def with_cutoffs(
+    plan: GatherPlan, fleet: Fleet, place: Place, client: "Callable[[], Client]"
+) -> GatherPlan:
     """The same with a cut-off for each type.
 
     Recordings go together only with one filter. Where none is given, the first usable recording
     decides for its type, once: the file `decided.json` keeps it.
     """
-    if ways.settings.cutoff is not None:
-        return ways
+    if plan.settings.cutoff is not None:
+        return plan
     known = _decided(place)
-    wrong, found = dict(ways.wrong), dict(known)
-    for kind in ways.robots:
-        if kind in found:
+    wrong, cutoffs = dict(plan.wrong), dict(known)
+    for kind in plan.robots:
+        if kind in cutoffs:
             continue
-        own = [one for one in fleet.recordings if one.type == kind and one.columns not in wrong]
-        own.sort(key=lambda one: (one.time, one.path))
-        for one in own[:_ASKED]:
-            try:
-                job = Job.of(one, ways.how(one))
-            except DeltaidError:
-                continue
-            told = client().submit(told_cutoff, job, place, pure=False).result()
-            if told is not None:
-                found[kind] = told
-                break
-        else:
-            if own:
-                wrong[kind] = RecordingError(
-                    f"none of its first {len(own[:_ASKED])} recordings tells a cut-off",
-                    where=kind,
-                    cure="check these with `deltaid check`, or give --cutoff",
-                )
-    if found != known:
-        place.store.write(place.at(DECIDED), json.dumps({"cutoff_hz": found}, indent=2).encode())
-    return Ways(ways.settings, ways.force, ways.robots, ways.mappings, found, wrong)
+        jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
+        asked = (client().submit(suggested_cutoff, job, place, pure=False) for job in jobs)
+        cutoff = next((x for future in asked if (x := future.result()) is not None), None)
+        if cutoff is not None:
+            cutoffs[kind] = cutoff
+        elif jobs:
+            wrong[kind] = RecordingError(
+                f"none of its first {len(jobs)} recordings tells a cut-off",
+                where=kind,
+                cure="check these with `deltaid check`, or give --cutoff",
+            )
+    if cutoffs != known:
+        place.store.write(place.at(DECIDED), json.dumps({"cutoff_hz": cutoffs}, indent=2).encode())
+    return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
+
+
+def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
+    """Recordings of a type that can be gathered, in the order of time."""
+    recordings = [recorded for recorded in fleet.recordings if recorded.type == kind]
+    for recorded in sorted(recordings, key=lambda recorded: (recorded.time, recorded.path)):
+        try:
+            yield GatherJob.of(recorded, plan.how(recorded))
+        except DeltaidError:
+            continue
 
 
 def _decided(place: Place) -> dict[str, float]:
@@ -152,5 +149,5 @@ def _decided(place: Place) -> dict[str, float]:
         ) from None
 
 
-def _robot(at: str) -> RobotDescription:
-    return described(at if at in catalogue() else Path(at))
+def _robot(path: Path) -> RobotDescription:
+    return described(str(path) if str(path) in catalogue() else path)

@@ -1,7 +1,6 @@
 """What the tables of a fleet's folder say of earlier calls, so that nothing is done again."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
@@ -9,13 +8,9 @@ from typing import Any
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.fit_step import PARAMETERS
-from deltaid.fleets.fit_step import SCHEMA as PARAMETERS_SCHEMA
-from deltaid.fleets.fleet import Absent, Recorded
+from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.gather_one import Outcome
 from deltaid.fleets.place import Place
-from deltaid.fleets.study_step import TABLES as STUDY_TABLES
-from deltaid.fleets.type_step import TABLES as TYPE_TABLES
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
 RECORDINGS_SCHEMA = {
@@ -36,6 +31,9 @@ RECORDINGS_SCHEMA = {
     "how": pl.String,
     "there": pl.Boolean,
 }
+# Columns that are fields of the recording and of its outcome.
+_RECORDED = ("robot", "type", "time", "path", "columns", "load", "temperature")
+_OUTCOME = ("file", "reason", "samples", "verdicts", "sha256", "key")
 _QUARANTINE = ("what", "robot", "which", "reason", "key")
 
 
@@ -59,18 +57,6 @@ class Quarantined:
 
 
 @dataclass(frozen=True)
-class Named:
-    """What the manifest names of a robot: paths, and patterns as regular expressions."""
-
-    paths: frozenset[str]
-    patterns: tuple[re.Pattern[str], ...]
-
-    def has(self, path: str) -> bool:
-        """Whether a path is among it."""
-        return path in self.paths or any(one.fullmatch(path) for one in self.patterns)
-
-
-@dataclass(frozen=True)
 class Known:
     """What is known from earlier calls.
 
@@ -78,7 +64,7 @@ class Known:
         recordings: that have factors.
         rows: which row of these has a key.
         refused: reasons, by key.
-        tables: of fits, by name.
+        tables: of all steps, by name.
     """
 
     recordings: pl.DataFrame
@@ -87,17 +73,17 @@ class Known:
     tables: Mapping[str, pl.DataFrame]
 
     @classmethod
-    def of(cls, place: Place, *, retry: bool) -> "Known":
-        """Of a folder.
+    def of(cls, place: Place, schemas: Mapping[str, Mapping[str, Any]], *, retry: bool) -> "Known":
+        """What the tables in a folder hold.
 
         Args:
+            schemas: columns of the steps' tables, by name.
             retry: forget what was refused.
 
         Raises:
             DeltaidError: a table cannot be read.
         """
         table = place.table(RECORDINGS)
-        schemas = {PARAMETERS: PARAMETERS_SCHEMA, **STUDY_TABLES, **TYPE_TABLES}
         tables = {name: place.table(f"{name}.parquet") for name in schemas}
         if table is not None and table.schema != pl.Schema(RECORDINGS_SCHEMA):
             raise DeltaidError(
@@ -113,9 +99,9 @@ class Known:
             {key: k for k, key in enumerate(used["key"])},
             {} if retry else _refused(place),
             {  # what another version has written is made again
-                name: one
-                for name, one in tables.items()
-                if one is not None and one.schema == pl.Schema(schemas[name])
+                name: frame
+                for name, frame in tables.items()
+                if frame is not None and frame.schema == pl.Schema(schemas[name])
             },
         )
 
@@ -135,17 +121,12 @@ class Known:
         Args:
             new: rows that this call has found, by key; all others are of earlier calls.
         """
-        order = {key: k for k, key in enumerate(keys)}
+        order = pl.DataFrame({"key": list(dict.fromkeys(keys))}, schema={"key": pl.String})
         old = self.tables.get(name, pl.DataFrame(schema=schema))
-        kept = old.filter(pl.col("key").is_in([key for key in order if key not in new]))
-        whole = pl.concat([kept, *(new[key] for key in order if key in new)])
-        places = pl.DataFrame({"key": list(order), "order": list(order.values())},
-                              schema={"key": pl.String, "order": pl.Int64})  # fmt: skip
-        return (
-            whole.join(places, on="key", how="left")
-            .sort("order", maintain_order=True)
-            .drop("order")
-        )
+        kept = old.filter(~pl.col("key").is_in(list(new)))
+        rows = pl.concat([kept, *(new[key] for key in keys if key in new)])
+        ordered = order.join(rows, on="key", how="inner", maintain_order="left_right")
+        return ordered.select(*schema)
 
     def gathered(self, recorded: Recorded, key: str, listing: Mapping[str, int]) -> Outcome | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""
@@ -154,50 +135,31 @@ class Known:
         if key not in self.rows:
             return None
         row = self.recordings.row(self.rows[key], named=True)
-        if listing.get(str(row["file"])) != row["bytes"]:
+        if listing.get(row["file"]) != row["bytes"]:
             return None
         return _outcome(recorded, row)
 
-    def gone(
-        self, here: Sequence[Recorded], named: Mapping[str, Named], listing: Mapping[str, int]
-    ) -> list[tuple[Recorded, Outcome, str]]:
-        """Recordings that the manifest still names and that are no longer where they were.
-
-        What they said has been kept, so they count: logs may be thrown away once gathered.
-
-        Args:
-            here: recordings that are there.
-            named: by robot, what the manifest names.
-
-        Returns:
-            For each, as it was, and the checksum of how it was gathered.
-        """
-        there = {one.path for one in here}
-        found = list[tuple[Recorded, Outcome, str]]()
+    def gone(self, here: Set[str], listing: Mapping[str, int]) -> Iterator[tuple[Outcome, str]]:
+        """What became of recordings that are not `here` and whose factors are still there whole,
+        each with the checksum of how it was gathered."""
         for row in self.recordings.iter_rows(named=True):
-            path, robot = str(row["path"]), str(row["robot"])
-            still = robot in named and named[robot].has(path)
-            if path in there or not still or listing.get(str(row["file"])) != row["bytes"]:
-                continue
-            recorded = Recorded(
-                **{key: row[key] for key in ("robot", "time", "path", "type")},  # pyright: ignore
-                columns=str(row["columns"]),
-                load=row["load"],  # pyright: ignore
-                temperature=row["temperature"],  # pyright: ignore
-            )
-            found.append((recorded, _outcome(recorded, row), str(row["how"])))
-        return found
+            if row["path"] not in here and listing.get(row["file"]) == row["bytes"]:
+                recorded = Recorded(**{key: row[key] for key in _RECORDED})
+                yield _outcome(recorded, row), row["how"]
 
 
 def recordings_table(outcomes: Sequence[Outcome], how: Mapping[Recorded, str]) -> pl.DataFrame:
     """One row a recording."""
     rows = [
-        (one.recorded.robot, one.recorded.type, one.recorded.time, one.recorded.path,
-         one.recorded.columns, one.recorded.load, one.recorded.temperature, one.file, one.reason,
-         one.samples, one.verdicts, one.sha256, one.size, one.key, how.get(one.recorded, ""),
-         bool(one.recorded.stamp))
-        for one in outcomes
-    ]  # fmt: skip
+        {key: getattr(outcome.recorded, key) for key in _RECORDED}
+        | {key: getattr(outcome, key) for key in _OUTCOME}
+        | {
+            "bytes": outcome.size,
+            "how": how.get(outcome.recorded, ""),
+            "there": bool(outcome.recorded.stamp),
+        }
+        for outcome in outcomes
+    ]
     return pl.DataFrame(rows, schema=RECORDINGS_SCHEMA, orient="row")
 
 
@@ -208,22 +170,9 @@ def quarantine_csv(lines: Sequence[Quarantined]) -> bytes:
     return frame.write_csv().encode()
 
 
-def absent_line(one: Absent) -> Quarantined:
-    """What the manifest names and is not there."""
-    return Quarantined("recording", one.robot, one.path, one.reason)
-
-
-def _outcome(recorded: Recorded, row: Mapping[str, object]) -> Outcome:
-    return Outcome(
-        recorded,
-        str(row["key"]),
-        file=str(row["file"]),
-        is_new=False,
-        size=int(str(row["bytes"])),
-        sha256=str(row["sha256"]),
-        samples=int(str(row["samples"])),
-        verdicts=str(row["verdicts"]),
-    )
+def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> Outcome:
+    known: dict[str, Any] = {key: row[key] for key in _OUTCOME}
+    return Outcome(recorded, is_new=False, size=row["bytes"], **known)
 
 
 def _refused(place: Place) -> dict[str, str]:

@@ -6,13 +6,18 @@ machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y 
 1. What belongs to the recordings alone, such as loads, is eliminated from them.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.factor_file import FactorFile
@@ -24,6 +29,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.sensors.weighings import weighings
 
+# Arrays of a member's file; all else of it is JSON.
+_ARRAYS = ("rows", "values", "shared")
 # Below this share of a row's size a direction is rounding.
 _ROUNDING = 1e-9
 # Quantities of the geometry that each machine has for itself; lengths that are not of one limb
@@ -154,3 +161,39 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
     """The robot without measured values."""
     bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
     return robot.changed(bodies=bodies, measured=())
+
+
+def write_member(member: Member, path: Path) -> None:
+    """Write a member as an archive of NumPy."""
+    known: dict[str, Any] = {
+        entry.name: getattr(member, entry.name)
+        for entry in fields(member)
+        if entry.name not in _ARRAYS
+    }
+    known["facts"] = [
+        asdict(fact) | {"coefficients": fact.coefficients.tolist()} for fact in member.facts
+    ]
+    arrays: dict[str, Any] = {key: getattr(member, key) for key in _ARRAYS}
+    np.savez_compressed(path, known=np.array(json.dumps(known)), **arrays)
+
+
+def read_member(data: bytes, where: str) -> Member:
+    """The member of an archive.
+
+    Raises:
+        RecordingError: it is damaged.
+    """
+    try:
+        with np.load(BytesIO(data), allow_pickle=False) as file:
+            known: dict[str, Any] = json.loads(str(file["known"]))
+            arrays = {key: file[key] for key in _ARRAYS}
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise RecordingError(
+            f"is damaged: {error}", where=where, cure="remove it; it is made again"
+        ) from None
+    known["facts"] = tuple(
+        Fact(**fact | {"coefficients": np.array(fact["coefficients"])}) for fact in known["facts"]
+    )
+    for key in ("names", "quantities"):
+        known[key] = tuple(known[key])
+    return Member(**known, **arrays)

@@ -1,8 +1,7 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
 import os
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +10,7 @@ from tempfile import TemporaryDirectory
 import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.factor_file import ENDING, FactorFile, read, read_key, write
+from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.fleets.store import Store, is_address
 
 
@@ -47,7 +46,7 @@ class Place:
         if not self.is_local:
             return
         path = Path(self.root)
-        there = next(one for one in (path, *path.parents) if one.exists())
+        there = next(folder for folder in (path, *path.parents) if folder.exists())
         if not there.is_dir():
             raise DeltaidError(
                 "is a file, not a folder", where=str(there), cure="give another name"
@@ -90,47 +89,38 @@ class Place:
 
     def save(self, name: str, frame: pl.DataFrame) -> None:
         """Write a Parquet table."""
-        buffer = BytesIO()
-        frame.write_parquet(buffer, compression="zstd")
-        self.store.write(self.at(name), buffer.getvalue())
+        self.save_file(name, lambda path: frame.write_parquet(path, compression="zstd"))
 
-    def factors(self, name: str, key: str | None = None) -> FactorFile:
-        """A factor file in it.
+    def factors(self, name: str, key: str | None = None) -> FactorFile | None:
+        """A factor file in it; None if there is none that is whole, or it follows from others.
 
         Args:
             key: of what it has to follow from, if that is known.
 
         Raises:
-            RecordingError: there is none, or it is damaged, or of something else.
+            StoreError: the store cannot be reached.
         """
-        with self._here(name) as path:
-            if key is not None and read_key(path) != key:
-                raise RecordingError(
-                    "is not there, damaged, or of another call",
-                    where=self.at(name),
-                    cure="call again: it is gathered anew",
-                )
-            return replace(read(path), path=name)
+        try:
+            with self.store.local(self.at(name)) as path:
+                file = read(path)
+        except (FileNotFoundError, RecordingError):
+            return None
+        return replace(file, path=name) if key in (None, file.key) else None
 
     def size(self, name: str) -> int:
         """Bytes of a file; zero if there is none."""
         return int(self.store.stamp(self.at(name)).partition(" ")[0] or 0)
 
-    def save_factors(self, name: str, found: FactorFile, key: str) -> int:
-        """Write a factor file; its size in bytes."""
+    def listing(self, folder: str) -> dict[str, int]:
+        """Sizes of all files in one of its folders, by their names seen from itself."""
+        sizes = self.store.listing(self.at(folder))
+        return {f"{folder}/{name}": size for name, size in sizes.items()}
+
+    def save_file(self, name: str, write: Callable[[Path], None]) -> int:
+        """Write a file as `write` writes it on this machine; its size in bytes."""
         with TemporaryDirectory(prefix="deltaid-") as folder:
-            path = Path(folder) / f"a{ENDING}"
-            write(found, path, key)
+            path = Path(folder) / name.rpartition("/")[2]
+            write(path)
             data = path.read_bytes()
         self.store.write(self.at(name), data)
         return len(data)
-
-    @contextmanager
-    def _here(self, name: str) -> Generator[Path]:
-        try:
-            with self.store.local(self.at(name)) as path:
-                yield path
-        except FileNotFoundError:
-            raise RecordingError(
-                "is not there", where=self.at(name), cure="call again: it is gathered anew"
-            ) from None

@@ -9,7 +9,7 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.fleets.drift_findings import Between, Finding, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_recorded import Recorded
+from deltaid.fleets.drift_recorded import DriftRecording
 from deltaid.fleets.drift_series import Regressors, explained, in_percent
 from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.tool_changes import ToolChange, tool_changes
@@ -32,7 +32,7 @@ class RobotDrift:
     robot: str
     drives: tuple[str, ...]
     units: tuple[str, ...]
-    recordings: tuple[Recorded, ...]
+    recordings: tuple[DriftRecording, ...]
     friction: FrictionSeries
     findings: tuple[Finding, ...]
     tools: tuple[ToolChange, ...]
@@ -73,7 +73,7 @@ class RobotDrift:
 
 
 def robot_drift(
-    recordings: Sequence[Recorded],
+    recordings: Sequence[DriftRecording],
     model: IdentifiedModel,
     settings: DriftSettings | None = None,
     *,
@@ -104,7 +104,7 @@ def robot_drift(
 
 
 def drift_of(
-    recordings: Sequence[Recorded],
+    recordings: Sequence[DriftRecording],
     friction: FrictionSeries,
     model: IdentifiedModel,
     settings: DriftSettings,

@@ -1,52 +1,45 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from deltaid.fleets.cluster import client, require_shared
 from deltaid.fleets.drift_settings import DriftSettings
-from deltaid.fleets.fit_step import JOURNAL, PARAMETERS, SCHEMA, Fitted
+from deltaid.fleets.fit_step import FITS, fit_jobs
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_all import (
-    fit_all,
     gather_again,
     gather_all,
     how_digest,
-    study_all,
-    type_all,
 )
 from deltaid.fleets.gather_one import Outcome
-from deltaid.fleets.gather_plan import Ways, with_cutoffs
+from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
 from deltaid.fleets.known import (
     QUARANTINE,
     RECORDINGS,
     Known,
     Quarantined,
-    absent_line,
     quarantine_csv,
     recordings_table,
 )
 from deltaid.fleets.place import Place
 from deltaid.fleets.site.site import SITE
 from deltaid.fleets.site.site import write as write_site
-from deltaid.fleets.step import Call, Say
+from deltaid.fleets.step import JOURNAL, Call, Done, Say
 from deltaid.fleets.store import Store
-from deltaid.fleets.study_step import MEMBERS, TABLES, Studied
-from deltaid.fleets.type_step import TABLES as TYPE_TABLES
-from deltaid.fleets.type_step import Typed
+from deltaid.fleets.study_step import MEMBERS, STUDIES, member_file, study_jobs
+from deltaid.fleets.type_step import TYPE_FITS, type_jobs
 from deltaid.model.record import Settings
 
 if TYPE_CHECKING:
     from distributed import Client
 
-
-_Done = Fitted | Studied | Typed
-_TABLES = (PARAMETERS, *TABLES, *TYPE_TABLES)
+STEPS = (FITS, STUDIES, TYPE_FITS)
 
 
 @dataclass(frozen=True)
@@ -63,16 +56,16 @@ class FleetRun:
     """
 
     outcomes: tuple[Outcome, ...]
-    fits: tuple[Fitted, ...]
-    studies: tuple[Studied, ...]
-    types: tuple[Typed, ...]
+    fits: tuple[Done, ...]
+    studies: tuple[Done, ...]
+    types: tuple[Done, ...]
     quarantine: tuple[Quarantined, ...]
     computed: tuple[int, int, int]
 
     @property
     def site(self) -> str:
         """The first of its pages, seen from the folder; empty where there is nothing to show."""
-        return f"{SITE}/index.html" if any(one.file for one in self.outcomes) else ""
+        return f"{SITE}/index.html" if any(outcome.file for outcome in self.outcomes) else ""
 
 
 def run_fleet(
@@ -111,38 +104,43 @@ def run_fleet(
     """
     settings, place = settings or Settings(), Place.of(folder, store or Store())
     place.require()
-    ways = Ways.of(fleet, place, settings, force=force)
-    known = Known.of(place, retry=retry)
+    plan = GatherPlan.of(fleet, place, settings, force=force)
+    schemas = {name: columns for step in STEPS for name, columns in step.tables.items()}
+    known = Known.of(place, schemas, retry=retry)
     with ExitStack() as stack:
 
         @cache
         def started() -> "Client":
             """Workers, which are not started for a call that has nothing to do."""
             progress("starting workers")
-            found = stack.enter_context(client(scheduler, workers))
-            dashboard(str(found.dashboard_link))
+            own = stack.enter_context(client(scheduler, workers))
+            dashboard(str(own.dashboard_link))
             if place.is_local:
-                require_shared(found, Path(place.root))
-            return found
+                require_shared(own, Path(place.root))
+            return own
 
-        call = Call(
-            fleet, place, with_cutoffs(ways, fleet, place, started), known, started, progress
-        )
+        plan = with_cutoffs(plan, fleet, place, started)
+        call = Call(fleet, place, plan, known, started, progress)
+
+        def fit_all() -> tuple[list[Done], int]:
+            return FITS.run(call, fit_jobs(outcomes, fleet.period, plan.robots, settings))
+
         outcomes, gathered = gather_all(call)
-        fits, fitted = fit_all(call, outcomes)
-        damaged = {name for one in fits for name in one.damaged}
+        fits, fitted = fit_all()
+        damaged = {file for fit in fits for file in fit.damaged}
         if damaged:
             outcomes, more = gather_again(call, outcomes, damaged)
-            fits, again = fit_all(call, outcomes)
+            fits, again = fit_all()
             gathered, fitted = gathered + more, fitted + again
-        studies, studied = study_all(call, fits, outcomes, drift or DriftSettings())
-        types, _ = type_all(call, studies)
+        jobs = study_jobs(fits, outcomes, drift or DriftSettings())
+        studies, studied = STUDIES.run(call, jobs)
+        types, _ = TYPE_FITS.run(call, type_jobs(studies))
     finished = FleetRun(
         tuple(outcomes),
         tuple(fits),
         tuple(studies),
         tuple(types),
-        tuple(_quarantine(fleet, outcomes, fits, studies, types)),
+        tuple(_quarantine(fleet, outcomes, [*fits, *studies, *types])),
         (gathered, fitted, studied),
     )
     progress("writing tables")
@@ -154,53 +152,41 @@ def run_fleet(
 
 
 def _quarantine(
-    fleet: Fleet,
-    outcomes: Sequence[Outcome],
-    fits: Sequence[Fitted],
-    studies: Sequence[Studied],
-    types: Sequence[Typed],
+    fleet: Fleet, outcomes: Sequence[Outcome], results: Sequence[Done]
 ) -> Iterable[Quarantined]:
-    there = {(one.recorded.robot, one.recorded.path) for one in outcomes if one.file}
-    yield from (absent_line(one) for one in fleet.absent if (one.robot, one.path) not in there)
-    for one in outcomes:
-        if one.reason:
-            who = one.recorded
-            yield Quarantined("recording", who.robot, who.path, one.reason, one.key)
-    for one in fits:
-        if one.reason:
-            key = one.job.key * one.lasting
-            for period in one.job.periods:
-                yield Quarantined("fit", one.job.robot, period, one.reason, key)
-    for one in studies:
-        for what, reason in one.reasons.items():
-            yield Quarantined(what, one.job.robot, one.job.type, reason, one.job.key * one.lasting)
-    for one in types:
-        if one.reason:
-            yield Quarantined("type", "", one.job.type, one.reason, one.job.key * one.lasting)
+    used = {(outcome.recorded.robot, outcome.recorded.path) for outcome in outcomes if outcome.file}
+    for absent in fleet.absent:
+        if (absent.robot, absent.path) not in used:
+            yield Quarantined("recording", absent.robot, absent.path, absent.reason)
+    for outcome in outcomes:
+        if outcome.reason:
+            recorded = outcome.recorded
+            yield Quarantined(
+                "recording", recorded.robot, recorded.path, outcome.reason, outcome.key
+            )
+    for result in results:
+        job, key = result.job, result.job.key * result.lasting
+        for what, reason in result.reasons.items():
+            for name in job.names:
+                yield Quarantined(what, job.robot, name, reason, key)
 
 
 def _write(call: Call, run: FleetRun) -> None:
-    """The tables; what tasks have left behind is then no longer needed."""
+    """The tables; what jobs have left behind is then no longer needed."""
     place = call.place
-    how = {one.recorded: how_digest(call, one.recorded) for one in run.outcomes}
-    steps: tuple[tuple[Sequence[_Done], Mapping[str, Mapping[str, Any]]], ...] = (
-        (run.fits, {PARAMETERS: SCHEMA}),
-        (run.studies, TABLES),
-        (run.types, TYPE_TABLES),
-    )
-    for done, tables in steps:
-        keys = [one.job.key for one in done]
-        for name, schema in tables.items():
-            new = {one.job.key: one.tables[name] for one in done if name in one.tables}
+    how = {outcome.recorded: how_digest(call, outcome.recorded) for outcome in run.outcomes}
+    for step, results in zip(STEPS, (run.fits, run.studies, run.types), strict=True):
+        keys = [result.job.key for result in results]
+        for name, schema in step.tables.items():
+            made = (result for result in results if name in result.tables)
+            new = {result.job.key: result.tables[name] for result in made}
             place.save(f"{name}.parquet", call.known.with_new(name, schema, keys, new))
     place.save(RECORDINGS, recordings_table(run.outcomes, how))
     place.store.write(place.at(QUARANTINE), quarantine_csv(run.quarantine))
-    for name in place.store.listing(place.at(JOURNAL)):
-        place.store.remove(place.at(f"{JOURNAL}/{name}"))
-    used = {one.job.member_file for one in run.studies}
-    for name in place.store.listing(place.at(MEMBERS)):
-        if f"{MEMBERS}/{name}" not in used:
-            place.store.remove(place.at(f"{MEMBERS}/{name}"))
+    used = {member_file(study.job) for study in run.studies}
+    for name in {**place.listing(JOURNAL), **place.listing(MEMBERS)}:
+        if name not in used:
+            place.store.remove(place.at(name))
 
 
 def _write_site(place: Place) -> None:
@@ -210,12 +196,13 @@ def _write_site(place: Place) -> None:
         return
     with TemporaryDirectory(prefix="deltaid-") as name:
         folder = Path(name)
-        for table in (*(f"{one}.parquet" for one in _TABLES), RECORDINGS, QUARANTINE):
+        names = [f"{name}.parquet" for step in STEPS for name in step.tables]
+        for table in (*names, RECORDINGS, QUARANTINE):
             data = place.store.read(place.at(table))
             if data is not None:
                 (folder / table).write_bytes(data)
         write_site(folder, place.root.rstrip("/").rpartition("/")[2])
         for page in sorted((folder / SITE).rglob("*")):
             if page.is_file():
-                at = page.relative_to(folder).as_posix()
-                place.store.write(place.at(at), page.read_bytes())
+                address = place.at(page.relative_to(folder).as_posix())
+                place.store.write(address, page.read_bytes())
