@@ -9,7 +9,7 @@ import pytest
 
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.torque_error import TorqueError, predict
 from deltaid.identification.validation import misfit
 from deltaid.model.record import IdentifiedModel

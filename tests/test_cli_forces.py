@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from command import refused, run
-from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces, motion_of
 from deltaid.joint_forces.study import with_struts
 from deltaid.model.record import IdentifiedModel

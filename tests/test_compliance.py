@@ -10,10 +10,10 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.compliance import _better_than_loads, gears_turned_back
 from deltaid.identification.fit import fit
 from deltaid.identification.setup import Setup
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

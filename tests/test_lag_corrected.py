@@ -15,9 +15,9 @@ from deltaid.effects.lag_groups import agree, chosen_groups
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
-from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.identify import identify
 from deltaid.identification.setup import Setup
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
 from deltaid.joint_forces.ranges import evidence

@@ -9,7 +9,7 @@ import pypdfium2
 import pytest
 from playwright import sync_api
 
-from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.verdict import Grade, Verdict

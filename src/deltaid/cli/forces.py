@@ -66,7 +66,7 @@ def forces(
     )
     from deltaid.errors import positive
     from deltaid.files import together
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.joint_forces.constraint_forces import ConstraintForces
     from deltaid.joint_forces.ranges import left_aside
     from deltaid.joint_forces.study import study, with_struts

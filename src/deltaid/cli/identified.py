@@ -19,7 +19,7 @@ def write_report(
     result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.view.identification import Verification, identification_page
     from deltaid.view.page import write_page
 

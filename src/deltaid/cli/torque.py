@@ -32,8 +32,8 @@ def torque(
     """
     from deltaid.cli.output import console, print_origin, print_warnings, progress
     from deltaid.files import require_writable, written_whole
-    from deltaid.identification.as_identified import model_filtered
     from deltaid.identification.loads import as_known
+    from deltaid.identification.sources import model_filtered
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.model.model import load
     from deltaid.recording.mapping import load_mapping

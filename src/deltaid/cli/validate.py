@@ -45,8 +45,7 @@ def validate(
         require_report,
         shown,
     )
-    from deltaid.identification.as_identified import model_filtered
-    from deltaid.identification.left_out import left_out
+    from deltaid.identification.sources import left_out, model_filtered
     from deltaid.identification.validation import remarks
     from deltaid.identification.validation import validate as run
     from deltaid.model.model import load
@@ -92,7 +91,7 @@ def validate(
 
 def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.view.page import write_page
     from deltaid.view.validation import validation_page
 

@@ -31,6 +31,7 @@ _AIMED, _LONGER = (1.04, 0.4), 4
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
 # Models that quantiles are taken of: the ends of an interval are then off by some 3 % of its width.
 _MODELS = 8000
+# Of a 95 % interval.
 _ENDS = (0.025, 0.975)
 
 Draws = Float[np.ndarray, "draws chains quantities"]

@@ -33,6 +33,10 @@ from deltaid.recording.recording import Recording
 _NO_SCATTER = 1e-6
 # Shares of ‖u‖² below this are rounding; degrees of freedom where facts alone determine.
 _ROUNDING, _SURE = 1e-9, 1e9
+# Share of a variance that is rounding.
+ROUNDING = 1e-12
+# Half the width of a 95 % interval in standard deviations, where these are known: `quantile` of ∞.
+NORMAL = 1.959963984540054
 # Noise that is so many times smaller than the standard deviation does not matter.
 _HARDLY = 100.0
 
@@ -224,6 +228,12 @@ def surprise(x: float, freedom: int) -> float:
 def inverse(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """R⁻¹ of a triangular R."""
     return solve_triangular(root, np.eye(len(root)))
+
+
+def correlations(V: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Of a covariance, positive definite although rounding may have made it singular."""
+    size = np.sqrt(np.diag(V))
+    return V / np.outer(size, size) + ROUNDING * np.eye(len(V))
 
 
 def quantile(nu: Each) -> Each:

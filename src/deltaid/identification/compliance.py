@@ -9,6 +9,7 @@ from deltaid.effects.compliance import compliances
 from deltaid.effects.lag_columns import TimingColumns
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
+from deltaid.identification.gains import gains
 from deltaid.identification.lag_stage import lags_corrected, traced
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
@@ -25,6 +26,11 @@ def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
     turned = _turned_back(setup, progress, search=setup.outcome is None or setup.outcome.winds_up)
     gears = [recording.repairs.gears for recording in (*setup.recordings, *turned.recordings)]
     return turned if any(gears) else setup  # with its lags
+
+
+def estimated_anew(setup: Setup, progress: Progress) -> Setup:
+    """Gains, lags and gears, which other effects hide or look like, once these are known."""
+    return gears_turned_back(lags_corrected(gains(setup, progress), progress), progress)
 
 
 def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Setup:

@@ -34,6 +34,7 @@ from deltaid.model.parameter_record import Share
 
 # A singular value below this share of the largest is not identifiable.
 _DEPENDENT = 1e-9
+# Of the solver, for gap and feasibility.
 _TOLERANCE = 1e-8
 # Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
 # made longer by this share at both ends.

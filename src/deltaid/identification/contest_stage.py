@@ -16,11 +16,10 @@ from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
-from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.compliance import estimated_anew
 from deltaid.identification.contest import Contest, contest, start
-from deltaid.identification.gains import gains
-from deltaid.identification.lag_stage import lags_corrected, traced, without_lags
-from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progress, Setup, Stage
+from deltaid.identification.lag_stage import traced, without_lags
+from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progress, Setup
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Kind, cause_in_words
 from deltaid.model.inseparable import Inseparable
@@ -40,9 +39,6 @@ _WINDOWS = 8
 _HALF = 1.96
 
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant", "structure")
-
-# What other effects hide or look like is estimated anew once these are known.
-_ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
@@ -73,9 +69,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
             setup = _finished(now, after, last)
             if (left := _left(setup)) > ADEQUATE:
                 return bare.changed(outcome=_refuted(after, left, last.p - plain))
-            for stage in _ANEW:
-                setup = stage(setup, progress)
-            return setup
+            return estimated_anew(setup, progress)
         before, full = after, _swept(now, after, _traces(now), last.p, sweep)
 
 

@@ -26,8 +26,14 @@ from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
-from deltaid.identification.friction_options import Variant, options, shapes_of
-from deltaid.identification.friction_rows import FrictionRows, Judged, friction_rows
+from deltaid.identification.friction_rows import (
+    FrictionRows,
+    Judged,
+    Variant,
+    friction_rows,
+    options,
+    shapes_of,
+)
 from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lag_stage import without_lags
 from deltaid.identification.setup import Progress, Setup

@@ -16,8 +16,7 @@ from deltaid.effects.joint import of_slope, of_term
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Rows, lengths
-from deltaid.identification.friction_options import FORMS
-from deltaid.identification.friction_rows import FrictionRows
+from deltaid.identification.friction_rows import FORMS, FrictionRows
 from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm
 

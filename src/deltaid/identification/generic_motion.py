@@ -21,6 +21,7 @@ from deltaid.sensors.of_robot import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
 
+# Many more than base parameters, so that random samples determine all that a motion can.
 _SAMPLES = 2000
 
 

@@ -1,7 +1,7 @@
 """The whole identification: from a robot and its logs to a consistent model with intervals."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,15 +17,15 @@ from deltaid.identification.fit import FittedProblem, Progress, fit, with_geomet
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lag_stage import without_doubtful_lags
-from deltaid.identification.left_out import events, left_out
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
+from deltaid.identification.sources import source
 from deltaid.identification.stages import idle, prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
 from deltaid.model.above import above
-from deltaid.model.record import IdentifiedModel, Settings, Source
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
@@ -146,8 +146,7 @@ def identify(
         outcome=setup.outcome,
         corrections=(*setup.corrections, *corrections),
         sources=tuple(
-            _source(*row, robot.drives)
-            for row in zip(recordings, problem.used, errors, strict=True)
+            source(*row, robot.drives) for row in zip(recordings, problem.used, errors, strict=True)
         ),
         remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
         choice=setup.friction_choice,
@@ -209,22 +208,4 @@ def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
         turning=mean(e.turning for e in errors),
         cutoff=errors[0].cutoff,
         fastest=np.max([e.fastest for e in errors], axis=0),
-    )
-
-
-def _source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:
-    log, repairs = recording.log, recording.repairs
-    return Source(
-        log=log.path.name,
-        sha256=log.sha256,
-        samples=log.samples,
-        rate_hz=log.rate,
-        cutoff_hz=recording.cutoff,
-        motion_cutoff_hz=recording.motion_cutoff,
-        used_samples=used,
-        left_out=left_out(log, drives, error, repairs),
-        events=events(repairs, drives),
-        delay=repairs.lag,
-        filters=repairs.constants,
-        growth=repairs.growth and astuple(repairs.growth),
     )

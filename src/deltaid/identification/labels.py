@@ -8,7 +8,7 @@ import numpy as np
 
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.regularizer import prior_scale
-from deltaid.estimation.scatter import inverse
+from deltaid.estimation.scatter import NORMAL, inverse
 from deltaid.identification.consistent_range import ConsistentRanges
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
@@ -23,12 +23,11 @@ _SHRUNK = 0.5
 _FELL = 1e-3
 # Measured values have decided what they leave more than this share of open.
 _MOSTLY = 0.5
+# A share of a value that is rounding.
 _ROUNDING = 1e-9
 # How far a body may be from the symmetry of its description: its centre as a share of its radius of
 # gyration, its inertias as one of its mass times that squared.
 _ASYMMETRY = 0.3
-# Half the width of a 95 % interval in standard deviations.
-REACH = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -102,19 +101,19 @@ class Labels:
         around = self._around_prior(i, "prior", prior_std)
         if at_edge and value < _FELL * self._reduction.p_reg[i]:
             low, high = self._parameters[i].low, high if ended else around.high
-            return Label("limit", max(high - value, value - low) / REACH, low, high)
+            return Label("limit", max(high - value, value - low) / NORMAL, low, high)
         enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
-        if half < REACH * enough or (ended and std < enough and not on):
+        if half < NORMAL * enough or (ended and std < enough and not on):
             share = self._ranges.share(unit, low, high)
             by = "measured" if share.measured > _MOSTLY else "data"
-            return Label(by, min(std, half / REACH), low, high, share=share)
+            return Label(by, min(std, half / NORMAL), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
             return Label("sum", std, low, high, names, self._ranges.share(unit, low, high))
         if ended and at_edge:  # the distance of the far end stands for a standard deviation
-            return Label("limit", max(high - value, value - low) / REACH, low, high)
+            return Label("limit", max(high - value, value - low) / NORMAL, low, high)
         return around
 
     def _around_prior(self, i: int, by: Origin, std: float) -> Label:
@@ -122,9 +121,9 @@ class Labels:
         most roughly, is log-normal."""
         prior, std = float(self._reduction.p_reg[i]), max(float(std), float(self._least_std[i]))
         if prior > 0 and self._parameters[i].symbol in MOMENTS_OF_INERTIA:
-            factor = float(np.exp(REACH * np.sqrt(np.log1p((std / prior) ** 2))))
+            factor = float(np.exp(NORMAL * np.sqrt(np.log1p((std / prior) ** 2))))
             return Label(by, std, prior / factor, prior * factor)
-        return Label(by, std, prior - REACH * std, prior + REACH * std)
+        return Label(by, std, prior - NORMAL * std, prior + NORMAL * std)
 
     def _at_edge(self, i: int) -> bool:
         """Whether consistency alone keeps a moment or a coefficient from being smaller."""

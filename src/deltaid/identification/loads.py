@@ -23,12 +23,10 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
-from deltaid.identification.compliance import gears_turned_back
+from deltaid.identification.compliance import estimated_anew
 from deltaid.identification.events import with_events, without_events
-from deltaid.identification.gains import gains
 from deltaid.identification.gathering import gather_all
-from deltaid.identification.lag_stage import lags_corrected
-from deltaid.identification.setup import Progress, Setup, Stage
+from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study, studied
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad
@@ -40,8 +38,6 @@ from deltaid.recording.repairs import LeftSpan
 
 # The longest recording whose rows are searched for a load's times [s]: they are held in memory.
 _LONGEST = 600.0
-# What is known of recordings only without what they carry.
-_ANEW: tuple[Stage, ...] = (gains, lags_corrected, gears_turned_back)
 
 # Of each recording its name, for messages, and the loads that it holds.
 Held = Sequence[tuple[str, Sequence[Load]]]
@@ -181,10 +177,7 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     if len(detected) == len(setup.detected):
         return setup
     setup = declared_loads(setup.changed(detected=detected), progress)
-    setup = without_events(setup, progress).studied()
-    for stage in _ANEW:
-        setup = stage(setup, progress)
-    return setup
+    return estimated_anew(without_events(setup, progress).studied(), progress)
 
 
 def _detected(setup: Setup, study: Study, recording: Recording) -> tuple[Study, Load] | None:

@@ -20,9 +20,8 @@ from scipy.optimize import minimize
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
-from deltaid.estimation.scatter import inverse
+from deltaid.estimation.scatter import NORMAL, ROUNDING, correlations, inverse
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.labels import REACH
 from deltaid.model.posterior_record import PosteriorRecord
 
 # Steps at most, their largest length, and the gradient at the end.
@@ -31,8 +30,6 @@ _STEPS, _FAR, _AGREE = 200, 1e9, 1e-9
 _MISSED = 1e-3
 # Digits of the factor that are kept: the noise itself is known to two.
 _DIGITS = 7
-# Share of a variance that is rounding.
-_ROUNDING = 1e-12
 # A coefficient below this share of its row's largest term is rounding.
 _NEGLIGIBLE = 1e-9
 
@@ -51,7 +48,7 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     robots = np.array(base.representatives) < n
     values, V = _given(b, V, robots)
     names, rows = reduction.layout.names, K[robots, :n]
-    L = np.linalg.cholesky(_correlation(V)) * np.sqrt(np.diag(V))[:, None]
+    L = np.linalg.cholesky(correlations(V)) * np.sqrt(np.diag(V))[:, None]
     unseen = np.setdiff1d(np.arange(n), problem.information.columns)
     return PosteriorRecord(
         spread=spread,
@@ -74,7 +71,7 @@ def base_covariance(problem: FittedProblem) -> Matrix:
     noise, shifts = problem.estimate.noise, problem.shifts
     of_geometry = np.sum(shifts**2, axis=1)
     white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
-    variances = np.maximum((problem.estimate.interval / REACH) ** 2 - of_geometry, white**2)
+    variances = np.maximum((problem.estimate.interval / NORMAL) ** 2 - of_geometry, white**2)
     # By noise with its own level in each direction that torques distinguish.
     size = np.linalg.norm(noise.root, axis=0)
     U, S, Vt = np.linalg.svd(noise.root / size)
@@ -93,8 +90,8 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     size = np.sqrt(np.diag(V))
     ratio = variances / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
-    w, U = np.linalg.eigh(_correlation(V))
-    L, ratio, one = U * np.sqrt(np.maximum(w, _ROUNDING)), ratio / level, np.eye(len(V))
+    w, U = np.linalg.eigh(correlations(V))
+    L, ratio, one = U * np.sqrt(np.maximum(w, ROUNDING)), ratio / level, np.eye(len(V))
 
     def covariance(lam: Float[np.ndarray, " n"]) -> Matrix:
         """(C⁻¹ + diag λ)⁻¹ = L (1 + Lᵀ diag(λ) L)⁻¹ Lᵀ with C = L Lᵀ, maybe nearly singular."""
@@ -129,7 +126,7 @@ def _given(
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Rows of the robot, given those that are errors alone."""
     size, others = np.sqrt(np.diag(V)), ~robots
-    C, b = _correlation(V), b / size
+    C, b = correlations(V), b / size
     if others.any():
         rows = np.column_stack([C[np.ix_(others, robots)], b[others]])
         L = np.linalg.cholesky(C[np.ix_(others, others)])
@@ -138,8 +135,3 @@ def _given(
         b[robots] -= half[:, :-1].T @ half[:, -1]
     inner = np.ix_(robots, robots)
     return (b * size)[robots], (C * np.outer(size, size))[inner]
-
-
-def _correlation(V: Matrix) -> Matrix:
-    size = np.sqrt(np.diag(V))
-    return V / np.outer(size, size) + _ROUNDING * np.eye(len(V))

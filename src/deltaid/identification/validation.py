@@ -5,8 +5,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from deltaid.errors import Doubt
-from deltaid.identification.as_identified import model_filtered
 from deltaid.identification.loads import as_known
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.log import Log

@@ -27,6 +27,7 @@ from deltaid.model.corrections import Correction
 from deltaid.recording.hold import holds
 from deltaid.recording.recording import Recording
 
+# Windows of a recording that are compared, at most.
 _WINDOWS = 8
 # Lags [s] that do no harm, and how many half widths of its interval a lag is larger than.
 _HARMLESS, _CLEAR = 2e-5, 2.0

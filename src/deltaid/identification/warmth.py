@@ -34,6 +34,7 @@ _CONSTANTS = np.geomspace(0.05, 2.0, 12)
 _FINER, _NEAR = (1.4, 1.08), 9
 # As for terms of friction laws: how seldom chance explains as much [decades].
 _SEEN = 4.5
+# What is less of a column without all others has no direction.
 _DEPENDENT = 1e-6
 # Coefficients that change; backwards they have others in a law for each direction.
 _CHANGING = [("friction", term) for term in ("viscous", "coulomb", "viscous_back", "coulomb_back")]

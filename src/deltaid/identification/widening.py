@@ -31,7 +31,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.estimation.information import triangle
 from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.regularizer import parameter_scale
-from deltaid.estimation.scatter import inverse
+from deltaid.estimation.scatter import correlations, inverse
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import Recording
@@ -46,8 +46,6 @@ _WIDEST, _STEPS = 1e5, 100
 _TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
 # No base parameter counts as better known than to this share of its prior's standard deviation.
 _FLOOR = 1e-4
-# Share of a variance that is rounding.
-_ROUNDING = 1e-12
 _KINDS = ("inertia", "rotor", "spring")
 
 Factors = Float[np.ndarray, " rows"]
@@ -148,8 +146,7 @@ def _least(candidates: Iterable[_Wider]) -> _Wider:
 
 def _cholesky(C: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, "n n"], Factors]:
     """L and d with C = diag(d) L Lᵀ diag(d)."""
-    size = np.sqrt(np.diag(C))
-    return np.linalg.cholesky(C / np.outer(size, size) + _ROUNDING * np.eye(len(C))), size
+    return np.linalg.cholesky(correlations(C)), np.sqrt(np.diag(C))
 
 
 def evidence(problem: FittedProblem) -> Evidence:

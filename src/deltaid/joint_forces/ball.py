@@ -11,10 +11,9 @@ from scipy.linalg import solve_triangular
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import definite, quiet_settings, svec
 from deltaid.estimation.information import triangle
+from deltaid.estimation.scatter import NORMAL
 from deltaid.joint_forces.unknowns import Unknowns
 
-# Half the width of a 95 % interval in standard deviations.
-REACH = 1.959963984540054
 _TOLERANCE = 1e-9
 
 
@@ -36,7 +35,7 @@ class Ball:
         if length == 0:
             return 0.0
         if self._consistent(self._u):
-            u = self._u + solve_triangular(self._R, REACH * g / length)
+            u = self._u + solve_triangular(self._R, NORMAL * g / length)
             if self._consistent(u):
                 return float(c @ u)
         v = self._solve(-g / length, self._radius)
@@ -46,8 +45,8 @@ class Ball:
     def _radius(self) -> float:
         """√(m² + 1.96²)."""
         if self._consistent(self._u):
-            return REACH
-        return float(np.hypot(np.linalg.norm(self._solve(None, None)), REACH))
+            return NORMAL
+        return float(np.hypot(np.linalg.norm(self._solve(None, None)), NORMAL))
 
     def _consistent(self, u: Float[np.ndarray, " n"]) -> bool:
         return all(np.linalg.eigvalsh(block.matrix(u))[0] >= 0 for block in self._blocks)

@@ -27,15 +27,15 @@ from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
-from deltaid.estimation.scatter import half_width
-from deltaid.identification.as_identified import model_filtered
+from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.joint_forces.ball import REACH, Ball
+from deltaid.identification.sources import model_filtered
+from deltaid.joint_forces.ball import Ball
 from deltaid.joint_forces.unknowns import Unknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
@@ -109,7 +109,7 @@ class Determinacy:
             return Openness(0.0, ())
         share = rest**2 / left**2
         order = [k for k in np.argsort(-share) if share[k] > _NAMED][:_MOST]
-        return Openness(REACH * left, tuple(self.unknowns.names[k] for k in order))
+        return Openness(NORMAL * left, tuple(self.unknowns.names[k] for k in order))
 
 
 def structural_determinacy(model: ModelLike) -> Determinacy:
@@ -228,7 +228,7 @@ class Ranges:
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
         half = float(half_width(std, by_noise, nu)[0])
-        return max(half / (REACH * size), NOISE_FLOOR)
+        return max(half / (NORMAL * size), NOISE_FLOOR)
 
     @cached_property
     def _white(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.identification.as_identified import delays_of
+from deltaid.identification.sources import delays_of
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.identification.as_identified import delays_of
+from deltaid.identification.sources import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.words import percent

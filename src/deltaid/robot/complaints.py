@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from deltaid.robot.yaml_tree import Entry, Value, child
 
+# Complaints that one message lists.
 _MOST = 5
 _REASONS = {
     "missing": "is missing",

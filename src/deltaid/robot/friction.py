@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
 
+# Beyond these a term is as good as Coulomb's, or as an end stop.
 EXPONENTS = (0.05, 5.0)
 Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
 

@@ -129,7 +129,7 @@ from pathlib import Path
 
 import deltaid
 from deltaid.joint_forces.study import CsvFile, study, with_struts
-from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.sources import model_filtered
 from deltaid.recording.opening import open_log
 
 model = with_struts(deltaid.load({model!r}), {apart}, None)

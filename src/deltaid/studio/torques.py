@@ -95,8 +95,8 @@ def _compared(
     path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
 ) -> "tuple[Comparison, Float[np.ndarray, ' drives']]":
     # The server knows this module and need not wait for those.
-    from deltaid.identification.as_identified import model_filtered
     from deltaid.identification.loads import as_known
+    from deltaid.identification.sources import model_filtered
     from deltaid.identification.torque_error import torque_error
     from deltaid.recording.opening import open_log
     from deltaid.view.comparison import compare

@@ -51,7 +51,7 @@ def figure(value: Identification) -> "go.Figure":
 
 def page(value: Identification, verification: "Validation | None" = None) -> "Page":
     """The page of `deltaid identify`."""
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.view.identification import Verification, identification_page
 
     if verification is None:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from deltaid.identification.left_out import left_out
+from deltaid.identification.sources import left_out
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import remarks
 from deltaid.model.model import ModelLike, load

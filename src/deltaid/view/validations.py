@@ -48,7 +48,7 @@ def frame(value: Validation) -> pl.DataFrame:
 
 def figure(value: Validation) -> "go.Figure":
     """Torques, measured and predicted."""
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.view.torque_errors import torques
 
     return torques(value.model, model_filtered(value.model, value.log))
@@ -56,7 +56,7 @@ def figure(value: Validation) -> "go.Figure":
 
 def page(value: Validation) -> "Page":
     """The page of `deltaid validate`."""
-    from deltaid.identification.as_identified import model_filtered
+    from deltaid.identification.sources import model_filtered
     from deltaid.view.validation import validation_page
 
     recording = model_filtered(value.model, value.log)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.as_identified import model_filtered
+from deltaid.identification.sources import model_filtered
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping

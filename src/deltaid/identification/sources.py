@@ -1,0 +1,195 @@
+"""A recording as the file of a model keeps it: what was corrected in it and excluded, reason by
+reason; and recordings corrected as those were that a model comes from."""
+
+from collections.abc import Sequence
+from dataclasses import astuple, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.effects.at_platform import as_fitted
+from deltaid.effects.windings import motors_of
+from deltaid.identification.torque_error import TorqueError
+from deltaid.model.events import Event
+from deltaid.model.left_out import LeftOut, Span
+from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.record import Source
+from deltaid.recording.delay import Growth
+from deltaid.recording.hold import holds
+from deltaid.recording.log import Log
+from deltaid.recording.masks.masks import WHY, Mask
+from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.repairs import (
+    CONTACT,
+    JOLT,
+    NO_REPAIRS,
+    SPIKE,
+    STOP,
+    WHY_REPAIRED,
+    LeftSpan,
+    Repairs,
+)
+
+_WHY = {str(reason): why for reason, why in WHY.items()} | WHY_REPAIRED
+_WHY_REVERSAL = "a joint turns round, and its friction with it, between two samples"
+# Reasons that stand in the list of events.
+_EVENTS = (CONTACT, STOP, SPIKE, JOLT)
+# Spans that are listed of one reason.
+_LISTED = 100
+
+
+def source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:
+    """A recording that was compared with a model, and the samples `used` that its fit had of it."""
+    log, repairs = recording.log, recording.repairs
+    return Source(
+        log=log.path.name,
+        sha256=log.sha256,
+        samples=log.samples,
+        rate_hz=log.rate,
+        cutoff_hz=recording.cutoff,
+        motion_cutoff_hz=recording.motion_cutoff,
+        used_samples=used,
+        left_out=left_out(log, drives, error, repairs),
+        events=events(repairs, drives),
+        delay=repairs.lag,
+        filters=repairs.constants,
+        growth=repairs.growth and astuple(repairs.growth),
+    )
+
+
+def model_filtered(model: ModelLike, log: Log) -> Recording:
+    """A log that a model is compared with, filtered and corrected as the model's own recordings.
+
+    Gains and lags are those of the drives, so any recording of them has the same: a lag that is
+    estimated anew for each comparison would hide a wrong model. What was excluded from a
+    recording that the model comes from is excluded again.
+
+    Raises:
+        RecordingError: the cut-off does not go with the log's rate, or the log is too short.
+    """
+    model = load(model)
+    identified = model.identified
+    if identified is None:
+        return with_filter(log)
+    sources, corrections = _sources(model, log), identified.corrections
+    cutoff = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
+    forced = identified.settings.cutoff is not None
+    kinds = {correction.kind for correction in corrections}
+    if "velocity" in kinds:
+        log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
+    recording = with_filter(log, cutoff if forced or not log.has_derivatives else None)
+    gears, compliance = None, {c.subject: c.value for c in corrections if c.kind == "compliance"}
+    if compliance and recording.low_pass is not None:
+        motors = motors_of(model.robot, model.p, recording.low_pass.cutoff, recording.log.rate)
+        values = (compliance.get(drive) or 0.0 for drive in model.robot.drives)
+        gears = replace(motors, compliance=tuple(values))
+    filters = _mean_of(sources, "filters", model)
+    dead, hold = tuple((delays_of(model, log) - filters).tolist()), ()
+    if "hold" in kinds:
+        hold = holds(log.segments(recording.motion_cutoff), log.columns, log.rate)
+    same = [source for source in sources if source.sha256 == log.sha256]
+    repairs = Repairs(
+        gain=tuple(model.gains.tolist()) if np.any(model.gains != 1.0) else (),
+        hold=hold if any(hold) else (),
+        delay=dead if any(dead) else (),
+        constants=tuple(filters.tolist()) if np.any(filters) else (),
+        growth=Growth(*same[0].growth) if same and same[0].growth else None,
+        left_out=spans_left_out(same[0], model.robot.drives) if same else (),
+        gears=gears,
+        readings=identified.readings,
+        pulls=tuple(as_fitted(model.dynamics, effect) for effect in identified.effects),
+    )
+    return replace(recording, repairs=repairs)
+
+
+def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drives"]:
+    """By how much the torques of each drive come late [s]; in the mean over the recordings that the
+    model comes from, or in a log that is one of these."""
+    return _mean_of(_sources(model, log), "delay", model)
+
+
+def _mean_of(
+    sources: Sequence[Source], name: Literal["delay", "filters"], model: Model
+) -> Float[np.ndarray, " drives"]:
+    """Of a number of each drive over sources; zero where one has none."""
+    none = (0.0,) * len(model.robot.drives)
+    return np.mean([getattr(source, name) or none for source in sources] or [none], axis=0)
+
+
+def _sources(model: Model, log: Log | None) -> tuple[Source, ...]:
+    """The very recording if the model comes from it, else all that it comes from."""
+    sources = model.identified.sources if model.identified else ()
+    same = tuple(source for source in sources if log is not None and source.sha256 == log.sha256)
+    return same or sources
+
+
+def left_out(
+    log: Log, drives: Sequence[str], error: TorqueError, repairs: Repairs = NO_REPAIRS
+) -> tuple[LeftOut, ...]:
+    """What a comparison of torques excluded from a log, the reasons in the order of time."""
+    groups: dict[tuple[str, tuple[int, ...]], list[Mask | LeftSpan]] = {}
+    for span in (*log.masks, *repairs.left_out):
+        groups.setdefault((span.reason, span.drives), []).append(span)
+    excluded = list[LeftOut]()
+    for (reason, numbers), spans in groups.items():
+        masks = [span for span in spans if isinstance(span, Mask)]
+        times = np.array([(mask.start, mask.end) for mask in masks])
+        rows = float(sum(mask.last - mask.first + 1 for mask in masks))
+        if not masks:
+            times = joined_times(np.array([(span.first, span.last) for span in spans]))
+            rows = float(np.diff(times).sum()) * log.rate
+        excluded.append(
+            LeftOut(
+                reason=reason,
+                why=_WHY[reason],
+                drives=_names(numbers, drives),
+                share=min(1.0, rows / log.samples),
+                spans=tuple(Span(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()),
+                more=max(0, len(times) - _LISTED),
+            )
+        )
+    turning = {drives[i]: share for i, share in enumerate(error.turning.tolist()) if share > 0}
+    if turning:
+        mean, turned = sum(turning.values()) / len(turning), tuple(turning)
+        excluded.append(LeftOut(reason="reversal", why=_WHY_REVERSAL, drives=turned, share=mean))
+    return tuple(excluded)
+
+
+def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
+    """All that acted on the robot apart from its drives; play in gears is no event."""
+    return tuple(
+        Event(
+            reason=span.reason,
+            start=round(span.first, 6),
+            end=round(span.last, 6),
+            drives=_names(span.drives, drives),
+            time=span.push and round(span.push.time, 6),
+            place=span.push and span.push.place,
+            force=span.push and span.push.force,
+            moment=span.push and span.push.moment,
+        )
+        for span in repairs.left_out
+        if span.reason in _EVENTS
+    )
+
+
+def _names(numbers: Sequence[int], drives: Sequence[str]) -> tuple[str, ...]:
+    """Of some drives; of all if none is given."""
+    return tuple(drives[i] for i in numbers or range(len(drives)))
+
+
+def spans_left_out(source: Source, drives: Sequence[str]) -> tuple[LeftSpan, ...]:
+    """Events and exclusions of a recording in a model file, as spans to exclude again."""
+    excluded = [(event.reason, event.drives, event.start, event.end) for event in source.events]
+    excluded += [
+        (entry.reason, entry.drives, span.start, span.end)
+        for entry in source.left_out
+        if entry.reason in WHY_REPAIRED and entry.reason not in _EVENTS
+        for span in entry.spans
+    ]
+    return tuple(
+        LeftSpan(start, end, reason, tuple(drives.index(drive) for drive in names))
+        for reason, names, start, end in excluded
+    )
