@@ -11,11 +11,11 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import DescriptionError
+from deltaid.recording.mapped_columns import SensorColumns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
-from deltaid.recording.sensor_columns import SensorColumns
 from deltaid.robot.load import load_robot, parse
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from logs import recorded, refusal

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
-from deltaid.recording.mapping import ColumnMapping, DriveColumn, Quantity, TimeColumn
+from deltaid.recording.mapped_columns import DriveColumn, TimeColumn
+from deltaid.recording.mapping import ColumnMapping, Quantity
 
 # In one unit for all drives, or one a drive.
 Units = str | Sequence[str]

@@ -4,15 +4,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.recording.carried import Load, as_loads
-from deltaid.recording.column_name import Name
-from deltaid.recording.sensor_columns import SensorColumns
+from deltaid.recording.mapped_columns import (
+    AllDrives,
+    DriveColumns,
+    SensorColumns,
+    TemperatureColumn,
+    TimeColumn,
+)
 from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
 from deltaid.shown import Shown
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
@@ -21,145 +25,6 @@ QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "tor
 TIMES = ("t", "time")
 # What may be given for the unit of dates, which have none.
 DATES = ("iso", "datetime")
-
-
-class DriveColumn(Part):
-    """One column of one drive, and how its numbers become SI at the robot's joint.
-
-    joint value = sign · unit · (number − zero) / gear for motion, and
-    joint torque = sign · unit · torque_constant · (number − zero) · gear for torque. With a `lead`
-    the unit is one of the turning motor, and a revolution of it moves a linear drive that far.
-    """
-
-    column: Name
-    unit: str = Field(
-        description="such as deg, rpm, mN*m, or A with a torque_constant; a number may stand "
-        "before it, such as 0.0235 N*m for per mille of 23.5 N m"
-    )
-    gear: Positive = Field(default=1.0, description="motor revolutions per joint revolution")
-    lead: Positive | None = Field(
-        default=None,
-        description="m per revolution of spindle or belt pulley, for a linear drive whose column "
-        "is of the motor",
-    )
-    sign: Literal[1, -1] = Field(default=1, description="-1 if the column counts the other way")
-    zero: float = Field(default=0.0, description="the column's number where the joint value is 0")
-    torque_constant: Positive | None = Field(
-        default=None, description="N m per A at the motor, for torque columns in ampere"
-    )
-
-
-class AllDrives(Part):
-    """One entry for all drives, in place of a list with one a drive.
-
-    Columns are those of one array, or are listed; of all else there is one for all, or a list.
-    """
-
-    column: Name | None = Field(
-        default=None, description="array with one column a drive: column[0], column[1], …"
-    )
-    columns: tuple[Name, ...] | None = Field(
-        default=None, description="in place of it: one column a drive"
-    )
-    unit: str | tuple[str, ...] = Field(description="such as deg, rpm, mN*m")
-    gear: Positive | tuple[Positive, ...] = Field(
-        default=1.0, description="motor revolutions per joint revolution"
-    )
-    lead: Positive | tuple[Positive, ...] | None = Field(
-        default=None, description="m per revolution of spindle or belt pulley"
-    )
-    sign: Literal[1, -1] | tuple[Literal[1, -1], ...] = Field(
-        default=1, description="-1 if the column counts the other way"
-    )
-    zero: float | tuple[float, ...] = Field(
-        default=0.0, description="the column's number where the joint value is 0"
-    )
-    torque_constant: Positive | tuple[Positive, ...] | None = Field(
-        default=None, description="N m per A at the motor"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "AllDrives":
-        if (self.column is None) == (self.columns is None):
-            raise ValueError("needs either column, of an array, or columns")
-        return self
-
-    def names(self, dof: int) -> tuple[str, ...]:
-        """The column of each drive."""
-        return self.columns or tuple(f"{self.column}[{i}]" for i in range(dof))
-
-    def entries(self, dof: int, where: str) -> tuple[DriveColumn, ...]:
-        """The same as a list.
-
-        Raises:
-            RecordingError: a list has another length than there are drives.
-        """
-        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
-        given = {"columns": self.names(dof)} | given
-        drives: list[dict[str, Any]] = [{} for _ in range(dof)]
-        for key, value in given.items():
-            if key == "column":
-                continue
-            if isinstance(value, tuple) and len(value) != dof:
-                raise RecordingError(
-                    f"lists {len(value)} {key if key == 'columns' else 'values'}, "
-                    f"but the robot has {dof} drives",
-                    where=where if key == "columns" else f"{where}.{key}",
-                    cure="list one a drive, in order of q, or give one value for all",
-                )
-            for i, drive in enumerate(drives):
-                name = "column" if key == "columns" else key
-                drive[name] = value[i] if isinstance(value, tuple) else value
-        return tuple(DriveColumn(**drive) for drive in drives)
-
-
-def _spelling(value: object) -> str:
-    return "all" if isinstance(value, Mapping | AllDrives) else "each"
-
-
-DriveColumns = Annotated[
-    Annotated[AllDrives, Tag("all")] | Annotated[tuple[DriveColumn, ...], Tag("each")],
-    Discriminator(_spelling),
-]
-
-
-class TimeColumn(Part):
-    """The time column, or what takes its place.
-
-    A column with a unit holds times; one with a rate counts cycles; a rate alone stands for the
-    time of a log without.
-    """
-
-    column: Name = "t"
-    unit: str = Field(
-        default="s",
-        description="such as s, ms, 100 ns; dates and times of day (ISO 8601) have none",
-    )
-    rate: Positive | None = Field(
-        default=None,
-        description="samples a second, in place of a time column; or what a column counts a second",
-    )
-
-    @property
-    def is_absent(self) -> bool:
-        """Whether there is no column: samples follow one another at the rate."""
-        return self.rate is not None and "column" not in self.model_fields_set
-
-    @model_validator(mode="after")
-    def _check(self) -> "TimeColumn":
-        if self.rate is not None and "unit" in self.model_fields_set:
-            raise ValueError(
-                "gives unit and rate: a column of times has a unit, one that counts cycles a rate, "
-                "and a log without time the rate alone"
-            )
-        return self
-
-
-class TemperatureColumn(Part):
-    """The column of a temperature that friction may follow, of a motor, a gear or the oil."""
-
-    column: Name
-    unit: Literal["degC", "K", "degF"] = Field(default="degC", description="of the column")
 
 
 class ColumnMapping(Shown, Part):

@@ -8,14 +8,12 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.bounds import Bounds
 from deltaid.recording.columns import Columns
-from deltaid.recording.derivatives import DerivativeCheck
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen
-from deltaid.recording.sensor_survey import SensorCheck
 from deltaid.recording.source import Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import Batch, recut
 from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
 from deltaid.recording.time.words import told_of_stamps

@@ -4,7 +4,8 @@ import copy
 from collections.abc import Sequence
 from typing import Any
 
-from deltaid.recording.mapping import AllDrives, ColumnMapping, Quantity
+from deltaid.recording.mapped_columns import AllDrives
+from deltaid.recording.mapping import ColumnMapping, Quantity
 from deltaid.robot.load import parse, plain_data, yaml_text
 
 Data = dict[str, Any]

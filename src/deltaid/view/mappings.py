@@ -1,6 +1,7 @@
 """Mappings of columns."""
 
-from deltaid.recording.mapping import QUANTITIES, AllDrives, ColumnMapping, DriveColumn, TimeColumn
+from deltaid.recording.mapped_columns import AllDrives, DriveColumn, TimeColumn
+from deltaid.recording.mapping import QUANTITIES, ColumnMapping
 from deltaid.view.card import Card
 
 

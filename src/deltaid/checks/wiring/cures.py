@@ -6,7 +6,8 @@ import numpy as np
 
 from deltaid.checks.evidence import Evidence
 from deltaid.model.verdict import Proposal
-from deltaid.recording.mapping import AllDrives, DriveColumn, Quantity
+from deltaid.recording.mapped_columns import AllDrives, DriveColumn
+from deltaid.recording.mapping import Quantity
 from deltaid.recording.resolution import si_unit
 
 # What a unit becomes by a factor of its numbers.

@@ -1,0 +1,219 @@
+"""What a survey checks of numbers: whether they can be, go with their rates, and are there at all.
+
+Wrong units and broken rows make numbers that no recording of a robot holds, however finite they
+are. A recording may go beyond the limits that a description states, but not a hundred times; where
+none is stated, no machine of this class comes near.
+
+Whether recorded velocities are the derivatives of recorded positions shows units, signs and order.
+Both are compared over stretches of a few hundredths of a second, where encoder steps and noise
+count little: with Δq the change of position and ∫v dt the integral of velocity, the share
+k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.errors import Doubt, RecordingError
+from deltaid.recording.columns import Columns
+from deltaid.recording.source import Table
+from deltaid.robot.description import RobotDescription
+
+# How many times a described limit may be exceeded.
+_FACTOR = 100.0
+# s, and the largest magnitudes of position, velocity, acceleration and torque of a turning drive
+# [rad, rad/s, rad/s², N m] and of a sliding one [m, m/s, m/s², N].
+_LONGEST = 1e12
+_TURNING = (1e5, 1e3, 1e6, 1e6)
+_SLIDING = (100.0, 300.0, 1e6, 1e7)
+_UNITS_OF = {False: ("rad", "rad/s", "rad/s²", "N m"), True: ("m", "m/s", "m/s²", "N")}
+# Rates are compared with their columns over so long [s].
+_STRETCH = 0.02
+# Columns that go together this well (squared correlation) must agree in scale; below the other
+# value they hardly belong to the same drive.
+_TOGETHER, _APART = 0.9, 0.3
+_SCALE = (0.8, 1.25)
+# Rms of Δq below which a drive counts as resting [rad, rad/s].
+_SLIGHT = 1e-3
+# What a column of a wrong unit is too large by.
+_LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
+
+
+class DerivativeCheck:
+    """Compares pairs of columns batch by batch: the second should be the rate of the first."""
+
+    def __init__(self, names: list[tuple[str, str]]) -> None:
+        self._names = names
+        self._sums = np.zeros((3, len(names)))  # Δq², (∫v dt)², their product
+        self._stretches = 0
+
+    def add(
+        self,
+        time: Float[np.ndarray, " rows"],
+        x: Float[np.ndarray, "rows pairs"],
+        rate: Float[np.ndarray, "rows pairs"],
+    ) -> None:
+        """Take in consecutive rows."""
+        if not self._names or len(time) < 2:
+            return
+        step = np.diff(time)
+        every = max(1, round(_STRETCH * len(step) / float(time[-1] - time[0])))
+        area = 0.5 * (rate[1:] + rate[:-1]) * step[:, None]
+        integral = np.vstack([np.zeros(area.shape[1]), np.cumsum(area, axis=0)])
+        change, expected = (np.diff(v[::every], axis=0) for v in (x, integral))
+        products = (change**2, expected**2, change * expected)
+        self._sums += [product.sum(axis=0) for product in products]
+        self._stretches += len(change)
+
+    def warnings(self, where: str) -> list[Doubt]:
+        """What is doubtful.
+
+        Raises:
+            RecordingError: a rate goes with its column, but has another scale or sign.
+        """
+        doubts: list[Doubt] = []
+        for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
+            if xx <= _SLIGHT**2 * self._stretches or vv == 0:
+                continue
+            together, scale = xv**2 / (xx * vv), xv / xx
+            if together < _APART:
+                doubts.append(
+                    Doubt(
+                        f"column {rate_name} hardly goes with the changes of {name} (correlation "
+                        f"{np.sqrt(together):.2g})",
+                        cause="it is of another drive, or another signal",
+                        cure="map the column of this drive with --columns, or leave it out: the "
+                        "rates then follow from the positions",
+                        key="velocity",
+                    )
+                )
+            elif together > _TOGETHER and not _SCALE[0] < scale < _SCALE[1]:
+                raise RecordingError(
+                    f"column {rate_name} is {scale:.4g} times the rate at which {name} changes"
+                    + _guess(scale),
+                    where=where,
+                    cure="declare unit, sign and gear of both columns, and the unit of time, with "
+                    "--columns MAPPING.yaml",
+                )
+        return doubts
+
+
+def _guess(scale: float) -> str:
+    for unit, factor in _LIKELY.items():
+        if _SCALE[0] < abs(scale) / factor < _SCALE[1]:
+            return f", as if it were in {unit}"
+    return ""
+
+
+class Bounds:
+    """The largest magnitude of each channel but those beside the drives, as in `Columns.all`."""
+
+    def __init__(self, table: Table, columns: Columns, robot: RobotDescription) -> None:
+        self._table, self._columns = table, columns
+        largest, units = [_LONGEST], ["s"]
+        parts = (columns.position, columns.velocity, columns.acceleration, columns.torque)
+        for quantity, channels in enumerate(parts):
+            for drive, _ in zip(robot.drives, channels, strict=False):
+                slides = robot.is_linear(drive)
+                stated = _stated(robot, drive)[quantity]
+                highest = (_SLIDING if slides else _TURNING)[quantity]
+                largest.append(min(highest, _FACTOR * stated) if stated else highest)
+                units.append(_UNITS_OF[slides][quantity])
+        self._largest, self._units = np.array(largest), units
+
+    def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
+        """Refuse the first row with a number beyond its bound; `row` numbers the first one.
+
+        Raises:
+            RecordingError: with row, column, number and bound.
+        """
+        values = values[:, : len(self._largest)]
+        if np.all(np.abs(values).max(axis=0) <= self._largest):
+            return
+        i, k = (int(index) for index in np.argwhere(np.abs(values) > self._largest)[0])
+        channel, unit = self._columns.all[k], self._units[k]
+        raise RecordingError(
+            f"column {channel.column} is {values[i, k]:.4g} {unit}, but no recording of this robot "
+            f"goes beyond {self._largest[k]:.4g} {unit}",
+            where=self._table.row_place(row + i),
+            cure="repair or remove the row; if all rows are like it, declare the column's unit and "
+            "gear with --columns MAPPING.yaml",
+        )
+
+
+def _stated(robot: RobotDescription, drive: str) -> tuple[float | None, ...]:
+    """What the description says of a drive: nothing of its position, which may be wrapped."""
+    limits = robot.drive_limits.get(drive)
+    if limits is None:
+        return None, None, None, None
+    return None, limits.top_speed, limits.top_acceleration, limits.effort
+
+
+@dataclass
+class SensorCheck:
+    """Running check; `add` all rows, then `require` and ask what is `told`."""
+
+    table: Table
+    columns: Columns
+    _low: Float[np.ndarray, " channels"] = field(init=False)
+    _high: Float[np.ndarray, " channels"] = field(init=False)
+    _empty: Int[np.ndarray, " channels"] = field(init=False)
+    _first: dict[int, int] = field(default_factory=dict[int, int])
+    _rows: int = 0
+
+    def __post_init__(self) -> None:
+        places = self.columns.sensor_places
+        count = places.stop - places.start
+        self._low, self._high = np.full(count, np.inf), np.full(count, -np.inf)
+        self._empty = np.zeros(count, dtype=np.int64)
+
+    def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
+        """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages."""
+        shown = values[:, self.columns.sensor_places]
+        self._rows += len(shown)
+        if not shown.size:
+            return
+        empty = np.isnan(shown)
+        self._low = np.minimum(self._low, np.where(empty, np.inf, shown).min(axis=0))
+        self._high = np.maximum(self._high, np.where(empty, -np.inf, shown).max(axis=0))
+        for k in np.flatnonzero(empty.any(axis=0)).tolist():
+            self._first.setdefault(k, row + int(np.argmax(empty[:, k])))
+        self._empty += np.count_nonzero(empty, axis=0)
+
+    def require(self) -> None:
+        """Refuse columns in which nothing was recorded.
+
+        Raises:
+            RecordingError: a column holds no number, or one number only.
+        """
+        for k, (sensor, column) in enumerate(self._named()):
+            if self._low[k] < self._high[k]:
+                continue
+            what = "holds no number in any row"
+            if self._empty[k] < self._rows:
+                what = f"is {self._low[k]:.6g} in all rows, so nothing was recorded"
+            raise RecordingError(
+                f"column {column} of sensor {sensor} {what}",
+                where=str(self.table.path),
+                cure="check the logger's signal, map the right column, or leave the sensor out of "
+                f"this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
+            )
+
+    def told(self) -> list[Doubt]:
+        """Rows without a number."""
+        named = self._named()
+        return [
+            Doubt(
+                f"column {named[k][1]} of sensor {named[k][0]} holds no number in "
+                f"{self._empty[k]} of {self._rows} rows, the first "
+                f"{self.table.row_place(row).removeprefix(f'{self.table.path}, ')}",
+                cause="the sensor is read less often than the drives, or lost its connection",
+                cure="such rows do not count for the sensor; all others do",
+            )
+            for k, row in sorted(self._first.items())
+        ]
+
+    def _named(self) -> list[tuple[str, str]]:
+        """Sensor and column of each channel."""
+        return [(one.name, c.column) for one in self.columns.sensors for c in one.channels]
