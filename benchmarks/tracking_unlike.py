@@ -33,9 +33,8 @@ from deltaid.dynamics.parameters import prior_parameters, with_prior
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.model.model import Model, load
-from deltaid.motion.random_motion import random_motion
+from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.motion.tamed import tamed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import deltaid
-from deltaid.motion.excitation.motion_file import write_run
+from deltaid.motion.excitation.run import write_run
 from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,

@@ -21,7 +21,7 @@ from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import weighings
 

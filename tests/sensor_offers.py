@@ -11,11 +11,11 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.sensors import BaseWrench, StrutForce
-from deltaid.sensors.of_robot import sensor_rows
 from deltaid.sensors.planning.bench import PlanSettings
-from deltaid.sensors.planning.motion import generic_motion
 from deltaid.sensors.planning.offers import Offers
 from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
+from deltaid.sensors.planning.rows import generic_motion
+from deltaid.sensors.robot_sensors import sensor_rows
 
 DELTA = "clavel-delta3"
 SETTINGS = PlanSettings(torque_noise=0.03, rate=50.0, duration=8.0, steps=4, seed=3)

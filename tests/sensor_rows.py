@@ -13,9 +13,8 @@ from composed import SPACING, Make, describe, parameters, random_composed, rando
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.about import RowsAbout
-from deltaid.sensors.graph_rows import GraphRows
-from deltaid.sensors.of_robot import sensor_rows
-from deltaid.sensors.rows import SensorRows
+from deltaid.sensors.robot_sensors import sensor_rows
+from deltaid.sensors.rows import GraphRows, SensorRows
 from oracle.sensors import SensorOracle, StrutOracle
 from oracle.tree import Body, random_body
 

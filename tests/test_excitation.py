@@ -15,10 +15,9 @@ from deltaid.exports.options import TargetName
 from deltaid.model.options import Method
 from deltaid.motion.excitation.criterion import Criterion
 from deltaid.motion.excitation.excite import Excitation, ExcitationSettings, Exciter
-from deltaid.motion.excitation.motion_file import sample_run
 from deltaid.motion.excitation.optimize import largest_use, optimise, random_start
-from deltaid.motion.excitation.options import CriterionName
-from deltaid.motion.excitation.run import plan_run
+from deltaid.motion.excitation.run import plan_run, sample_run
+from deltaid.motion.excitation.settings import CriterionName
 from deltaid.robot.load import load_robot
 
 CRITERIA = ("cond", "logdet", "a-optimal", "e-optimal")

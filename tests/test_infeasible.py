@@ -16,9 +16,8 @@ from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.limits import LimitsAlong
 from deltaid.model.model import Model, load
 from deltaid.motion.fourier import FourierMotion
-from deltaid.motion.random_motion import random_motion
+from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.motion.tamed import tamed
 from deltaid.view.tracking import comparison_page, infeasible_lines
 
 TELESCOPE = "irb360-6-1600"

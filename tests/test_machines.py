@@ -12,8 +12,7 @@ from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.model.model import Model, load
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.tamed import tamed
+from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.robot.load import catalogue, catalogue_text
 from deltaid.robot.workspace import Cylinder
 from support import KINDS

@@ -14,7 +14,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.sensors.geometry import sensor_errors
-from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows
 from poor_priors import PLAIN
 from sensed import recorded, sensed, weighed
 from sensor_rows import dense

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DescriptionError
-from deltaid.motion.excitation.by_bodies import by_bodies
+from deltaid.motion.excitation.criterion import by_bodies
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.load import load_robot
 from deltaid.sensors.planning.bench import PlanSettings
+from deltaid.sensors.planning.knowledge import unknowns
 from deltaid.sensors.planning.offers import Offers, shipped_offers
 from deltaid.sensors.planning.plan import sensor_plan
-from deltaid.sensors.planning.unknowns import unknowns
 from sensor_offers import DELTA, PLATE, SETTINGS, dense, offers, planned
 
 
@@ -197,7 +197,7 @@ def test_enough_is_no_gain_to_exceed() -> None:
 
 
 def test_a_planned_motion_in_place_of_a_random_one(tmp_path: Path) -> None:
-    from deltaid.motion.excitation.motion_file import write_run
+    from deltaid.motion.excitation.run import write_run
 
     exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, harmonics=2, starts=1))
     run = exciter.optimise().run

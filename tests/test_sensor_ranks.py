@@ -13,7 +13,7 @@ from deltaid.robot.body import Entry
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.sensors import BaseWrench, Sensor, StrutForce
-from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.robot_sensors import sensor_rows
 from sensor_rows import dense
 
 # Singular values of rows with columns of equal length: rounding is below 1e-14, signal above 1e-3.

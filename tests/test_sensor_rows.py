@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import JointTorque, StrutForce
-from deltaid.sensors.of_robot import all_sensor_rows, sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_rows
 from oracle.sensors import StrutOracle
 from sensor_rows import (
     CHANNELS,

@@ -10,7 +10,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
 from deltaid.sensors.about import about
-from deltaid.sensors.of_robot import sensor_rows
+from deltaid.sensors.robot_sensors import sensor_rows
 from sensor_rows import CHANNELS, dense, plate, sensor_twin, wrenches
 
 

@@ -12,8 +12,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
-from deltaid.sensors.of_robot import all_sensor_rows
-from deltaid.sensors.simulated import drawn_unknowns
+from deltaid.sensors.robot_sensors import all_sensor_rows, drawn_unknowns
 
 WRENCH = BaseWrench(
     kind="base-wrench", force_noise=0.3, moment_noise=0.02, force_bias=2.0, moment_bias=0.5,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import output_file
-from deltaid.motion.excitation.options import CriterionName, PurposeName
+from deltaid.motion.excitation.settings import CriterionName, PurposeName
 
 if TYPE_CHECKING:
     from threading import Event
@@ -77,7 +77,7 @@ def excite(
     from deltaid.files import together, write_bytes
     from deltaid.model.model import load
     from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
-    from deltaid.motion.excitation.motion_file import LONGEST, MOST_ROWS, write_run
+    from deltaid.motion.excitation.run import LONGEST, MOST_ROWS, write_run
 
     positive("--duration", duration, (0.1, 3600.0))
     positive("--torque-noise", torque_noise, (1e-9, 10.0))

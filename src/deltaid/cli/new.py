@@ -121,8 +121,7 @@ def _draft(
     from deltaid.errors import DeltaidError
     from deltaid.robot.load import load_robot
     from deltaid.studio.drafting.backwards import answers, kind_of
-    from deltaid.studio.drafting.draft import GIVEN, Draft
-    from deltaid.studio.drafting.quantity import quantity
+    from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
 
     offered: dict[str, float] = {}
     if start is not None:
@@ -261,7 +260,7 @@ def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
     from deltaid.studio.drafting.draft import ASSUMED
-    from deltaid.studio.drafting.drafts import unusual
+    from deltaid.studio.drafting.interview import unusual
 
     doubts = unusual(draft)
     print_warnings(doubts)

@@ -8,7 +8,7 @@ import typer
 from deltaid.cli.options import output_file
 
 if TYPE_CHECKING:
-    from deltaid.sensors.planning.openings import Opening
+    from deltaid.sensors.planning.null_space import Opening
     from deltaid.sensors.planning.plan import Outlook, SensorPlan
 
 
@@ -191,7 +191,7 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
 
 def told(plan: "SensorPlan") -> "list[Opening]":
     """What is told in words: what there is, and what stays open when all has been bought."""
-    from deltaid.sensors.planning.openings import DESCRIBED, PLAN, TORQUES
+    from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
 
     now = DESCRIBED if plan.has_described else TORQUES
     return [one for one in plan.openings if one.name in (now, PLAN)]

@@ -24,7 +24,7 @@ from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.robot.description import RobotDescription
-from deltaid.sensors.simulated import simulated_sensors
+from deltaid.sensors.robot_sensors import simulated_sensors
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 _NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"

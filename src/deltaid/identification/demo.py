@@ -12,14 +12,13 @@ from deltaid.dynamics.parameters import with_prior
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import validate
-from deltaid.motion.random_motion import random_motion
+from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
     surrogate_parameters,
     write_recording,
 )
-from deltaid.motion.tamed import tamed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 

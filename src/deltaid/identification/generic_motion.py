@@ -17,7 +17,7 @@ from deltaid.estimation.information import (
 )
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
-from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
 

@@ -27,7 +27,7 @@ from deltaid.recording.recording import Recording
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.geometry import sensor_errors
-from deltaid.sensors.graph_rows import GraphRows
+from deltaid.sensors.rows import GraphRows
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.

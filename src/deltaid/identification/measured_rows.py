@@ -25,9 +25,8 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples, Window
 from deltaid.robot.parameter import Parameter
 from deltaid.sensors.about import about, is_of_pose
-from deltaid.sensors.graph_rows import Pattern
-from deltaid.sensors.of_robot import sensor_rows
-from deltaid.sensors.rows import SensorRows
+from deltaid.sensors.robot_sensors import sensor_rows
+from deltaid.sensors.rows import Pattern, SensorRows
 from deltaid.sensors.weighings import Weighing
 
 # A sensor whose gain is known no better than this determines torques worse than torque constants.

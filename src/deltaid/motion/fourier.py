@@ -1,4 +1,4 @@
-"""Task-space motions as truncated Fourier series, eq. (8)."""
+"""Task-space motions as truncated Fourier series, eq. (8), and these as a vector of unknowns."""
 
 from dataclasses import dataclass
 
@@ -42,3 +42,89 @@ class FourierMotion(Shown):
         zd = (c * w) @ self.sine.T - (s * w) @ self.cosine.T
         zdd = -(s * w**2) @ self.sine.T - (c * w**2) @ self.cosine.T
         return z, zd, zdd
+
+
+Vector = Float[np.ndarray, " unknowns"]
+Basis = Float[np.ndarray, "3 samples terms"]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Shape and scaling of the unknowns.
+
+    Attributes:
+        harmonics: n_F of (8).
+        slowest, fastest: bounds of the base frequency ω₀ [rad/s].
+        centre, size: middle and half width of each coordinate's range, the unit of coefficients.
+    """
+
+    harmonics: int
+    slowest: float
+    fastest: float
+    centre: Float[np.ndarray, " dof"]
+    size: Float[np.ndarray, " dof"]
+
+    @property
+    def dof(self) -> int:
+        """Number of task coordinates."""
+        return len(self.size)
+
+    @property
+    def length(self) -> int:
+        """Number of unknowns: log ω₀, then centre, sines and cosines of each coordinate."""
+        return 1 + self.dof * (1 + 2 * self.harmonics)
+
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the unknowns: the frequency's own, and coefficients of no more than 3 sizes."""
+        frequency = (float(np.log(self.slowest)), float(np.log(self.fastest)))
+        return [frequency] + [(-3.0, 3.0)] * (self.length - 1)
+
+    def coefficients(self, x: Vector) -> Float[np.ndarray, "dof terms"]:
+        """Rows [b_0, a_1 … a_n, b_1 … b_n] of (8), with units, b_0 counted from `centre`."""
+        return x[1:].reshape(self.dof, -1) * self.size[:, None]
+
+    def frequency(self, x: Vector) -> float:
+        """ω₀."""
+        return float(np.exp(x[0]))
+
+    def motion(self, x: Vector) -> FourierMotion:
+        """The motion that a vector of unknowns stands for."""
+        c, n = self.coefficients(x), self.harmonics
+        centre = self.centre + c[:, 0]
+        return FourierMotion(self.frequency(x), centre, c[:, 1 : n + 1], c[:, n + 1 :])
+
+    def unknowns(self, motion: FourierMotion) -> Vector:
+        """The inverse of `motion`."""
+        c = np.column_stack([motion.centre - self.centre, motion.sine, motion.cosine])
+        return np.append(np.log(motion.base_frequency), (c / self.size[:, None]).ravel())
+
+    def basis(self, phase: Float[np.ndarray, " samples"]) -> Basis:
+        """Φ, Φ′, Φ″: values of [1, sin kφ, cos kφ] and their derivatives with respect to φ."""
+        k = np.arange(1, self.harmonics + 1)
+        s, c = np.sin(np.outer(phase, k)), np.cos(np.outer(phase, k))
+        one, zero = np.ones((len(phase), 1)), np.zeros((len(phase), 1))
+        return np.stack(
+            [
+                np.hstack([one, s, c]),
+                np.hstack([zero, c * k, -s * k]),
+                np.hstack([zero, -s * k**2, -c * k**2]),
+            ]
+        )
+
+    def state(self, x: Vector, basis: Basis) -> Float[np.ndarray, "inputs samples"]:
+        """s = (z, ż, z̈) at the basis' points, samples in columns."""
+        c, w = self.coefficients(x), self.frequency(x)
+        z = c @ basis[0].T + self.centre[:, None]
+        return np.vstack([z, w * (c @ basis[1].T), w**2 * (c @ basis[2].T)])
+
+    def chain(
+        self, x: Vector, basis: Basis, gradients: Float[np.ndarray, "functions inputs samples"]
+    ) -> Float[np.ndarray, "functions unknowns"]:
+        """∂/∂x from ∂/∂s, for several functions at once."""
+        w, c = self.frequency(x), self.coefficients(x)
+        powers = w ** np.arange(3)
+        by_order = gradients.reshape(len(gradients), 3, self.dof, -1)
+        along = np.einsum("o,fods,ost->fodt", powers, by_order, basis, optimize=True)
+        d_log_w = np.einsum("o,fodt,dt->f", np.arange(3.0), along, c)
+        d_c = along.sum(axis=1) * self.size[:, None]
+        return np.column_stack([d_log_w, d_c.reshape(len(gradients), -1)])

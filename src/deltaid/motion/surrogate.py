@@ -15,7 +15,7 @@ from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import transformed
-from deltaid.sensors.simulated import simulated_sensors
+from deltaid.sensors.robot_sensors import simulated_sensors
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}

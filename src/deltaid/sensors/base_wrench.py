@@ -29,9 +29,7 @@ from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import fixed
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.sensors import BaseWrench
-from deltaid.sensors.graph_rows import GraphRows, Shown, Unknown
-from deltaid.sensors.rows import SensorChannel
-from deltaid.sensors.size import wide_force, wide_moment
+from deltaid.sensors.rows import GraphRows, SensorChannel, Shown, Unknown, wide_force, wide_moment
 from deltaid.sensors.weighings import rotation
 
 _AXES = "xyz"

@@ -15,7 +15,7 @@ from deltaid.dynamics.geometry import Error, Shown, errors_by
 from deltaid.dynamics.grown import STEP, GrownDynamics, Places, grown_torques
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
-from deltaid.sensors.graph_rows import GraphRows
+from deltaid.sensors.rows import GraphRows
 
 
 def sensor_errors(

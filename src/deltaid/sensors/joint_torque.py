@@ -13,9 +13,7 @@ import numpy as np
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.sensors import JointTorque
-from deltaid.sensors.graph_rows import OneChannelRows
-from deltaid.sensors.rows import SensorChannel
-from deltaid.sensors.size import wide_force, wide_moment
+from deltaid.sensors.rows import OneChannelRows, SensorChannel, wide_force, wide_moment
 
 
 @dataclass(frozen=True, eq=False)

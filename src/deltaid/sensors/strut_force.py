@@ -21,9 +21,7 @@ from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import StrutForce
-from deltaid.sensors.graph_rows import OneChannelRows
-from deltaid.sensors.rows import SensorChannel
-from deltaid.sensors.size import wide_force
+from deltaid.sensors.rows import OneChannelRows, SensorChannel, wide_force
 
 
 @dataclass(frozen=True, eq=False)

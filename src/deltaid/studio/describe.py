@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.drafting.draft import GIVEN, Draft
+from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
 from deltaid.studio.drafting.kinds import KINDS
-from deltaid.studio.drafting.quantity import quantity
 from deltaid.studio.drafting.questions import asked
 from deltaid.studio.steps import Step
 

@@ -84,7 +84,7 @@ def excite_text(robot: str, motion: str, *, duration: float, starts: int, seed: 
 from pathlib import Path
 
 import deltaid
-from deltaid.motion.excitation.motion_file import write_run
+from deltaid.motion.excitation.run import write_run
 
 settings = deltaid.ExcitationSettings(duration={duration!r}, starts={starts}, seed={seed})
 exciter = deltaid.Exciter(deltaid.load({robot!r}), settings)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from deltaid.motion.excitation.excite import Excitation
-from deltaid.motion.excitation.motion_file import sample_run
+from deltaid.motion.excitation.run import sample_run
 from deltaid.view.card import Card
 from deltaid.view.excitation_tables import limit_table, prediction_table
 from deltaid.view.numbers import number, percent

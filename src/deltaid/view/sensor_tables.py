@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaid.sensors.planning.openings import DESCRIBED, PLAN, TORQUES, Opening
+from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
 from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.view.numbers import number, percent
 from deltaid.view.table import Table

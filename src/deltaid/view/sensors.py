@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.sensors.planning.openings import DESCRIBED, PLAN, TORQUES
+from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
 from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.view import style
 from deltaid.view.corrected import in_words

@@ -14,7 +14,7 @@ from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.parameter import PRIOR_SPREAD
-from deltaid.sensors.of_robot import all_sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
 # Windows of a recording that are evaluated, and samples of them all after the filter.

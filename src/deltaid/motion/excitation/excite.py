@@ -17,11 +17,8 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.regularizer import parameter_scale
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.model.model import ModelLike, load
-from deltaid.motion.excitation.by_bodies import by_bodies
-from deltaid.motion.excitation.criterion import Criterion
-from deltaid.motion.excitation.graph import ExcitationGraph
-from deltaid.motion.excitation.left_by_friction import torques_without_friction
-from deltaid.motion.excitation.motion_file import write_run
+from deltaid.motion.excitation.criterion import Criterion, by_bodies
+from deltaid.motion.excitation.graph import ExcitationGraph, torques_without_friction
 from deltaid.motion.excitation.optimize import (
     Judge,
     Optimum,
@@ -31,9 +28,9 @@ from deltaid.motion.excitation.optimize import (
     random_start,
 )
 from deltaid.motion.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
-from deltaid.motion.excitation.run import Run, plan_run, run_use
-from deltaid.motion.excitation.series import Series
+from deltaid.motion.excitation.run import Run, plan_run, run_use, write_run
 from deltaid.motion.excitation.settings import ExcitationSettings
+from deltaid.motion.fourier import Series
 from deltaid.progress import watched
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 

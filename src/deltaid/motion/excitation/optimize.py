@@ -13,6 +13,7 @@ from scipy import optimize
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError
+from deltaid.motion.excitation.criterion import Judge
 from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, Vector
 from deltaid.motion.fourier import FourierMotion
 
@@ -78,7 +79,6 @@ class Optimum:
 
 
 Progress = Callable[[StartAccount], None]
-Judge = Callable[[FourierMotion], float]
 
 
 def optimise(

@@ -17,7 +17,7 @@ from scipy.special import logsumexp, softmax
 
 from deltaid.motion.excitation.criterion import Criterion
 from deltaid.motion.excitation.graph import ExcitationGraph
-from deltaid.motion.excitation.series import Series, Vector
+from deltaid.motion.fourier import Series, Vector
 
 States = Float[np.ndarray, "inputs samples"]
 Entries = Float[np.ndarray, "entries samples"]

@@ -1,4 +1,4 @@
-"""A motion to run on the machine: from rest, through whole periods, back to rest.
+"""A motion to run on the machine: from rest, through whole periods, back to rest; and its file.
 
 A run follows the periodic motion z(φ) with a phase φ(t) whose rate σ = φ̇ rises smoothly from 0 to 1
 and falls back to 0 at the end, so ż = z′σ and z̈ = z″σ² + z′σ̇. Position, velocity and acceleration
@@ -7,11 +7,15 @@ checked. σ = 10 s³ − 15 s⁴ + 6 s⁵ with s = t / ramp.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
+from deltaid.files import written_whole
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.motion.excitation.problem import ExcitationProblem
 from deltaid.motion.fourier import FourierMotion
@@ -111,3 +115,45 @@ def _ramp(s: Float[np.ndarray, " samples"]) -> tuple[Float[np.ndarray, " samples
         10 * s**3 - 15 * s**4 + 6 * s**5,
         30 * s**2 * (1 - s) ** 2,
     )
+
+
+# The longest run [s], ten hours, and the most rows of a file, some ten gigabytes.
+LONGEST, MOST_ROWS = 36_000.0, 3e7
+# Rows that are computed and written at once.
+_BLOCK = 1 << 16
+
+
+def sample_run(kinematics: Kinematics, run: Run, rate: float) -> pl.DataFrame:
+    """A run at a fixed rate: columns t, q1…, qd1…, qdd1…, x, y, z (and psi), SI units.
+
+    The first and the last row are at rest.
+    """
+    return _sampled(kinematics, run, np.arange(run_rows(run, rate)) / rate)
+
+
+def run_rows(run: Run, rate: float) -> int:
+    """Number of rows of a run at a fixed rate."""
+    return int(np.ceil(run.duration * rate - 1e-9)) + 1
+
+
+def _sampled(kinematics: Kinematics, run: Run, time: Float[np.ndarray, " rows"]) -> pl.DataFrame:
+    z, zd, zdd = run.evaluate(np.minimum(time, run.duration))
+    drives = kinematics.drive_motion(z, zd, zdd)
+    columns = {"t": time}
+    for name, values in zip(("q", "qd", "qdd"), drives, strict=True):
+        columns |= {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}
+    columns |= {name: z[:, i] for i, name in enumerate(kinematics.robot.task.names)}
+    return pl.DataFrame(columns)
+
+
+def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None:
+    """Write a run as CSV, whole or not at all, in constant memory.
+
+    Raises:
+        DeltaidError: the file cannot be written.
+    """
+    rows = run_rows(run, rate)
+    with written_whole(path) as file:
+        for start in range(0, rows, _BLOCK):
+            part = _sampled(kinematics, run, np.arange(start, min(start + _BLOCK, rows)) / rate)
+            file.write(part.write_csv(include_header=start == 0))

@@ -1,11 +1,14 @@
-"""What is asked of an excitation."""
+"""What is asked of an excitation; imports nothing that is slow."""
 
 import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import Literal, get_args
 
 from deltaid.errors import DeltaidError, unknown
-from deltaid.motion.excitation.options import CriterionName, PurposeName
+
+CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
+PurposeName = Literal["torques", "sensors"]
+
 
 _HERE = "ExcitationSettings"
 

@@ -10,13 +10,10 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.robot.parameter import PRIOR_SPREAD
-from deltaid.sensors.planning.goals import Goal, goal
-from deltaid.sensors.planning.knowledge import Knowledge
-from deltaid.sensors.planning.motion import PlannedMotion
+from deltaid.sensors.planning.knowledge import Knowledge, Unknowns
 from deltaid.sensors.planning.offers import Offers
-from deltaid.sensors.planning.rows import Extended, Scene, torque_rows, torques
-from deltaid.sensors.planning.shopping import cost_of
-from deltaid.sensors.planning.unknowns import Unknowns
+from deltaid.sensors.planning.rows import Extended, PlannedMotion, Scene, torque_rows, torques
+from deltaid.sensors.planning.shopping import Goal, cost_of, goal
 from deltaid.sensors.planning.uses import Use, described_rows, uses
 from deltaid.sensors.weighings import weighings
 

@@ -19,7 +19,7 @@ from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, body_at, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
-from deltaid.sensors.planning.joints import Instance, Shared, move_alike, shared, turn_alike
+from deltaid.sensors.planning.shared_points import Instance, Shared, move_alike, shared, turn_alike
 
 Partner = Callable[[Instance, Instance], Shared | None]
 Ten = Float[np.ndarray, " 10"]

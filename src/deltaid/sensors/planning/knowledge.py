@@ -1,16 +1,32 @@
-"""What is known of u ~ N(0, 1) after rows of independent noise: a square root of information.
+"""The unknowns u of a plan, and what is known of them after rows of independent noise.
+
+Known of u ~ N(0, 1) is a square root of information,
 
     R_c u = r_c + e,  e ~ N(0, 1)      ⇒      RᵀR = I + Σ R_cᵀR_c,    Cov u = (RᵀR)⁻¹
 
 Factors are stacked and triangularised; no normal equations are formed, so a scale of 0.01 % beside
 a prior of 50 % costs no digits.
+
+Unknown are all ten entries of every body that is not known, and the joints' own. What a fit may
+change is a choice made for torques; which entries are truly unknown is another question, so `free`
+of a description counts only where it says that a body is known (`[]`). An entry of M̄ has the
+standard deviation spread · |prior|, and spread · √(M̄_ii M̄_jj) where its prior is zero (nearly), so
+that thin directions of a body are as certain as consistency makes them.
+
+    w = [p; log of the drives' gains] = w_0 + W u,    u ~ N(0, 1) before any measurement
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
+from deltaid.robot.parameter import PRIOR_SPREAD
 
 Rows = Float[np.ndarray, "rows columns"]
 
@@ -61,3 +77,113 @@ def compressed(rows: Rows) -> Float[np.ndarray, "rank columns"]:
 def without(rows: Rows, nuisances: int) -> Float[np.ndarray, "rest others"]:
     """What rows say of their last columns whatever their first `nuisances` ones are."""
     return compressed(rows)[nuisances:, nuisances:]
+
+
+# An entry of M̄ below this share of √(M̄_ii M̄_jj) counts as zero.
+_ZERO = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The variables of a plan.
+
+    Attributes:
+        layout: of p.
+        names: of the variables: 'S.mcx', 'S.Sxx', 'viscous.drive1', 'gain.drive1'.
+        owners: the body of each entry; '' for what is of no body.
+        units: of each.
+        sizes: |prior|, or what stands for it where that is zero; deviations are told as shares
+            of it.
+        prior: value before.
+        spread: standard deviation before, as a share of `sizes`.
+        W: w = w_0 + W u.
+        known: bodies that count as known.
+    """
+
+    layout: ParameterLayout
+    names: tuple[str, ...]
+    owners: tuple[str, ...]
+    units: tuple[str, ...]
+    sizes: Float[np.ndarray, " n"]
+    prior: Float[np.ndarray, " n"]
+    spread: Float[np.ndarray, " n"]
+    W: Float[np.ndarray, "extended n"]
+    known: tuple[str, ...]
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Those that are not known."""
+        return tuple(dict.fromkeys(owner for owner in self.owners if owner))
+
+    def of_bodies(self, *bodies: str) -> Int[np.ndarray, " entries"]:
+        """Positions of the entries of some bodies, of all without any."""
+        wanted = bodies or self.bodies
+        return np.array([k for k, owner in enumerate(self.owners) if owner in wanted], dtype=int)
+
+
+def unknowns(
+    robot: RobotDescription, prior_spread: float = PRIOR_SPREAD, gain_spread: float = 0.0
+) -> Unknowns:
+    """The variables of a robot.
+
+    Args:
+        prior_spread: relative standard deviation of the prior where the robot's file has no other.
+        gain_spread: of the drives' torque constants; zero for drives that are right.
+    """
+    reduction = _reduction(robot)
+    variables, dof = reduction.variables, len(robot.drives)
+    of_body = [variable.kind == "inertia" for variable in variables]
+    zero = np.abs(reduction.prior) < _ZERO * reduction.scale
+    sizes = np.where(zero | ~np.array(of_body), reduction.scale, np.abs(reduction.prior))
+    spread = _spreads(robot, reduction, prior_spread)
+    gains = robot.drives if gain_spread > 0 else ()
+    W = np.zeros((len(reduction.layout.names) + dof, len(variables) + len(gains)))
+    W[:-dof, : len(variables)] = reduction.A * (spread * sizes)
+    W[-dof:, len(variables) :] = gain_spread * np.eye(dof)[:, : len(gains)]
+    none = np.zeros(len(gains))
+    return Unknowns(
+        layout=reduction.layout,
+        names=(*reduction.names, *(f"gain.{drive}" for drive in gains)),
+        owners=(
+            *(v.owner if v.kind == "inertia" else "" for v in variables),
+            *("" for _ in gains),
+        ),
+        units=(*(v.unit for v in variables), *("" for _ in gains)),
+        sizes=np.concatenate([sizes, none + 1.0]),
+        prior=np.concatenate([reduction.prior, none + 1.0]),
+        spread=np.concatenate([spread, none + gain_spread]),
+        W=W,
+        known=tuple(name for name in robot.body_names if not robot.bodies[name].free),
+    )
+
+
+def all_free(robot: RobotDescription) -> RobotDescription:
+    """The robot with all ten entries of every body free that is not known."""
+    entries = tuple(PSEUDO_INERTIA_ENTRIES)
+    bodies = {
+        name: body.changed(free=entries) if body.free else body
+        for name, body in robot.bodies.items()
+    }
+    return robot.changed(bodies=bodies)
+
+
+def _reduction(robot: RobotDescription) -> Reduction:
+    robot = all_free(robot)
+    return build_reduction(robot, np.arange(len(parameter_layout(robot).names)))
+
+
+def _spreads(
+    robot: RobotDescription, reduction: Reduction, usual: float
+) -> Float[np.ndarray, " n"]:
+    """Of each variable: the widest of the parameters that it is part of, as the file states them.
+
+    What is no body's has the spread of its own kind.
+    """
+    stated, spreads = stated_spreads(robot), list[float]()
+    for k, variable in enumerate(reduction.variables):
+        if variable.kind != "inertia":
+            spreads.append(variable.spread / PRIOR_SPREAD * usual)
+            continue
+        parts = [reduction.layout.names[i] for i in np.flatnonzero(reduction.A[:, k])]
+        spreads.append(max(stated.get(name, usual) for name in parts))
+    return np.array(spreads)

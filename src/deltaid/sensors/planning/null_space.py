@@ -3,7 +3,8 @@
 Directions that mean something are proposed: mass that passes from one body to another at a point
 that both share (with what follows along a shared axis), second moments that pass between bodies
 that turn alike, a rotor against what it turns. Those of them in the null space of the rows are
-named; what is left of it is told by its entries.
+named; what is left of it is named by its entries. `openings` asks this of torques, of what is
+described, of each use, and of all that is bought.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,8 +14,13 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.sensors.planning.exchange import Exchange
+from deltaid.mechanism.platform import with_turned_half
+from deltaid.sensors.planning.exchange import Exchange, exchanges
+from deltaid.sensors.planning.rows import Extended, PlannedMotion
+from deltaid.sensors.planning.shared_points import instances
+from deltaid.sensors.planning.uses import Use
 
 # A column or a singular value below this share of the largest is zero.
 _ZERO = 1e-9
@@ -179,3 +185,63 @@ def _left(
                 rows[other] -= rows[other, pivot] * rows[k]
         pivots.append(pivot)
     yield from np.where(np.abs(rows[-count:]) > _ZERO, rows[-count:], 0.0)
+
+
+# Poses that tell which points bodies share.
+_POSES = 40
+
+TORQUES, DESCRIBED, PLAN = "torques", "described", "plan"
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """What some rows leave open.
+
+    Attributes:
+        name: 'torques', 'described', of a use, 'plan'.
+        title: in words.
+        null: what they do not tell.
+        parted: for each of its directions the uses after which it is told, each by itself.
+    """
+
+    name: str
+    title: str
+    null: NullSpace
+    parted: tuple[tuple[str, ...], ...]
+
+
+def openings(
+    dynamics: Dynamics,
+    motion: PlannedMotion,
+    torque: Extended,
+    described: Extended,
+    uses: Sequence[Use],
+    bought: Sequence[Use],
+) -> tuple[Opening, ...]:
+    """For torques alone, with what is described, with each use besides, and with all bought."""
+    layout = dynamics.layout
+    n = len(layout.parameters)
+    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    step = max(1, len(motion.z) // _POSES)
+    proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[::step]))
+    known = np.vstack([torque, described])
+    wholes = {
+        one.name: whole_null_space(np.vstack([known, one.sure])[:, :n], layout) for one in uses
+    }
+
+    def of(name: str, title: str, rows: Extended) -> Opening:
+        null = null_space(rows[:, :n], layout, proposed)
+        parted = tuple(
+            tuple(key for key, basis in wholes.items() if not one.stays(null, basis))
+            for one in null.directions
+        )
+        return Opening(name, title, null, parted)
+
+    found = [of(TORQUES, "torques alone", torque)]
+    if len(described):
+        found.append(of(DESCRIBED, "with what the description has", known))
+    found += [of(one.name, one.title, np.vstack([known, one.sure])) for one in uses]
+    if bought:
+        every = np.vstack([known, *(one.sure for one in bought)])
+        found.append(of(PLAN, "with all that is bought", every))
+    return tuple(found)

@@ -16,12 +16,11 @@ from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import ColumnMapping, MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.sensors.planning.bench import Bench, Outlook, PlanSettings
-from deltaid.sensors.planning.goals import BODIES, GAINS
-from deltaid.sensors.planning.motion import PlannedMotion, generic_motion, motion_of_file
+from deltaid.sensors.planning.knowledge import Unknowns, unknowns
+from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
-from deltaid.sensors.planning.openings import Opening, openings
-from deltaid.sensors.planning.shopping import Step, shopping
-from deltaid.sensors.planning.unknowns import Unknowns, unknowns
+from deltaid.sensors.planning.rows import PlannedMotion, generic_motion, motion_of_file
+from deltaid.sensors.planning.shopping import BODIES, GAINS, Step, shopping
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 

@@ -1,4 +1,10 @@
-"""Greedy buying: one use after the other, always that which gains most for what it costs.
+"""Goals, and greedy buying towards one.
+
+A goal is rows G over u: bodies, one body, constraint forces, drives' gains, in shares of an entry's
+prior or of the largest force of a kind. ½ log det(I + G Cov Gᵀ/ε²) with ε, the share that is good
+enough, falls as one learns, and no more below that.
+
+Greedy buying: one use after the other, always that which gains most for what it costs.
 
 The gain is by how much ½ log det(I + G Cov Gᵀ/ε²) of the goal falls. What an offer costs is paid
 with its first use; every use costs its work.
@@ -10,9 +16,79 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.sensors.planning.goals import Goal
-from deltaid.sensors.planning.knowledge import Knowledge
+from deltaid.errors import DeltaidError
+from deltaid.joint_forces.constraint_forces import ConstraintForces
+from deltaid.sensors.planning.knowledge import Knowledge, Unknowns
+from deltaid.sensors.planning.rows import Scene
 from deltaid.sensors.planning.uses import Use
+
+BODIES, FORCES, GAINS = "bodies", "forces", "gains"
+# Samples of the motion at which forces are looked at.
+_INSTANTS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Attributes:
+    name: 'bodies', a body, 'forces', 'gains'.
+    words: what it is.
+    rows: G; of forces at several instants each, which count as one.
+    weight: by how much each row counts.
+    enough: ε.
+    """
+
+    name: str
+    words: str
+    rows: Float[np.ndarray, "goals n"]
+    weight: float
+    enough: float
+
+    def left(self, known: Knowledge) -> float:
+        """½ log det(I + G Cov Gᵀ/ε²) [nats]."""
+        return known.log_det(np.sqrt(self.weight) / self.enough * self.rows)
+
+    def std(self, known: Knowledge) -> float:
+        """Geometric mean of the standard deviations, as a share; of those that are not zero."""
+        std = known.std_of(self.rows)
+        return float(np.exp(np.mean(np.log(std[std > 0])))) if std.any() else 0.0
+
+
+def goal(name: str, unknowns: Unknowns, scene: Scene, enough: float) -> Goal:
+    """A goal by its name.
+
+    Raises:
+        DeltaidError: there is none of that name.
+        DescriptionError: forces of a mechanism of the user's own.
+    """
+    every = np.diag(unknowns.spread)
+    if name == BODIES:
+        return Goal(name, "all bodies", every[unknowns.of_bodies()], 1.0, enough)
+    if name == GAINS:
+        at = [k for k, one in enumerate(unknowns.names) if one.startswith("gain.")]
+        return Goal(name, "gains of the drives", every[at], 1.0, enough)
+    if name == FORCES:
+        rows = _forces(unknowns, scene)
+        return Goal(name, "constraint forces", rows, 1.0 / _INSTANTS, enough)
+    if name in unknowns.bodies:
+        return Goal(name, f"body {name}", every[unknowns.of_bodies(name)], 1.0, enough)
+    known = f"; {name} is known by its description" if name in unknowns.known else ""
+    raise DeltaidError(
+        f"there is no goal '{name}'{known}",
+        where="--goal",
+        cure=f"choose from {BODIES}, {FORCES}, {GAINS}, {', '.join(unknowns.bodies)}",
+    )
+
+
+def _forces(unknowns: Unknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
+    """All forces in struts, joints and bearings at some instants, as shares of the largest one."""
+    forces, motion = ConstraintForces(scene.dynamics.robot), scene.motion
+    at = np.linspace(0, len(motion.z) - 1, _INSTANTS).astype(int)
+    C = forces.coefficients(motion.z[at], motion.qd[at], motion.qdd[at])
+    wanted = [k for k, unit in enumerate(forces.units) if unit == "N"]
+    C = C[:, wanted]
+    largest = np.abs(C @ scene.p).max()
+    return (C / largest).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
+
 
 # A gain that is not worth anybody's way: all of a goal's standard deviations smaller by 2 %.
 _LEAST = 0.02

@@ -11,11 +11,11 @@ from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.measured import Axis, Measured, Placed
 from deltaid.robot.quantities import Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
-from deltaid.sensors.of_robot import all_sensor_rows
-from deltaid.sensors.of_robot import sensor_rows as rows_of
 from deltaid.sensors.planning.knowledge import compressed
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
 from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
+from deltaid.sensors.robot_sensors import all_sensor_rows
+from deltaid.sensors.robot_sensors import sensor_rows as rows_of
 from deltaid.sensors.weighings import Weighing, weighing
 
 

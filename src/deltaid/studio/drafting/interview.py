@@ -1,12 +1,21 @@
 """Asking for a robot: each answer is checked at once, and groups of them against one another."""
 
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
-from deltaid.errors import DeltaidError
-from deltaid.studio.drafting.draft import GIVEN, Draft
-from deltaid.studio.drafting.drafts import require_group
-from deltaid.studio.drafting.quantity import quantity
+from deltaid.checks.description import checked_workspace
+from deltaid.checks.priors import checked_priors
+from deltaid.checks.run import of_robot
+from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import described_in
+from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
 from deltaid.studio.drafting.questions import GROUPS, Group, Question, asked
+from deltaid.studio.drafting.text import written
+from deltaid.studio.drafting.workspace import find_space, height
 
 
 @runtime_checkable
@@ -76,3 +85,155 @@ def _one(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
             return question.require(quantity(text, question.unit, question.option)), GIVEN
         except DeltaidError as error:
             asker.tell(error)
+
+
+_SPACE = ("radius", "low", "high")
+_RANGES = (("angle_low", "angle_high"), ("rail_low", "rail_high"), ("low", "high"))
+# Where the workspace is looked for stands a small one first: its size as a share of the struts'.
+_FIRST = 0.02
+
+
+def description(draft: Draft) -> RobotDescription:
+    """The robot that a complete draft describes.
+
+    Raises:
+        DeltaidError: its numbers contradict each other.
+    """
+    try:
+        return described_in(written(draft), draft.name)
+    except DescriptionError as error:  # it has lines of a file that nobody has seen
+        what = re.sub(r"^line \d+, ", "", error.what)
+        raise DeltaidError(what, where="the answers", cure=_reach(draft)) from None
+
+
+def doubts(draft: Draft) -> tuple[Verdict, ...]:
+    """What `deltaid check` would say of a complete draft, but for what is good."""
+    return tuple(v for v in of_robot(description(draft)) if v.grade is not Grade.GOOD)
+
+
+def unusual(draft: Draft) -> tuple[str, ...]:
+    """What `deltaid check` doubts of a draft's masses, which the machine may have all the same."""
+    found = checked_priors(description(draft))
+    return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in found if v.grade is not Grade.GOOD)
+
+
+def require_group(draft: Draft, group: Group) -> Draft:
+    """A draft whose answers so far go together, with what they make known.
+
+    Masses that are unusual for a robot of its size are left in doubt; the machine may have them.
+
+    Raises:
+        DeltaidError: they do not, with what was seen and how to mend it.
+    """
+    _require_ordered(draft.values)
+    if group in ("lengths", "tool"):
+        return _with_space(draft)
+    if group == "workspace":
+        complete = draft.completed()
+        _require_ordered(complete.values)
+        _refuse(complete, doubts(complete))
+        return complete
+    so_far = _but(draft, _SPACE).completed()
+    if group == "masses":
+        _refuse(so_far, checked_priors(description(so_far)))
+    if group == "motors":
+        found = checked_workspace(description(so_far))
+        _refuse(so_far, (verdict for verdict in found if verdict.key == "torque-limit"))
+    return draft
+
+
+def _with_space(draft: Draft) -> Draft:
+    """A draft that knows what its robot reaches, as what is assumed of its workspace.
+
+    Raises:
+        DeltaidError: the lengths do not go together, or nothing is within reach.
+    """
+    draft = _own_space(draft)
+    bare = _but(draft, _SPACE)
+    a = _found(bare, 1.0, -2.0, -1.0).completed().values
+    _require_ordered(a)
+    middle, half = height(draft.kind, a), _FIRST * a["strut"]
+    if middle <= 2 * half:
+        raise DeltaidError(
+            "the platform would stand beside or above its base, where no workspace is looked for",
+            where="--strut",
+            cure="a longer strut, or rails that reach farther down",
+        )
+    trial = _found(bare, half, -middle - half, -middle + half).completed()
+    poses = {key: v for key, v in trial.values.items() if key not in _OF_FORCES}
+    if poses == draft.found_for:
+        return draft
+    space = find_space(_with_any_stroke(description(trial)), middle, a["strut"])
+    return replace(_found(draft, space.radius, space.low, space.high), found_for=poses)
+
+
+# What does not decide where a robot can stand.
+_OF_FORCES = frozenset(
+    ("arm_mass", "carriage_mass", "strut_mass", "platform_mass", "tool_mass", "telescope_mass",
+     "gear", "torque", "rail_force", "speed", "rail_speed", "rotor", "rotor_mass", "tool_speed",
+     "tool_torque", "tool_rotor", "coulomb", "viscous", "rail_coulomb", "rail_viscous",
+     "top_speed", "top_acceleration")
+)  # fmt: skip
+
+
+def _own_space(draft: Draft) -> Draft:
+    """Without the workspace of the robot it starts from, if other lengths were given."""
+    keys = [question.key for question in asked(draft.kind) if question.group == "lengths"]
+    same = all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys)
+    if same:
+        return draft
+    return replace(draft, offered={k: v for k, v in draft.offered.items() if k not in _SPACE})
+
+
+def _but(draft: Draft, keys: tuple[str, ...]) -> Draft:
+    """Without the answers to some questions, given or offered."""
+    return replace(
+        draft,
+        values={k: v for k, v in draft.values.items() if k not in keys},
+        offered={k: v for k, v in draft.offered.items() if k not in keys},
+    )
+
+
+def _with_any_stroke(robot: RobotDescription) -> RobotDescription:
+    """The stroke that is assumed of a telescope follows from the workspace, and not the reverse."""
+    if robot.telescope is None:
+        return robot
+    return robot.changed(telescope=robot.telescope.changed(stroke=None))
+
+
+def _found(draft: Draft, radius: float, low: float, high: float) -> Draft:
+    return replace(draft, found={"found_radius": radius, "found_low": low, "found_high": high})
+
+
+def _reach(draft: Draft) -> str:
+    """What is known of the workspace."""
+    a = draft.found
+    if not a:
+        return "check the lengths"
+    return (
+        f"these lengths reach a radius of {a['found_radius']:g} m (--radius) between heights of "
+        f"{a['found_low']:g} m (--low) and {a['found_high']:g} m (--high)"
+    )
+
+
+def _require_ordered(a: Mapping[str, float]) -> None:
+    """Ranges have a lower and an upper end."""
+    for low, high in _RANGES:
+        if low in a and high in a and a[low] >= a[high]:
+            raise DeltaidError(
+                f"must be more than --{low.replace('_', '-')}, {a[low]:g}, and is {a[high]:g}",
+                where=f"--{high.replace('_', '-')}",
+            )
+
+
+def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
+    """Raise the first verdict that is not good, but for unusual masses."""
+    for verdict in found:
+        if verdict.grade is Grade.GOOD:
+            continue
+        if verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL:
+            continue
+        cure = verdict.cure
+        if verdict.key in ("workspace-cut", "millimetres"):
+            cure = "; ".join(filter(None, (verdict.cure, _reach(draft))))
+        raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)

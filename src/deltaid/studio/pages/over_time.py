@@ -4,14 +4,13 @@ from typing import Any
 
 from nicegui import ui
 
-from deltaid.studio.compare import comparison
+from deltaid.studio.compare import Beside, comparison, torques
 from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run
 from deltaid.studio.session import Session, mapping_of
-from deltaid.studio.torques import Beside, torques
 from deltaid.view.numbers import percent
 
 _SHOWN = ["torques", "errors"]

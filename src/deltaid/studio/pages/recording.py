@@ -11,9 +11,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.studio import look
 from deltaid.studio.mapping_edit import Data, named, read, written
 from deltaid.studio.pages import parts
+from deltaid.studio.pages.figures import preview
 from deltaid.studio.pages.mapping import form
-from deltaid.studio.pages.preview import preview
-from deltaid.studio.pages.upload import upload
+from deltaid.studio.pages.parts import upload
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.session import Session, mapping_name
 
