@@ -16,7 +16,7 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.identified import identify
 from deltaid.checks.run import check
 from deltaid.checks.sensing.misfit import Misfit
-from deltaid.checks.sensors import checked_sensors
+from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.verdicts import changes, mended
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError

@@ -121,7 +121,7 @@ def of_zeros(rng: np.random.Generator, columns: int) -> Shifts:
 
 def test_a_zero_alone_errs_as_a_sum_of_its_blocks() -> None:
     told = of_zeros(np.random.default_rng(0), 1)
-    value, covariance = told.told([0])
+    value, covariance = told.estimate([0])
     s, H = told.scores[:, 0], told.H[0, 0]
     np.testing.assert_allclose(value, s.sum() / H)
     np.testing.assert_allclose(covariance, OF_ZEROS * np.var(s, ddof=1) / H**2)
@@ -138,7 +138,7 @@ def test_zeros_beside_each_other_err_together() -> None:
     spread = np.cov(s.T) * OF_ZEROS * (OF_ZEROS - 1) / (OF_ZEROS - 3)
     at = np.ix_([0, 2], [0, 2])
     expected = (bread @ spread @ bread)[at]
-    value, covariance = told.told([0, 2], [1])
+    value, covariance = told.estimate([0, 2], [1])
     np.testing.assert_allclose(value, (bread @ s.sum(axis=0))[[0, 2]])
     np.testing.assert_allclose(covariance, expected)
     squared = value @ np.linalg.solve(expected, value) / 2  # a number of deviations each
@@ -147,7 +147,7 @@ def test_zeros_beside_each_other_err_together() -> None:
 
 def test_zeros_err_as_they_say() -> None:
     rng = np.random.default_rng(2)
-    found = [of_zeros(rng, 3).told([0], [1, 2]) for _ in range(400)]
+    found = [of_zeros(rng, 3).estimate([0], [1, 2]) for _ in range(400)]
     squares, said = np.mean([(v[0] ** 2, c[0, 0]) for v, c in found], axis=0)
     assert squares == pytest.approx(said, rel=0.25)  # 400 draws: ±7 %, few blocks: some more
 

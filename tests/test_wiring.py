@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deltaid.checks.evidence import evidence
-from deltaid.checks.wiring.candidate import Candidate
+from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.motion import motion
 from deltaid.checks.wiring.residual import Map, Patterns, residual
 from deltaid.checks.wiring.search import _likely
@@ -108,7 +108,7 @@ def test_limbs_that_are_alike_hide_no_simple_cause() -> None:
     assert solved is not None
     patterns = Patterns.all_of(3)
     alike = [
-        Candidate(solved, tuple(order.tolist()), signs, evidence=-1e-3 * signs.sum())
+        WiringHypothesis(solved, tuple(order.tolist()), signs, evidence=-1e-3 * signs.sum())
         for order, signs in zip(patterns.orders, patterns.signs, strict=True)
     ]
     assert min(trial.changes for trial in _likely(alike)) == 0

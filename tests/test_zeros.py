@@ -135,8 +135,8 @@ def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
     corrected = residual(dynamics, fine, replace(best.map, shift=(value, 0.0, 0.0)))
     assert corrected is not None
     again = shifts(dynamics, fine, replace(best, residual=corrected))
-    assert half == pytest.approx(2 * np.sqrt(again.told([0])[1][0, 0]))
-    assert abs(again.told([0])[0][0]) < half
+    assert half == pytest.approx(2 * np.sqrt(again.estimate([0])[1][0, 0]))
+    assert abs(again.estimate([0])[0][0]) < half
 
 
 def test_tilt() -> None:

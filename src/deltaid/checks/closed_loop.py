@@ -17,14 +17,14 @@ from jaxtyping import Float
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import Evidence, Rows
+from deltaid.checks.evidence import Evidence, RawRows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Fault, Grade, Verdict
 from deltaid.model.words import percent
 from deltaid.recording.recording import Recording
 
-# Rows of a segment of the spectra, and segments at least.
+# RawRows of a segment of the spectra, and segments at least.
 _LENGTH, _SEGMENTS = 512, 8
 # Windows of the recording whose speeds are evaluated.
 _WINDOWS = 8
@@ -83,7 +83,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     yield _FEEDBACK.poor(seen, drive, number, grade=grade)
 
 
-def shaken(rows: Rows, recording: Recording, fitted: FittedProblem) -> Shake | None:
+def shaken(rows: RawRows, recording: Recording, fitted: FittedProblem) -> Shake | None:
     """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
     if len(rows.q) - 2 < _SEGMENTS * _LENGTH:

@@ -26,12 +26,12 @@ from deltaid.recording.source import Table
 from deltaid.recording.table import read_batches
 from deltaid.robot.description import RobotDescription
 
-# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
+# RawRows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
 _MOST = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class RawRows:
     """Consecutive rows as the mapping makes them, before any check, in SI units; q̇ and τ have no
     columns where they are not recorded."""
 
@@ -68,7 +68,7 @@ class Evidence:
         return self.dynamics.robot
 
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> RawRows:
         """The recording's beginning, unchecked; of a log of usual length all of it.
 
         Raises:
@@ -83,7 +83,7 @@ class Evidence:
         values = np.concatenate(parts)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
         q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
-        return Rows(values[:, 0], q, qd, values[:, columns.torque_places])
+        return RawRows(values[:, 0], q, qd, values[:, columns.torque_places])
 
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:

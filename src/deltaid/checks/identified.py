@@ -10,7 +10,7 @@ from deltaid.checks.information import checked_information, judged_information
 from deltaid.checks.proposals import proved, unharmed
 from deltaid.checks.residual import checked_residual, detected_load
 from deltaid.checks.run import named, of_robot
-from deltaid.checks.sensors import checked_sensors
+from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings

@@ -14,7 +14,7 @@ from deltaid.checks.lengths import checked_lengths
 from deltaid.checks.priors import checked_measured, checked_priors
 from deltaid.checks.proposals import proved, unharmed
 from deltaid.checks.residual import checked_residual
-from deltaid.checks.sensors import checked_sensors
+from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import Verdicts, as_written, changes, mended
 from deltaid.checks.wiring.wiring import checked_wirings

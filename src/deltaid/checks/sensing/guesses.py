@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.checks.sensing.misfit import Map, Misfit
-from deltaid.checks.sensing.sheet import Signal
+from deltaid.checks.sensing.rows import SensorSignal
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
 
@@ -54,16 +54,16 @@ class Guess:
         return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
 
 
-def best_guess(misfit: Misfit, others: Sequence[Signal]) -> Guess:
+def best_guess(misfit: Misfit, others: Sequence[SensorSignal]) -> Guess:
     """The guess of least misfit, penalized by its freedom."""
-    guesses = [Guess(kind, T, misfit.of(T).Q) for kind, T in _maps(misfit)]
+    guesses = [Guess(kind, T, misfit.judge(T).Q) for kind, T in _maps(misfit)]
     for signal in others:
-        exchanged = Misfit(misfit.sheet, misfit.signal, signal).of(np.eye(1))
+        exchanged = Misfit(misfit.rows, misfit.signal, signal).judge(np.eye(1))
         guesses.append(Guess("exchanged", np.eye(1), exchanged.Q, other=signal.name))
     if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
         by_place = np.stack([np.cross(misfit.shown.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
         beside = np.concatenate([np.zeros_like(by_place), by_place])
-        shifted = replace(misfit, beside=beside, spread=_FAR).of(np.eye(6))
+        shifted = replace(misfit, beside=beside, spread=_FAR).judge(np.eye(6))
         guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.theta[-3:]))
     return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
@@ -92,7 +92,7 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
     """The factor of some channels; exactly ±1 where it is near."""
 
     def misfit_of(power: float, sign: float) -> float:
-        return misfit.of(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
+        return misfit.judge(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
 
     _, power, sign = min((misfit_of(power, s), power, s) for power in _POWERS for s in (1.0, -1.0))
     low, high = power - 0.2, power + 0.2
@@ -124,5 +124,5 @@ def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
         )
         U, _, Vt = np.linalg.svd(cross)
         R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-        theta = misfit.of(np.kron(np.eye(2), R)).theta
+        theta = misfit.judge(np.kron(np.eye(2), R)).theta
     return R

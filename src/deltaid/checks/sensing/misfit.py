@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from deltaid.checks.sensing.sheet import Sheet, Signal, Values
+from deltaid.checks.sensing.rows import SensedRows, SensorSignal, Values
 from deltaid.recording.time.resampling import interpolate
 
 # Samples that count as independent.
@@ -44,9 +44,9 @@ class MapFit:
 class Misfit:
     """One sensor's rows as products, so that a map costs no sample."""
 
-    sheet: Sheet
-    signal: Signal  # of the columns of θ
-    shown: Signal  # of the data y, the same unless exchanged
+    rows: SensedRows
+    signal: SensorSignal  # of the columns of θ
+    shown: SensorSignal  # of the data y, the same unless exchanged
     beside: Float[np.ndarray, "channels added samples"] | None = None  # additional columns
     spread: float = 1.0  # standard deviation of their coefficients
 
@@ -92,12 +92,12 @@ class Misfit:
 
     @cached_property
     def by_torques(self) -> Float[np.ndarray, " theta"]:
-        return np.append(self.sheet.by_torques.x, self._unknowns[0])
+        return np.append(self.rows.by_torques.x, self._unknowns[0])
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, "theta theta"]:
         """A of θ by torques and prior."""
-        rows = self.sheet.by_torques.A
+        rows = self.rows.by_torques.A
         return block_diag(rows.T @ rows, np.diag(self._unknowns[1] ** -2.0))
 
     @cached_property
@@ -115,7 +115,7 @@ class Misfit:
     @cached_property
     def _level(self) -> Float[np.ndarray, " channels"]:
         """What it should show in the mean, but for its own offsets."""
-        p = self.sheet.by_torques.x
+        p = self.rows.by_torques.x
         return self.theta_columns[:, : len(p)].sum(axis=2) @ p / max(self.counts, 1.0)
 
     def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
@@ -128,7 +128,7 @@ class Misfit:
         of_model = _OF_CHANNEL * motion, _OF_GROUP * group_motion, _OF_MEAN * self._level
         return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
-    def of(self, T: Map, only: list[int] | None = None) -> MapFit:
+    def judge(self, T: Map, only: list[int] | None = None) -> MapFit:
         """Judge one map, by some channels; default all."""
         kept = list(range(len(T))) if only is None else only
         T, weights = T[kept], _COUNTED / self._sigma(T)[kept] ** 2
@@ -167,8 +167,8 @@ class Misfit:
 
     def stretches(self) -> Iterator[slice]:
         """Stretches without a gap that are long enough to determine a delay."""
-        ends = [*self.sheet.starts[1:].tolist(), self.shown.y.shape[1]]
-        for first, last in zip(self.sheet.starts.tolist(), ends, strict=True):
+        ends = [*self.rows.starts[1:].tolist(), self.shown.y.shape[1]]
+        for first, last in zip(self.rows.starts.tolist(), ends, strict=True):
             if last - first >= _SHORT:
                 yield slice(first, last)
 
@@ -177,13 +177,13 @@ class Misfit:
         y = self.shown.y.copy()
         for part in self.stretches() if delay else ():
             values = self.shown.y[:, part].T
-            time = np.arange(len(values)) * self.sheet.period
+            time = np.arange(len(values)) * self.rows.period
             y[:, part] = interpolate(time, values, np.clip(time + delay, time[0], time[-1])).T
         return replace(self, shown=replace(self.shown, y=y))
 
 
 @dataclass(frozen=True)
-class Lag:
+class SensorLag:
     """A sensor's delay against the motion, its standard deviation [s], and the misfit without."""
 
     delay: float
@@ -191,7 +191,7 @@ class Lag:
     Q: float
 
 
-def lag_of(misfit: Misfit, unshifted: MapFit) -> Lag | None:
+def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
     """The delay of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ."""
     if np.ptp(misfit.shown.counts) > 1e-6:  # with holes there is no shifting
         return None
@@ -200,10 +200,10 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> Lag | None:
         expected = misfit.expected(theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
-            slope[:, part] = -np.gradient(expected[:, part], misfit.sheet.period, axis=1)
-        fit = replace(misfit.earlier(delay), beside=slope[:, None, :], spread=_DELAY).of(T)
+            slope[:, part] = -np.gradient(expected[:, part], misfit.rows.period, axis=1)
+        fit = replace(misfit.earlier(delay), beside=slope[:, None, :], spread=_DELAY).judge(T)
         theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
         delay += step
         if abs(step) < 0.1 * std:
             break
-    return Lag(delay, std, misfit.earlier(delay).of(T).Q)
+    return SensorLag(delay, std, misfit.earlier(delay).judge(T).Q)

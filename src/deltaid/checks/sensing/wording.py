@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltaid.checks.sensing.guesses import Guess
-from deltaid.checks.sensing.sheet import Signal
+from deltaid.checks.sensing.rows import SensorSignal
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.model.words import listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
@@ -31,7 +31,7 @@ _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
-def verdict_of(guess: Guess, signal: Signal, sensor: Sensor, share: float) -> Verdict:
+def verdict_of(guess: Guess, signal: SensorSignal, sensor: Sensor, share: float) -> Verdict:
     """The verdict of a guess about a sensor.
 
     Args:
@@ -47,7 +47,7 @@ def verdict_of(guess: Guess, signal: Signal, sensor: Sensor, share: float) -> Ve
     return _of_frame(guess, signal.name, sensor, off)
 
 
-def _of_gains(guess: Guess, signal: Signal, off: str) -> Verdict:
+def _of_gains(guess: Guess, signal: SensorSignal, off: str) -> Verdict:
     """Units or signs; a factor that is no unit's may be the torques'."""
     gains, channels, measured = guess.gains, signal.columns.channels, signal.rows.channels
     scaled, turned = ~np.isclose(np.abs(gains), 1.0), gains < 0
@@ -94,7 +94,7 @@ def _unit(factor: float, target: str) -> str:
     return name if abs(_UNITS[target][name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
 
 
-def _of_order(guess: Guess, signal: Signal, off: str) -> Verdict:
+def _of_order(guess: Guess, signal: SensorSignal, off: str) -> Verdict:
     """Columns in another order, or that of another sensor."""
     if guess.kind == "exchanged":
         seen, proposals = f"the column of {guess.other} shows what it should", ()
@@ -143,7 +143,9 @@ def _of_frame(guess: Guess, name: str, sensor: BaseWrench, off: str) -> Verdict:
 
 
 def mapped(
-    signal: Signal, changes: Sequence[tuple[str, object]], columns: Sequence[str] | None = None
+    signal: SensorSignal,
+    changes: Sequence[tuple[str, object]],
+    columns: Sequence[str] | None = None,
 ) -> tuple[Proposal, ...]:
     """Changes of an entry of the mapping, which has its columns whether it has been there or not.
 

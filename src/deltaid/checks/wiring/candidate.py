@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
 from deltaid.checks.wiring.consistent import Posed
-from deltaid.checks.wiring.motion import Motion
-from deltaid.checks.wiring.residual import Map, Patterns, Residual, poses, residual
+from deltaid.checks.wiring.motion import FilteredMotion
+from deltaid.checks.wiring.residual import Map, MapResidual, Patterns, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.span import Span
 from deltaid.robot.description import RobotDescription
@@ -45,10 +45,10 @@ Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class WiringHypothesis:
     """One assignment of columns, and how well a consistent robot explains it."""
 
-    residual: Residual
+    residual: MapResidual
     order: tuple[int, ...]  # the torque column of each drive
     # with sign: drive torque = gain · number; ±1, or a gain far from 1
     gains: Float[np.ndarray, " drives"]
@@ -82,7 +82,7 @@ class Candidate:
     def posed(self) -> Posed:
         """Its torques, to be fitted by a robot that may exist."""
         tau = (self.residual.tau[:, list(self.order)] * self.gains).T
-        return Posed.of(self.residual, tau)
+        return Posed.from_residual(self.residual, tau)
 
     @property
     def score(self) -> float:
@@ -172,15 +172,15 @@ def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
     return SLIDING if robot.is_linear(robot.drives[drive]) else TURNING
 
 
-def closed_share(dynamics: Dynamics, motion: Motion, map: Map) -> float:
+def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
     """Share of samples whose loops close, estimated from a few."""
     chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
     return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
 
 
 def residuals(
-    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
-) -> Iterator[Residual]:
+    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
+) -> Iterator[MapResidual]:
     """Least squares under maps whose loops close at a share of the samples."""
     for map in maps:
         if closed_share(dynamics, motion, map) >= least:
@@ -190,8 +190,8 @@ def residuals(
 
 
 def tried(
-    dynamics: Dynamics, motion: Motion, maps: Iterable[Map], *, as_is: bool = False
-) -> Iterator[Candidate]:
+    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], *, as_is: bool = False
+) -> Iterator[WiringHypothesis]:
     """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
     `as_is`, torque columns keep their order."""
     for solved in residuals(dynamics, motion, maps):
@@ -205,14 +205,16 @@ def tried(
         ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
         for k in ranked[np.isfinite(values[ranked])]:
             order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
-            yield Candidate(solved, order, patterns.signs[k], evidence)
+            yield WiringHypothesis(solved, order, patterns.signs[k], evidence)
         if not as_is and (far := _far_gains(solved)) is not None:
             yield far
 
 
-def _far_gains(residual: Residual) -> Candidate | None:
+def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
     """Torque columns in their order, some of them in another unit than those of the others."""
-    as_is = Candidate(residual, tuple(range(len(residual.still))), np.ones(len(residual.still)))
+    as_is = WiringHypothesis(
+        residual, tuple(range(len(residual.still))), np.ones(len(residual.still))
+    )
     tied = np.flatnonzero(~as_is.loose & ~residual.still)
     if len(tied) < 2:
         return None
@@ -234,7 +236,7 @@ def _far_gains(residual: Residual) -> Candidate | None:
     if better < _SHOWN_FAR:
         return None
     evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
-    return Candidate(residual, as_is.order, gains, evidence)
+    return WiringHypothesis(residual, as_is.order, gains, evidence)
 
 
 def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:

@@ -4,8 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.checks.wiring.case import DOUBTFUL_SCALE, INERTIA, WRONG_SCALE, Case, in_unit, overall
 from deltaid.checks.wiring.cures import Values
+from deltaid.checks.wiring.explained import (
+    DOUBTFUL_SCALE,
+    INERTIA,
+    WRONG_SCALE,
+    ExplainedRecording,
+    in_unit,
+    overall,
+)
 from deltaid.checks.wiring.residual import Map
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
@@ -22,19 +29,19 @@ _MILLI = "mN m", "mN"
 _MIRRORED = 0.3
 
 
-def _follow(case: Case, drives: list[int]) -> tuple[Quantity, ...]:
+def _follow(case: ExplainedRecording, drives: list[int]) -> tuple[Quantity, ...]:
     """Positions, and velocities that are their derivatives as mapped."""
     as_mapped = rates(case.motion, Map.identity(len(case.names)))
     unscaled = all(0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
     return ("position", "velocity") if as_mapped and unscaled else ("position",)
 
 
-def column_verdicts(case: Case) -> tuple[Verdict, ...]:
+def column_verdicts(case: ExplainedRecording) -> tuple[Verdict, ...]:
     """Those on positions and torques, in the order of what rests on what."""
     return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
 
 
-def _positions(case: Case) -> Iterator[Verdict]:
+def _positions(case: ExplainedRecording) -> Iterator[Verdict]:
     """Units and gears of positions."""
     scale = np.abs(case.best.map.scale).tolist()
     for factor in dict.fromkeys(scale):
@@ -45,7 +52,7 @@ def _positions(case: Case) -> Iterator[Verdict]:
             yield _scaled(case, [i], unit)
 
 
-def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
+def _scaled(case: ExplainedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
     entries, best, whose = case.entries, case.best, case.all_or(drives)
     name, ratio = case.named(drives[0]).get(factor), 1 / factor
@@ -78,7 +85,7 @@ def _scaled(case: Case, drives: list[int], factor: float) -> Verdict:
     )
 
 
-def _signs(case: Case) -> Iterator[Verdict]:
+def _signs(case: ExplainedRecording) -> Iterator[Verdict]:
     """Columns that count the other way."""
     best, n = case.best, len(case.names)
     angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
@@ -97,7 +104,9 @@ def _signs(case: Case) -> Iterator[Verdict]:
                 yield _torque_sign(case, [i], sure=len(ways) == 1)
 
 
-def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) -> Verdict:
+def _angle_sign(
+    case: ExplainedRecording, i: int, *, both: bool = False, sure: bool = True
+) -> Verdict:
     """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
     name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
     changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
@@ -117,7 +126,7 @@ def _angle_sign(case: Case, i: int, *, both: bool = False, sure: bool = True) ->
     )
 
 
-def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict:
+def _torque_sign(case: ExplainedRecording, drives: list[int], *, sure: bool = True) -> Verdict:
     order, whose, entries = case.best.order, case.all_or(drives), case.entries
     against = float(-case.best.along[drives].min())
     changes: Values = {i: entries.turned("torque", order[i]) for i in drives} if sure else {}
@@ -135,7 +144,7 @@ def _torque_sign(case: Case, drives: list[int], *, sure: bool = True) -> Verdict
     )
 
 
-def _order(case: Case) -> Iterator[Verdict]:
+def _order(case: ExplainedRecording) -> Iterator[Verdict]:
     """Columns that belong to other drives."""
     n, torque, position = len(case.names), case.best.order, case.best.map.order
     in_order = tuple(range(n))
@@ -161,13 +170,18 @@ def _order(case: Case) -> Iterator[Verdict]:
     sure = all(positions == torques for positions, torques in others) or len(others) == 1
     if not sure:
         cause += f", or the {instead} are; {_UNDECIDED}"
-    seen = f"torques and motion belong together only in another order, which {case.fits}"
-    cure = "map the columns in the order of the drives"
-    proposals = case.entries.proposal(changes) if sure else ()
-    yield Verdict("drive-order", Grade.WRONG, seen, case.whose(moved), cause, cure, proposals)
+    yield Verdict(
+        "drive-order",
+        Grade.WRONG,
+        f"torques and motion belong together only in another order, which {case.fits}",
+        case.whose(moved),
+        cause,
+        "map the columns in the order of the drives",
+        case.entries.proposal(changes) if sure else (),
+    )
 
 
-def _torques(case: Case) -> Iterator[Verdict]:
+def _torques(case: ExplainedRecording) -> Iterator[Verdict]:
     """The scale of torques: gears, units and currents, of one drive or of all."""
     best, ratios = case.best, case.ratios.copy()
     for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
@@ -186,7 +200,7 @@ def _torques(case: Case) -> Iterator[Verdict]:
             yield _one_torque(case, i, 1 / ratio, rough=True)
 
 
-def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verdict:
+def _one_torque(case: ExplainedRecording, i: int, gain: float, *, rough: bool = False) -> Verdict:
     """A drive whose torques must be multiplied by `gain` relative to the others."""
     source, entries, whose = case.best.order[i], case.entries, f"the torque of {case.names[i]}"
     beside = "the prior says" if rough else "those of the other drives ask for"
@@ -203,12 +217,19 @@ def _one_torque(case: Case, i: int, gain: float, *, rough: bool = False) -> Verd
         cause = f"in another unit, such as {unit} or per mille of a rated torque"
         cause = f"in {unit}" if change else cause
         cure = "declare the unit of its torque column"
-    seen, cause = f"{whose} is {1 / gain:.3g} times what {beside}", f"{whose} is {cause}"
-    proposals = entries.proposal({"torque": {i: change}})
-    return Verdict(key, Grade.WRONG, seen, case.names[i], cause, cure, proposals, number)
+    return Verdict(
+        key,
+        Grade.WRONG,
+        f"{whose} is {1 / gain:.3g} times what {beside}",
+        case.names[i],
+        f"{whose} is {cause}",
+        cure,
+        entries.proposal({"torque": {i: change}}),
+        number,
+    )
 
 
-def _all_torques(case: Case, size: float) -> Verdict:
+def _all_torques(case: ExplainedRecording, size: float) -> Verdict:
     """Torques of all drives that are `size` times those of the prior."""
     doubtful, linear, changes = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
     if size < 1:
@@ -234,7 +255,13 @@ def _all_torques(case: Case, size: float) -> Verdict:
             "declare the unit of the torque columns, the rated torque in it, such as "
             "0.0235 N*m for per mille of 23.5 N m"
         )
-    key, grade = "gear" if size < 1 else "torque-unit", Grade.DOUBTFUL if doubtful else Grade.WRONG
-    seen = f"torques are {size:.3g} times those that the prior leads to, in all drives alike"
-    proposals = case.entries.proposal({"torque": changes})
-    return Verdict(key, grade, seen, "", cause, cure, proposals, number=size)
+    return Verdict(
+        "gear" if size < 1 else "torque-unit",
+        Grade.DOUBTFUL if doubtful else Grade.WRONG,
+        f"torques are {size:.3g} times those that the prior leads to, in all drives alike",
+        "",
+        cause,
+        cure,
+        case.entries.proposal({"torque": changes}),
+        number=size,
+    )

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.wiring.residual import AT_REST, LEAST, OFFSET, UNIT, Residual, rms_torques
+from deltaid.checks.wiring.residual import AT_REST, LEAST, OFFSET, UNIT, MapResidual, rms_torques
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
@@ -50,7 +50,9 @@ class Posed:
     rows: Float[np.ndarray, "drives samples augmented"]
 
     @classmethod
-    def of(cls, residual: Residual, tau: Float[np.ndarray, "drives samples"]) -> "Posed":
+    def from_residual(
+        cls, residual: MapResidual, tau: Float[np.ndarray, "drives samples"]
+    ) -> "Posed":
         """Of torques of each drive, under the map of a residual."""
         of_rows, columns = residual.rows, residual.columns
         Y = residual.Y.reshape(*tau.shape, -1) * of_rows.scale[:, None, None]

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.wiring.candidate import Candidate
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.candidate import WiringHypothesis
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import TorqueSlopes, across
 from deltaid.dynamics.grown import grown_torques
@@ -43,7 +43,7 @@ class Shifts:
     angles: int  # of gravity, 2 or 0
 
     @classmethod
-    def of(
+    def from_rows(
         cls,
         span: Span,
         D: Float[np.ndarray, "rows columns"],
@@ -77,7 +77,7 @@ class Shifts:
         first = 2 * self.drives + self.angles
         return list(range(first, len(self.H))) if self.drives > 1 else []
 
-    def told(
+    def estimate(
         self, chosen: list[int], beside: Sequence[int] = ()
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Values of some columns and their covariance, with others free beside them."""
@@ -94,7 +94,7 @@ class Shifts:
         """Wald's distance of some columns from zero in standard deviations; 0 if unobservable."""
         if not all(self.H[i, i] > 0 for i in chosen):
             return 0.0
-        value, covariance = self.told(chosen, beside)
+        value, covariance = self.estimate(chosen, beside)
         values, vectors = np.linalg.eigh(covariance)
         determined = values > 1e-9 * values[-1]
         projected = vectors[:, determined].T @ value
@@ -106,7 +106,7 @@ class Shifts:
         return float(s @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ s / self.left)
 
 
-def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
+def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -> Shifts:
     """Errors of zeros and gravity in a recording, for the columns of a candidate."""
     residual, dof, tau, g = best.residual, dynamics.dof, best.torques, dynamics.robot.gravity
     # All parameters: the prior, moved as far as the torques require.
@@ -125,4 +125,4 @@ def shifts(dynamics: Dynamics, motion: Motion, best: Candidate) -> Shifts:
     D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
     offsets = residual.rows.own(np.ones((dof, len(kept))))
     columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
-    return Shifts.of(residual.span, columns, tau, dof, len(axes))
+    return Shifts.from_rows(residual.span, columns, tau, dof, len(axes))

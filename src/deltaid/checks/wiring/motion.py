@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.signal import detrend
 
-from deltaid.checks.evidence import Rows
+from deltaid.checks.evidence import RawRows
 from deltaid.recording.convolution import apply
 from deltaid.recording.filter import (
     HIGHEST,
@@ -33,14 +33,14 @@ _SLOWEST = 20.0
 # A drive that is slower than this share of its largest speed for so long [s] stands still; samples
 # without that must be so many, or all are taken.
 _STILL, _REST, _AWAKE = 0.01, 0.1, 100
-# Rows missing in a row that are bridged by straight lines; more end a stretch.
+# RawRows missing in a row that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 
 Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class FilteredMotion:
     """Filtered positions with derivatives and filtered torques of one stretch."""
 
     q: Float[np.ndarray, "samples drives"]  # as mapped, evenly spaced
@@ -71,7 +71,9 @@ class Motion:
         return spread > np.maximum(1e-9 * (1 + np.abs(self.q).max(axis=0)), 1e-4 * spread.max())
 
 
-def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> Motion | None:
+def motion(
+    rows: RawRows, *, longest: float = 20.0, oversampled: float = 25.0
+) -> FilteredMotion | None:
     """The liveliest stretch of a recording; None if it is too short, or without torque.
 
     Args:
@@ -98,7 +100,7 @@ def motion(rows: Rows, *, longest: float = 20.0, oversampled: float = 25.0) -> M
     # The torques pass once, by a filter that is centred on the samples that the second one keeps.
     wide = tau.T[:, edge + thinning.half * stride : len(tau) - edge]
     count = -(-(len(samples) - len(thinning.smooth) + 1) // thinning.decimation)
-    return Motion(
+    return FilteredMotion(
         q=samples,
         qd=qd,
         qdd=apply(full.second, q.T, stride).T,
@@ -138,7 +140,7 @@ def _cutoff(q: Values, rate: float) -> float:
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 
-def _even(rows: Rows, longest: float) -> tuple[Float[np.ndarray, " samples"], Values] | None:
+def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"], Values] | None:
     """Time and [q τ q̇] of the liveliest stretch without a gap, evenly spaced."""
     data = np.hstack([rows.q, rows.tau, rows.qd])
     keep = np.flatnonzero(np.isfinite(np.column_stack([rows.time, data])).all(axis=1))

@@ -14,7 +14,7 @@ from itertools import permutations, product
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
@@ -86,7 +86,7 @@ class Patterns:
 
 
 @dataclass(frozen=True, eq=False)
-class Residual:
+class MapResidual:
     """Least squares under one map of the positions."""
 
     dynamics: Dynamics
@@ -162,7 +162,7 @@ def poses(
     return z, good & (sign == (1 if sign[good].sum() >= 0 else -1))
 
 
-def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
+def residual(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> MapResidual | None:
     """None where too few samples have poses."""
     z, good = poses(dynamics, map.values(motion.q))
     keep, share = motion.awake, float(good.mean())
@@ -184,4 +184,4 @@ def residual(dynamics: Dynamics, motion: Motion, map: Map) -> Residual | None:
     scale = np.maximum(expected, 1e-3 * expected.max()) / np.where(still, AT_REST, 1.0)
     rows = DriveRows(scale, len(tau))
     Y = rows.stack(Y)
-    return Residual(dynamics, map, z, share, rows, tau, Y, columns, prior, still, keep)
+    return MapResidual(dynamics, map, z, share, rows, tau, Y, columns, prior, still, keep)

@@ -17,14 +17,14 @@ from deltaid.checks.wiring.candidate import (
     MOSTLY_CLOSED,
     SLIDING,
     Assignment,
-    Candidate,
+    WiringHypothesis,
     as_good,
     closed_share,
     named_units,
     residuals,
     tried,
 )
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
@@ -41,7 +41,9 @@ _LONGEST = 0.5 / (2 * np.pi)
 _NAMED, _FINE = (0.7, 1.4), 1.04
 
 
-def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candidate, ...]:
+def explained(
+    dynamics: Dynamics, fine: FilteredMotion, coarse: FilteredMotion
+) -> tuple[WiringHypothesis, ...]:
     """The hypotheses that explain a recording as well as the best one, simplest first.
 
     The first is the mapping itself where none is clearly better; none if no loops close.
@@ -52,14 +54,14 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
     """
     identity = Map.identity(dynamics.dof)
     mapped = [
-        Candidate(solved, identity.order, np.ones(dynamics.dof))
+        WiringHypothesis(solved, identity.order, np.ones(dynamics.dof))
         for solved in residuals(dynamics, fine, [identity], least=_EVALUATED)
     ]
     likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)
     examined = [
-        Candidate(solved, trial.order, trial.gains)
+        WiringHypothesis(solved, trial.order, trial.gains)
         for map in dict.fromkeys(trial.map for trial in likely)
         for solved in residuals(dynamics, fine, [map])
         for trial in likely
@@ -76,8 +78,8 @@ def explained(dynamics: Dynamics, fine: Motion, coarse: Motion) -> tuple[Candida
 
 
 def _searched(
-    dynamics: Dynamics, fine: Motion, coarse: Motion, *, settled: bool
-) -> list[Candidate] | None:
+    dynamics: Dynamics, fine: FilteredMotion, coarse: FilteredMotion, *, settled: bool
+) -> list[WiringHypothesis] | None:
     """The likeliest hypotheses by a part of a recording, simplest first; where units need no search
     (`settled`), None if none is likelier than the mapping itself."""
     wirings = _wirings(dynamics) if settled else chain(_wirings(dynamics), _in_units(dynamics))
@@ -96,8 +98,10 @@ def _searched(
 
 
 def together(
-    dynamics: Dynamics, motions: Sequence[Motion], each: Sequence[tuple[Candidate, ...]]
-) -> tuple[tuple[Candidate, ...], ...]:
+    dynamics: Dynamics,
+    motions: Sequence[FilteredMotion],
+    each: Sequence[tuple[WiringHypothesis, ...]],
+) -> tuple[tuple[WiringHypothesis, ...], ...]:
     """The hypotheses that explain several recordings of one wiring as well as the best one, for
     each recording: log likelihoods add.
 
@@ -109,12 +113,12 @@ def together(
     identity = Map.identity(dynamics.dof)
     keys = dict.fromkeys(candidate.key for good in each for candidate in good)
     keys[identity, identity.order, identity.scale] = None
-    trials: dict[Assignment, list[Candidate | None]] = {key: [] for key in keys}
+    trials: dict[Assignment, list[WiringHypothesis | None]] = {key: [] for key in keys}
     for motion in motions:
         solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
         for key, own in trials.items():
             under, (_, order, gains) = solved[key[0]], key
-            own.append(under and Candidate(under, order, np.array(gains)))
+            own.append(under and WiringHypothesis(under, order, np.array(gains)))
     posed = {key: [c for c in own if c is not None] for key, own in trials.items()}
     scores = {key: sum(c.score for c in own) for key, own in posed.items()}
     best = max(scores, key=lambda key: scores[key])
@@ -124,7 +128,7 @@ def together(
     return tuple(tuple(filter(None, own)) for own in zip(*(trials[k] for k in good), strict=True))
 
 
-def _complexity(candidate: Candidate) -> tuple[int, bool, bool]:
+def _complexity(candidate: WiringHypothesis) -> tuple[int, bool, bool]:
     return candidate.changes, candidate.unnamed, candidate.map != Map.identity(len(candidate.order))
 
 
@@ -136,7 +140,7 @@ def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
     return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
 
 
-def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
+def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
     """Those that are worth a fit of a consistent robot, likeliest first.
 
     Limbs that are alike make several assignments equal: of those that are as good as the best, the
@@ -151,7 +155,7 @@ def _likely(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(fitted, key=lambda candidate: -candidate.evidence)
 
 
-def _ranked(dynamics: Dynamics, candidates: Collection[Candidate]) -> list[Candidate]:
+def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> list[WiringHypothesis]:
     """By likelihood, without those that cannot be as likely as the best whatever masses are: these
     need no fit of a consistent robot."""
     margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
@@ -191,7 +195,7 @@ def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
     yield from ([i] for i in range(dynamics.dof if dynamics.robot.telescope is None else 3))
 
 
-def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
+def _of_motors(dynamics: Dynamics, motion: FilteredMotion) -> Iterator[WiringHypothesis]:
     """Positions of motors, by the factor that explains the torques best."""
     for drives in _groups(dynamics):
         best = _best_factor(dynamics, motion, drives)
@@ -201,7 +205,9 @@ def _of_motors(dynamics: Dynamics, motion: Motion) -> Iterator[Candidate]:
                 return
 
 
-def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candidate | None:
+def _best_factor(
+    dynamics: Dynamics, motion: FilteredMotion, drives: list[int]
+) -> WiringHypothesis | None:
     """The factor of these drives' positions; None where no loops close, or beyond any lead."""
     identity = Map.identity(dynamics.dof)
     longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
@@ -219,7 +225,9 @@ def _best_factor(dynamics: Dynamics, motion: Motion, drives: list[int]) -> Candi
     return None if abs(best.map.scale[drives[0]]) > longest else best
 
 
-def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[Candidate]:
+def _refined(
+    dynamics: Dynamics, motion: FilteredMotion, rough: WiringHypothesis
+) -> Iterator[WiringHypothesis]:
     """The same drives in a unit that has a name, and by the best factor near the rough one."""
     drives = rough.map.scaled
     best = _narrowed(dynamics, motion, rough, _FINE)
@@ -231,10 +239,12 @@ def _refined(dynamics: Dynamics, motion: Motion, rough: Candidate) -> Iterator[C
     yield from tried(dynamics, motion, [signs.times(unit, drives) for unit in near])
 
 
-def _narrowed(dynamics: Dynamics, motion: Motion, best: Candidate, step: float) -> Candidate:
+def _narrowed(
+    dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis, step: float
+) -> WiringHypothesis:
     """The best factor of the scaled positions, from a rough one, by parabolas."""
 
-    def times(by: float) -> Candidate | None:
+    def times(by: float) -> WiringHypothesis | None:
         map = best.map.times(by, best.map.scaled)
         return next(tried(dynamics, motion, [map], as_is=True), None)
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.wiring.case import Case
 from deltaid.checks.wiring.cures import Values
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.explained import ExplainedRecording
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict
 
 _BLOCKS = 16
 # A drive that moves less than this share of the liveliest one is not judged.
@@ -28,6 +28,18 @@ _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
 _SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
 _LEAVE = "leave the velocity columns out: positions are then differentiated"
+_ORDER = Fault(
+    "velocity",
+    cause="velocity columns are in another order than the position columns",
+    cure="map the velocity columns in the order of the drives",
+)
+_NOISE = Fault("velocity", cause="the column is of another signal, or very noisy", cure=_LEAVE)
+_LATE = Fault(
+    "velocity",
+    "ms",
+    "the drive smooths its velocity, or logs it at another time than its position",
+    f"{_LEAVE} without delay",
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +60,7 @@ class Rate:
         return self.own > _TOGETHER and 1 / _WRONG < self.scale < _WRONG
 
 
-def rates(motion: Motion, map: Map) -> list[Rate]:
+def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
     """Every recorded velocity column of a drive that moves."""
     d, dd, v = map.rates(motion.qd), map.rates(motion.qdd), motion.recorded
     size, out = np.linalg.norm(d, axis=0), list[Rate]()
@@ -72,7 +84,7 @@ def rates(motion: Motion, map: Map) -> list[Rate]:
     return out
 
 
-def velocity_verdicts(case: Case) -> Iterator[Verdict]:
+def velocity_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
     map, names = case.map, case.names
     identity, recorded = Map.identity(len(names)), rates(case.motion, map)
@@ -98,11 +110,11 @@ def velocity_verdicts(case: Case) -> Iterator[Verdict]:
     for (name, reversed_), group in groups.items():
         yield _scale(case, group, name, reversed_=reversed_)
     for rate in lost:
-        seen = f"the velocity column of {names[rate.drive]} goes with no drive's changes of "
-        seen += f"position (correlation {rate.correlation:.2g})"
-        cause = "the column is of another signal, or very noisy"
-        drive, number = names[rate.drive], rate.correlation
-        yield Verdict("velocity", Grade.DOUBTFUL, seen, drive, cause, _LEAVE, number=number)
+        seen = (
+            f"the velocity column of {names[rate.drive]} goes with no drive's changes of position "
+            f"(correlation {rate.correlation:.2g})"
+        )
+        yield _NOISE.poor(seen, names[rate.drive], rate.correlation)
     least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step) if recorded else 0.0
     late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
     if late and not lost:
@@ -114,30 +126,27 @@ def velocity_verdicts(case: Case) -> Iterator[Verdict]:
             f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and "
             f"{1e3 * abs(latest.lag):.2g} ms in time"
         )
-        yield Verdict("velocity", Grade.GOOD, seen, number=1e3 * latest.lag, unit="ms")
+        yield _LATE.good(seen, 1e3 * latest.lag)
 
 
-def _order(case: Case, swapped: list[Rate]) -> Verdict:
+def _order(case: ExplainedRecording, swapped: list[Rate]) -> Verdict:
     entries, weakest = case.entries, min(rate.correlation for rate in swapped)
     pairs = ", ".join(
         f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
         for rate in swapped
     )
     moved = {rate.nearest: entries.moved("velocity", rate.nearest, rate.drive) for rate in swapped}
-    return Verdict(
-        "velocity",
-        Grade.WRONG,
+    return _ORDER.poor(
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {weakest:.3f}: {pairs}",
         case.whose([rate.drive for rate in swapped]),
-        "velocity columns are in another order than the position columns",
-        "map the velocity columns in the order of the drives",
-        entries.proposal({"velocity": moved}),
-        number=weakest,
+        weakest,
+        grade=Grade.WRONG,
+        proposals=entries.proposal({"velocity": moved}),
     )
 
 
-def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
+def _scale(case: ExplainedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
     """Of drives whose velocities are in one unit, or in none that has a name."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
@@ -163,23 +172,23 @@ def _scale(case: Case, scaled: list[Rate], name: str, *, reversed_: bool) -> Ver
         cure = _LEAVE
     if reversed_:
         cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
-    key = "velocity-unit" if name or far else "velocity"
-    grade = Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL
-    seen = f"velocities{whom} are {scale:.4g} times the rate at which positions change"
-    proposals = entries.proposal({"velocity": changes})
-    return Verdict(key, grade, seen, whose, cause, cure, proposals, number=scale)
-
-
-def _late(case: Case, late: list[Rate]) -> Verdict:
-    latest = max(late, key=lambda rate: abs(rate.lag))
     return Verdict(
-        "velocity",
-        Grade.DOUBTFUL,
+        "velocity-unit" if name or far else "velocity",
+        Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL,
+        f"velocities{whom} are {scale:.4g} times the rate at which positions change",
+        whose,
+        cause,
+        cure,
+        entries.proposal({"velocity": changes}),
+        number=scale,
+    )
+
+
+def _late(case: ExplainedRecording, late: list[Rate]) -> Verdict:
+    latest = max(late, key=lambda rate: abs(rate.lag))
+    return _LATE.poor(
         f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
         f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions",
         case.whose([rate.drive for rate in late]),
-        "the drive smooths its velocity, or logs it at another time than its position",
-        f"{_LEAVE} without delay",
-        number=1e3 * latest.lag,
-        unit="ms",
+        1e3 * latest.lag,
     )

@@ -14,8 +14,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence, forget
-from deltaid.checks.wiring.case import Case, overall
 from deltaid.checks.wiring.columns import column_verdicts
+from deltaid.checks.wiring.explained import ExplainedRecording, overall
 from deltaid.checks.wiring.motion import motion
 from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
@@ -57,14 +57,14 @@ def checked_wirings(
     Recordings whose columns have one mapping are judged together: one verdict for all of them.
     Errors as of `checked_wiring`.
     """
-    cases = dict[int, Case]()
+    cases = dict[int, ExplainedRecording]()
     for k, record in enumerate(records):
         _refuse_copies(record)
         fine = motion(record.rows)
         if fine is not None and len(fine.tau) >= _FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < _FEW else part
-            cases[k] = Case(record, fine, explained(record.dynamics, fine, coarse))
+            cases[k] = ExplainedRecording(record, fine, explained(record.dynamics, fine, coarse))
         if len(records) > 1:
             forget(record)
     shown = {k: case for k, case in cases.items() if case.good}
@@ -105,7 +105,9 @@ def _correlations(numbers: np.ndarray) -> np.ndarray:
     return unit.T @ unit
 
 
-def _of_recording(case: Case, common: tuple[Verdict, ...] | None) -> tuple[Verdict, ...]:
+def _of_recording(
+    case: ExplainedRecording, common: tuple[Verdict, ...] | None
+) -> tuple[Verdict, ...]:
     """Those on its columns, unless they are common to several, on zeros and on velocities."""
     if not case.good:
         return (_out_of_reach(case.evidence),)
@@ -126,7 +128,7 @@ def _of_recording(case: Case, common: tuple[Verdict, ...] | None) -> tuple[Verdi
     return tuple(verdicts if common is None else verdicts[len(common) :])
 
 
-def _senseless(case: Case) -> Verdict:
+def _senseless(case: ExplainedRecording) -> Verdict:
     i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
     return Verdict(
         "drive-order",

@@ -13,11 +13,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
-from deltaid.checks.wiring.candidate import Candidate
-from deltaid.checks.wiring.case import Case
+from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.cures import Entries
+from deltaid.checks.wiring.explained import ExplainedRecording
 from deltaid.checks.wiring.homing import Shifts, shifts
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import residual
 from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import parameter_layout
@@ -56,7 +56,7 @@ _LEVELLED = 0.05
 _FAR, _CERTAIN = 0.05, 25.0
 
 
-def zero_verdicts(case: Case) -> Iterator[Verdict]:
+def zero_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     best, motion = case.best, case.motion
     shift = shifts(case.evidence.dynamics, motion, best)
@@ -99,12 +99,13 @@ def _causes(shift: Shifts) -> list[list[int]]:
 def _shown(shift: Shifts) -> list[int]:
     """Drives whose zero error is small enough for slopes and well determined: a weak column, as of
     a telescope's drive, would take any value to explain the residual."""
-    drives = []
-    for i in range(shift.drives):
-        (value,), ((variance,),) = shift.told([i])
-        if abs(value) < _FARTHEST and variance < _VAGUE**2 and shift.certainty([i]) > 0:
-            drives.append(i)
-    return drives
+    return [i for i in range(shift.drives) if _is_shown(shift, i)]
+
+
+def _is_shown(shift: Shifts, drive: int) -> bool:
+    (value,), ((variance,),) = shift.estimate([drive])
+    known = abs(value) < _FARTHEST and variance < _VAGUE**2
+    return known and shift.certainty([drive]) > 0
 
 
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:
@@ -128,12 +129,12 @@ def _better_explained(shift: Shifts, loose: list[int]) -> bool:
 
 
 def _zero(
-    evidence: Evidence, motion: Motion, best: Candidate, shift: Shifts, drive: int
+    evidence: Evidence, motion: FilteredMotion, best: WiringHypothesis, shift: Shifts, drive: int
 ) -> tuple[float, float]:
     """The zero's error of one drive and half its interval, by Gauss–Newton steps."""
     map, share = best.map, best.residual.share
     for _ in range(_STEPS):
-        (step,), ((variance,),) = shift.told([drive])
+        (step,), ((variance,),) = shift.estimate([drive])
         zeros = list(map.shift)
         zeros[drive] += float(np.clip(step, -_LARGEST, _LARGEST))
         moved = residual(evidence.dynamics, motion, replace(map, shift=tuple(zeros)))
@@ -143,7 +144,7 @@ def _zero(
         shift = shifts(evidence.dynamics, motion, replace(best, residual=moved))
         if abs(step) < np.sqrt(variance):
             break
-    return map.shift[drive], 2 * float(np.sqrt(shift.told([drive])[1][0, 0]))
+    return map.shift[drive], 2 * float(np.sqrt(shift.estimate([drive])[1][0, 0]))
 
 
 def _verdict(
@@ -184,17 +185,25 @@ def _verdict(
     if either:
         cause = f"one of both, the motion does not tell which: {text}, or {rival}"
         cure = "home the drives anew and check the level of the base; then mend what was wrong"
-    seen = f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % "
-    seen += "of what is left of them"
-    subject, number = ", ".join([name, *others]) if zero else "", 1e3 * number
-    return Verdict("homing-or-tilt", grade, seen, subject, cause, cure, proposals, number, unit)
+    return Verdict(
+        "homing-or-tilt",
+        grade,
+        f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % of "
+        "what is left of them",
+        ", ".join([name, *others]) if zero else "",
+        cause,
+        cure,
+        proposals,
+        1e3 * number,
+        unit,
+    )
 
 
 def _tilt(shift: Shifts) -> tuple[float, float]:
     """Angle between gravity and its direction as described, and half its interval [rad]."""
     if not shift.tilt:
         return 0.0, 0.0
-    turn, covariance = shift.told(shift.tilt)
+    turn, covariance = shift.estimate(shift.tilt)
     angle = float(np.linalg.norm(turn))
     direction = turn / max(angle, 1e-12)
     return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
@@ -202,7 +211,7 @@ def _tilt(shift: Shifts) -> tuple[float, float]:
 
 def _gravity(evidence: Evidence, shift: Shifts, *, is_written: bool) -> tuple[Proposal, ...]:
     g = np.array(evidence.robot.gravity)
-    turn, _ = shift.told(shift.tilt)
+    turn, _ = shift.estimate(shift.tilt)
     gravity = g + np.cross(turn @ across(g)[[i - shift.drives for i in shift.tilt]], g)
     gravity *= np.linalg.norm(g) / np.linalg.norm(gravity)
     changes = (("gravity", [float(f"{x:.5g}") for x in gravity]),)
@@ -218,7 +227,7 @@ def _good(shift: Shifts) -> Verdict:
     return Verdict("homing-or-tilt", Grade.GOOD, seen, number=1e3 * angle, unit="mrad")
 
 
-def _open(best: Candidate) -> Verdict:
+def _open(best: WiringHypothesis) -> Verdict:
     share = best.residual.share
     return Verdict(
         "homing-or-tilt",
@@ -245,7 +254,7 @@ def still_seen(problem: FittedProblem, recording: Recording, described: RobotDes
     if not _seen(bare):
         return False
     likeliest = max(_causes(bare), key=bare.gain)
-    value, _ = bare.told(likeliest)
+    value, _ = bare.estimate(likeliest)
     instead = bare.left * (1.0 - bare.gain(likeliest))
     chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
     return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
@@ -270,4 +279,4 @@ def _after_fit(problem: FittedProblem, recording: Recording, without: frozenset[
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
     Y = rows.Y[:, [name not in without for name in names]]
     D = rows.over((*zeros, *tilts)) / _SIZE
-    return Shifts.of(Span.of(Y), D, rows.tau, len(zeros), len(tilts))
+    return Shifts.from_rows(Span.of(Y), D, rows.tau, len(zeros), len(tilts))

@@ -30,7 +30,7 @@ Values = Float[np.ndarray, "channels samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class Signal:
+class SensorSignal:
     """What one sensor shows: y = X θ, θ the robot's parameters and then the sensor's unknowns."""
 
     rows: SensorRows  # what it measures of the robot
@@ -50,11 +50,11 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class SensedRows:
     """The rows of a recording."""
 
     dynamics: Dynamics
-    signals: tuple[Signal, ...]
+    signals: tuple[SensorSignal, ...]
     torques: Information  # what the drives' torques tell of all the robot's parameters
     starts: Int[np.ndarray, " stretches"]  # first samples of stretches without a gap
     period: float  # between two samples [s]
@@ -87,7 +87,7 @@ class Sheet:
         return weighted()
 
 
-def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
+def sensed_rows(dynamics: Dynamics, recording: Recording) -> SensedRows | None:
     """The rows of a recording; None where it has no sensor, or too little of one."""
     columns, drives = recording.log.columns, np.arange(dynamics.dof)
     sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
@@ -96,7 +96,7 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
     sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in sensor_columns]
     row_of, entries = dynamics.regressor_pattern
 
-    def of(w: Samples) -> np.ndarray:
+    def measured(w: Samples) -> np.ndarray:
         shown, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
         Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
         parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]
@@ -113,7 +113,7 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
 
     windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
     every = max(1, -(-recording.log.samples // (recording.thinned * _MOST)))
-    parts = [window.filtered(of)[:, ::every] for window in windows]
+    parts = [window.filtered(measured)[:, ::every] for window in windows]
     parts = [part for part in parts if part.shape[1] > 1]
     if not parts:
         return None
@@ -130,12 +130,14 @@ def sheet(dynamics: Dynamics, recording: Recording) -> Sheet | None:
         np.full(len(drives), float(samples)),
         np.abs(tau).max(axis=1),
     )
-    shown, signals = [columns.shown(window.own.extra) for window in windows], list[Signal]()
+    shown, signals = [columns.shown(window.own.extra) for window in windows], list[SensorSignal]()
     for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
         X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
         X[rows.pattern] = C
         raw = np.hstack([sensor[rows.name] for sensor in shown])
-        signals.append(Signal(rows, sensor_columns[rows.name], X, y, counts, raw))
+        signals.append(SensorSignal(rows, sensor_columns[rows.name], X, y, counts, raw))
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])[:-1]
     row = 1 / recording.log.rate
-    return Sheet(dynamics, tuple(signals), torques, starts, recording.thinned * every * row, row)
+    return SensedRows(
+        dynamics, tuple(signals), torques, starts, recording.thinned * every * row, row
+    )

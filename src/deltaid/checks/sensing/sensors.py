@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess
-from deltaid.checks.sensing.misfit import Lag, MapFit, Misfit, lag_of
-from deltaid.checks.sensing.sheet import Sheet, Signal, sheet
+from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of
+from deltaid.checks.sensing.rows import SensedRows, SensorSignal, sensed_rows
 from deltaid.checks.sensing.wording import mapped, verdict_of
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Proposal, Verdict
@@ -38,18 +38,20 @@ _NOISY = 3.0
 def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on each sensor of a recording, good ones too; none of one without."""
     recording = evidence.surveyed
-    rows = None if isinstance(recording, RecordingError) else sheet(evidence.dynamics, recording)
+    rows = (
+        None if isinstance(recording, RecordingError) else sensed_rows(evidence.dynamics, recording)
+    )
     if rows is None:
         return ()
     return tuple(verdict for signal in rows.signals for verdict in _of_signal(rows, signal))
 
 
-def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
+def _of_signal(rows: SensedRows, signal: SensorSignal) -> list[Verdict]:
     misfit = Misfit(rows, signal, signal)
     if misfit.counts < 1.0:
         return []
     verdicts = list(_clipped(signal))
-    as_mapped = misfit.of(np.eye(len(misfit.noise)))
+    as_mapped = misfit.judge(np.eye(len(misfit.noise)))
     late = lag_of(misfit, as_mapped)
     if as_mapped.Q > _DOUBTED:
         if late is not None and min(_CONTRADICTS, _EXPLAINS * as_mapped.Q) > late.Q:
@@ -73,7 +75,7 @@ def _of_signal(rows: Sheet, signal: Signal) -> list[Verdict]:
 
 def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
     """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
-    rows, signal = misfit.sheet, misfit.signal
+    rows, signal = misfit.rows, misfit.signal
     alike = [other for other in rows.signals if other.units == signal.units]
     others = [other for other in alike if other is not signal and len(other.units) == 1]
     guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
@@ -122,7 +124,7 @@ def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
     return guess.angle < _ALLOWED * sensor.rotation_tolerance
 
 
-def _clipped(signal: Signal) -> Iterator[Verdict]:
+def _clipped(signal: SensorSignal) -> Iterator[Verdict]:
     for channel, numbers in zip(signal.columns.channels, signal.raw, strict=True):
         numbers = numbers[np.isfinite(numbers)]
         for end, word in ((np.max, "largest"), (np.min, "smallest")) if numbers.size else ():
@@ -144,7 +146,7 @@ def _clipped(signal: Signal) -> Iterator[Verdict]:
                 )
 
 
-def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
+def _late(signal: SensorSignal, lag: SensorLag, row: float, Q: float) -> Verdict:
     return Verdict(
         "sensor-lag",
         Grade.WRONG if Q > _CONTRADICTS else Grade.DOUBTFUL,
@@ -159,7 +161,7 @@ def _late(signal: Signal, lag: Lag, row: float, Q: float) -> Verdict:
     )
 
 
-def _noisy(rows: Sheet, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
+def _noisy(rows: SensedRows, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
     """Verdicts on noise and residual beyond the stated noise."""
     name, size = misfit.signal.name, np.maximum(misfit.white, rms)
     for group in misfit.groups:

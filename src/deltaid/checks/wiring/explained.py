@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import Evidence
-from deltaid.checks.wiring.candidate import Candidate, named_units
+from deltaid.checks.wiring.candidate import WiringHypothesis, named_units
 from deltaid.checks.wiring.cures import Entries
-from deltaid.checks.wiring.motion import Motion
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.signs import row_at_home
@@ -38,25 +38,25 @@ INERTIA, VISCOUS = 0, 2
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class ExplainedRecording:
     """A recording under the columns that explain it best."""
 
     evidence: Evidence
-    motion: Motion  # the stretch that was evaluated
+    motion: FilteredMotion  # the stretch that was evaluated
     # hypotheses that explain it equally well, simplest first; none if no loops close
-    good: tuple[Candidate, ...]
+    good: tuple[WiringHypothesis, ...]
 
     @cached_property
     def entries(self) -> Entries:
-        """Of the mapping."""
+        """Entries of the mapping, as written."""
         return Entries(self.evidence)
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> WiringHypothesis:
         return self.good[0]
 
     @property
-    def rivals(self) -> tuple[Candidate, ...]:
+    def rivals(self) -> tuple[WiringHypothesis, ...]:
         """The best one and others that are as simple, of which the recording shows no better."""
         return tuple(other for other in self.good if other.changes == self.best.changes)
 
