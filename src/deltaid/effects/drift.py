@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect, torque_of
 from deltaid.effects.point import Candidate, RigidFit
-from deltaid.model.words import percent
+from deltaid.model.verdict import percent
 
 # Time constants of warming up, as shares of the recording.
 _WARM = (0.1, 0.25, 0.6)

@@ -16,8 +16,7 @@ from deltaid.effects.contest import Account, Contribution
 from deltaid.effects.point import Candidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.span import Columns, Rows, Span
-from deltaid.model.verdict import Proposal
-from deltaid.model.words import percent
+from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording
 

@@ -10,7 +10,7 @@ from deltaid.effects.unknown import Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
 from deltaid.model.corrections import Correction
-from deltaid.model.words import percent
+from deltaid.model.verdict import percent
 from deltaid.recording.readings import LEAST_SLOPE
 from deltaid.robot.description import RobotDescription
 

@@ -11,7 +11,7 @@ from deltaid.effects.point import Candidate, Point, RigidFit
 from deltaid.effects.unknown import UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import listed, percent
 
 # A drive's factor is odd where it is so many standard deviations, this much, and this share of the
 # oddest one's away from the middle of all.

@@ -23,7 +23,7 @@ from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progres
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Kind, cause_in_words
 from deltaid.model.inseparable import Inseparable
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import listed, percent
 from deltaid.recording.readings import Readings
 
 # Sweeps at most, and the step of what is applied, in standard deviations, below which they end.

@@ -1,6 +1,6 @@
 """Pairs of causes that recordings do not separate."""
 
-from deltaid.model.words import listed
+from deltaid.model.verdict import listed
 from deltaid.robot.part import Part
 
 

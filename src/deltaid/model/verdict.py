@@ -1,6 +1,9 @@
-"""What is said of a description, a recording or a fit: one verdict a cause."""
+"""What is said of a description, a recording or a fit: one verdict a cause.
 
-from collections.abc import Iterable
+Numbers and names as verdicts say them.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -113,3 +116,16 @@ def worst(verdicts: Iterable[Verdict]) -> Grade:
     """The most severe grade; good if there is none."""
     order = list(Grade)
     return max((one.grade for one in verdicts), key=order.index, default=Grade.GOOD)
+
+
+def percent(share: float) -> str:
+    """A share in per cent: two significant digits, or all before the decimal point."""
+    number = 100 * share
+    return f"{number:.0f} %" if abs(number) >= 9.95 else f"{number:.2g} %"
+
+
+def listed(names: Sequence[str]) -> str:
+    """'drive1', 'drive1 and drive3', 'drive1, drive2 and drive3'."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -17,7 +17,7 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import listed, percent
 from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.replay import Replay

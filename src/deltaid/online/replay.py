@@ -15,7 +15,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.sources import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
-from deltaid.model.words import percent
+from deltaid.model.verdict import percent
 from deltaid.online.columns import RecordedSpeeds, judged_wiring, speeds_of
 from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load

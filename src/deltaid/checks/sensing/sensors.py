@@ -15,8 +15,7 @@ from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of
 from deltaid.checks.sensing.rows import SensedRows, SensorSignal, sensed_rows
 from deltaid.checks.sensing.wording import mapped, verdict_of
 from deltaid.errors import RecordingError
-from deltaid.model.verdict import Grade, Proposal, Verdict
-from deltaid.model.words import percent
+from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if none

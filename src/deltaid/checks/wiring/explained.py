@@ -17,7 +17,7 @@ from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.signs import row_at_home
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import listed, percent
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
 WRONG_SCALE, DOUBTFUL_SCALE = 4.0, 2.5

@@ -26,8 +26,7 @@ from deltaid.estimation.information import active_columns
 from deltaid.estimation.span import Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometry import geometric_rows
-from deltaid.model.verdict import Grade, Proposal, Verdict
-from deltaid.model.words import listed
+from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
