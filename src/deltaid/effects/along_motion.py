@@ -15,8 +15,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
-from deltaid.model.corrections import Correction, Kind
-from deltaid.model.effect_record import FittedEffect
+from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples

@@ -23,8 +23,7 @@ from deltaid.effects.along_motion import (
     RippleColumns,
 )
 from deltaid.estimation.additions import Values
-from deltaid.model.corrections import Correction
-from deltaid.model.effect_record import FittedEffect
+from deltaid.model.corrections import Correction, FittedEffect
 from deltaid.model.parameter_record import Parameter as Judged
 
 # Velocities below this share of the largest have no direction yet.

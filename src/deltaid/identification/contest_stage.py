@@ -21,8 +21,7 @@ from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.lag_stage import traced, without_lags
 from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progress, Setup
 from deltaid.identification.study import ADEQUATE, rests
-from deltaid.model.corrections import Kind, cause_in_words
-from deltaid.model.inseparable import Inseparable
+from deltaid.model.corrections import Inseparable, Kind, cause_in_words
 from deltaid.model.verdict import listed, percent
 from deltaid.recording.readings import Readings
 

@@ -14,7 +14,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.signs import CURE, against_motion, contradiction
-from deltaid.model.inseparable import Inseparable
+from deltaid.model.corrections import Inseparable
 from deltaid.sensors.weighings import weighings
 
 # A consistent fit contradicts the data when it leaves so many times the torque error of parameters

@@ -15,8 +15,7 @@ from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import Outcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import widened_priors
-from deltaid.model.corrections import Correction
-from deltaid.model.effect_record import FittedEffect
+from deltaid.model.corrections import Correction, FittedEffect
 from deltaid.model.friction_record import FrictionChoice
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source

@@ -16,8 +16,8 @@ from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
 from deltaid.identification.setup import Progress, Setup
+from deltaid.model.corrections import FittedChannel, FittedSensor
 from deltaid.model.parameter_record import Parameter
-from deltaid.model.sensor_record import FittedChannel, FittedSensor
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 from deltaid.sensors.weighings import weighings

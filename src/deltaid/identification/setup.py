@@ -13,9 +13,8 @@ from deltaid.effects.all import UNKNOWNS
 from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study, studied
-from deltaid.model.corrections import Correction, Kind
+from deltaid.model.corrections import Correction, Inseparable, Kind
 from deltaid.model.friction_record import FrictionChoice, JointTerm
-from deltaid.model.inseparable import Inseparable
 from deltaid.model.record import Settings
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription

@@ -1,9 +1,18 @@
-"""What an identification put right in its recordings or added to its model, for the model file."""
+"""What an identification put right in its recordings or added to its model, for the model file.
+
+Effects beside the robot as a model file has them.
+
+Pairs of causes that recordings do not separate.
+
+Sensors beside the drives, as a fit found them, for the model file.
+"""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from deltaid.model.parameter_record import Parameter
+from deltaid.model.verdict import listed
 from deltaid.robot.part import Part
 
 Kind = Literal[
@@ -90,3 +99,68 @@ class Correction(Part):
     high: float | None = None
     unit: str = ""
     text: Annotated[str, Field(min_length=1)]
+
+
+class FittedEffect(Part):
+    """Something that takes torques of the drives all the time, such as a hose.
+
+    Attributes:
+        name: of the effect, such as 'platform-force'.
+        values: of its coefficients.
+        drives: that it acts on; empty where it acts on the platform.
+        orders: of ripples, one a drive [1/rad or 1/m].
+        fastest: speed of the platform that a drag is smoothed with [m/s].
+    """
+
+    name: str
+    values: tuple[float, ...]
+    drives: tuple[str, ...] = ()
+    orders: tuple[float, ...] = ()
+    fastest: float = 0.0
+
+
+class Inseparable(Part):
+    """Two causes of the same torques, of which the recordings may have either, or some of both.
+
+    Attributes:
+        causes: the one that the model has, and the other.
+        subjects: drives that they are of; empty for the robot.
+        is_counted: whether intervals count both; else they take the second as described.
+    """
+
+    causes: tuple[str, str]
+    subjects: tuple[str, ...] = ()
+    is_counted: bool = True
+
+    @property
+    def text(self) -> str:
+        """The pair as a sentence."""
+        whose = f" ({listed(list(self.subjects))})" if self.subjects else ""
+        kept, other = self.causes
+        counted = "intervals count both" if self.is_counted else f"intervals rest on {other}"
+        return f"The recordings do not separate {kept} from {other}{whose}; {counted}."
+
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class FittedChannel(Part):
+    """One number that a sensor shows.
+
+    `left` is the root mean square of what the fit leaves of it after the low-pass, `largest` the
+    largest magnitude there; `stated` is the noise that the description gives, before the low-pass.
+    """
+
+    name: str
+    unit: str
+    stated: NotNegative
+    left: NotNegative
+    largest: NotNegative
+
+
+class FittedSensor(Part):
+    """A sensor: its channels, and what was unknown of itself, with intervals."""
+
+    name: str
+    channels: tuple[FittedChannel, ...]
+    parameters: tuple[Parameter, ...] = ()

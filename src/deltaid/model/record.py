@@ -11,16 +11,13 @@ from pydantic import Field, model_validator
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.model.above import above
-from deltaid.model.corrections import Correction
-from deltaid.model.effect_record import FittedEffect
+from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
 from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
-from deltaid.model.inseparable import Inseparable
 from deltaid.model.left_out import LeftOut
 from deltaid.model.names import place
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
-from deltaid.model.sensor_record import FittedSensor
 from deltaid.model.settings import Settings
 from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
