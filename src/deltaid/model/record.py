@@ -12,13 +12,12 @@ from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter
 from deltaid.errors import DescriptionError
 from deltaid.model.above import above
 from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
-from deltaid.model.events import Event
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
-from deltaid.model.left_out import LeftOut
 from deltaid.model.names import place
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.settings import Settings
+from deltaid.model.sources import Event, LeftOut
 from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription

@@ -6,10 +6,9 @@ from itertools import groupby
 import numpy as np
 
 from deltaid.model.corrections import Correction, FittedSensor
-from deltaid.model.events import Event
-from deltaid.model.left_out import LeftOut, Span
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.sources import Event, LeftOut, Span
 from deltaid.view.model_tables import MEASURED, origin, value_and_width
 from deltaid.view.numbers import number, percent, with_uncertainty
 from deltaid.view.page import Section
