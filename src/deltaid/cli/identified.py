@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.torque_error import TorqueError
     from deltaid.identification.validation import Compared
-    from deltaid.model.record import Source
+    from deltaid.model.sources import Source
     from deltaid.recording.log import Log
 
 # Events that the terminal lists.

@@ -18,7 +18,8 @@ from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction, FittedEffect
 from deltaid.model.friction_record import FrictionChoice
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
-from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings, Source
+from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
+from deltaid.model.sources import Source
 from deltaid.recording.readings import Readings
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED

@@ -80,7 +80,9 @@ class Labels:
         if known.std[i] >= _SHRUNK * known.prior_std[i]:
             return self._around_prior(i, "prior", known.prior_std[i])
         low, high = value - float(known.interval[i]), value + float(known.interval[i])
-        return Label("data", float(known.std[i]), low, high, share=Share.of(known.shares[i]))
+        return Label(
+            "data", float(known.std[i]), low, high, share=Share.from_parts(known.shares[i])
+        )
 
     def _of_free(self, i: int) -> Label:
         """One that the fit may change.

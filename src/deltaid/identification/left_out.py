@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.record import Source
-from deltaid.model.sources import Event, LeftOut, Span
+from deltaid.model.sources import Event, LeftOut, Source, Span
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask
 from deltaid.recording.masks.runs import joined_times

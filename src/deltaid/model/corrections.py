@@ -1,11 +1,5 @@
-"""What an identification put right in its recordings or added to its model, for the model file.
-
-Effects beside the robot as a model file has them.
-
-Pairs of causes that recordings do not separate.
-
-Sensors beside the drives, as a fit found them, for the model file.
-"""
+"""What an identification corrected in its recordings or added to its model, for the model file:
+corrections, effects and sensors beside the robot, and causes that recordings do not separate."""
 
 from typing import Annotated, Literal
 

@@ -20,9 +20,8 @@ from deltaid.dynamics.parameters import (
     with_prior,
 )
 from deltaid.errors import DescriptionError, unknown
-from deltaid.model.above import above
-from deltaid.model.names import place
-from deltaid.model.record import IdentifiedModel
+from deltaid.model.parameter_record import place
+from deltaid.model.record import IdentifiedModel, above
 from deltaid.progress import Watch, watched
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import TERMS
@@ -168,7 +167,7 @@ class Model(Shown, Plotted, Tabled, Reported):
             DescriptionError: the robot has no such body, or a body with the load cannot exist.
         """
         if isinstance(load, str):
-            known = {one.name: one for one in self.identified.loads} if self.identified else {}
+            known = {held.name: held for held in self.identified.loads} if self.identified else {}
             if load not in known:
                 raise unknown(load, known or ("none",), "load", self.source or self.robot.name)
             body, ten = known[load].body, known[load].p

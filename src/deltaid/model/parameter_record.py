@@ -1,4 +1,5 @@
-"""Parameters of an identified model: values with intervals, and what these come from."""
+"""Parameters of an identified model: values with intervals, and what these come from; parameters by
+their names, and the nearest name where there is none."""
 
 from typing import Annotated, Literal
 
@@ -6,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
+from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.errors import unknown
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate
 
@@ -26,7 +29,7 @@ class Share(Part):
     measured: Annotated[float, Field(ge=0, le=1, description="of measured values")] = 0.0
 
     @classmethod
-    def of(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
+    def from_parts(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
         """From those of torques, sensors, measured values, prior and geometry, where a prior ends
         what is not shown."""
         noise, sensors, measured, prior, geometry = (float(share) for share in shares)
@@ -76,7 +79,7 @@ class Parameter(Part):
     )
 
     def moved(self, by: float) -> "Parameter":
-        """Of what has been applied already and the rest that this is of."""
+        """The sum of what has been applied already and the rest that this is of."""
         low, high = (None if end is None else end + by for end in (self.low, self.high))
         return self.changed(value=self.value + by, low=low, high=high, prior=self.prior + by)
 
@@ -121,3 +124,26 @@ class BaseParameter(Part):
     share: Share | None = Field(
         default=None, description="what the interval comes from; missing in earlier files"
     )
+
+
+# What people call the entries of a body.
+_ALSO = {"mass": "m", "weight": "m", "x": "mcx", "y": "mcy", "z": "mcz", "com": "mcx",
+         "inertia": "Izz"}  # fmt: skip
+
+
+def place(layout: ParameterLayout, name: str, where: str) -> int:
+    """Where a parameter stands in p.
+
+    Raises:
+        UnknownNameError: there is none of that name.
+    """
+    if name in layout.names:
+        return layout.names.index(name)
+    raise unknown(name, layout.names, "parameter", where, also=_usual(layout, name))
+
+
+def _usual(layout: ParameterLayout, name: str) -> str:
+    """The parameter that is called otherwise elsewhere: P.mass is P.m."""
+    body, _, entry = name.partition(".")
+    found = f"{body}.{_ALSO.get(entry.lower(), '')}"
+    return found if found in layout.names else ""

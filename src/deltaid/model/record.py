@@ -1,8 +1,9 @@
 """The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
 
 import re
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +11,12 @@ from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
-from deltaid.model.above import above
 from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
-from deltaid.model.names import place
-from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter
+from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, place
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.settings import Settings
-from deltaid.model.sources import Event, LeftOut
+from deltaid.model.sources import Source
 from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
@@ -37,36 +36,14 @@ FORMAT = 4
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
-class Source(Part):
-    """A log that a model comes from, and how it was filtered."""
+def above(module: str, name: str) -> Any:
+    """A function of a room above, by the module's name without the package.
 
-    log: str
-    sha256: str
-    samples: int
-    rate_hz: float
-    cutoff_hz: float | None = None
-    motion_cutoff_hz: float | None = Field(
-        default=None, description="of the positions; missing in earlier files"
-    )
-    used_samples: int
-    left_out: tuple[LeftOut, ...] = Field(
-        default=(), description="what was left out; missing in earlier files"
-    )
-    delay: tuple[float, ...] = Field(
-        default=(), description="by how much torques of each drive are late [s]; empty: none"
-    )
-    filters: tuple[float, ...] = Field(
-        default=(), description="time constants of drives' filters among it [s]; empty: none"
-    )
-    growth: tuple[float, float, float] | None = Field(
-        default=None,
-        description="rate at which the delay grows, the time at which it is the one above, and how "
-        "far other times are from there at most [s]; missing where clocks agree",
-    )
-    events: tuple[Event, ...] = Field(
-        default=(),
-        description="what acted on the robot beside its drives; missing in earlier files",
-    )
+    The one way up the house: a user looks for `model.sample` where the model is, and the sampler
+    stands on identification, which stands on models. So these methods look their function up when
+    they are called, and no module of this room depends on those above it.
+    """
+    return getattr(import_module(f"deltaid.{module}"), name)
 
 
 class Fit(Part):
@@ -166,7 +143,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
         """How large each drive's torque is at the joint that its recordings call 1 N m (or 1 N)."""
-        found = {one.subject: one.value for one in self.corrections if one.kind == "gain"}
+        found = {c.subject: c.value for c in self.corrections if c.kind == "gain"}
         return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
 
     @property

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.files import write_bytes
-from deltaid.model.above import above
 from deltaid.model.model import Model
-from deltaid.model.names import place
+from deltaid.model.parameter_record import place
+from deltaid.model.record import above
 from deltaid.robot.description import RobotDescription
 from deltaid.shown import Plotted, Shown, Tabled
 
@@ -59,12 +59,12 @@ class Samples(Shown, Plotted, Tabled):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return self.layout.names
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Units of the parameters."""
         return self.layout.units
 
     def models(self) -> Iterator[Model]:

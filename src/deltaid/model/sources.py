@@ -1,7 +1,4 @@
-"""What of a recording was left out, as a model file and JSON have it.
-
-What acted on a robot beside its drives in a recording, as a model file and JSON have it.
-"""
+"""A log that a model comes from: what of it was excluded, and what acted on the robot in it."""
 
 from typing import Annotated
 
@@ -51,3 +48,35 @@ class Event(Part):
     place: tuple[float, float, float] | None = None
     force: tuple[float, float, float] | None = None
     moment: float | None = None
+
+
+class Source(Part):
+    """A log that a model comes from, and how it was filtered."""
+
+    log: str
+    sha256: str
+    samples: int
+    rate_hz: float
+    cutoff_hz: float | None = None
+    motion_cutoff_hz: float | None = Field(
+        default=None, description="of the positions; missing in earlier files"
+    )
+    used_samples: int
+    left_out: tuple[LeftOut, ...] = Field(
+        default=(), description="what was left out; missing in earlier files"
+    )
+    delay: tuple[float, ...] = Field(
+        default=(), description="by how much torques of each drive are late [s]; empty: none"
+    )
+    filters: tuple[float, ...] = Field(
+        default=(), description="time constants of drives' filters among it [s]; empty: none"
+    )
+    growth: tuple[float, float, float] | None = Field(
+        default=None,
+        description="rate at which the delay grows, the time at which it is the one above, and how "
+        "far other times are from there at most [s]; missing where clocks agree",
+    )
+    events: tuple[Event, ...] = Field(
+        default=(),
+        description="what acted on the robot beside its drives; missing in earlier files",
+    )

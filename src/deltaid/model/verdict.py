@@ -1,7 +1,4 @@
-"""What is said of a description, a recording or a fit: one verdict a cause.
-
-Numbers and names as verdicts say them.
-"""
+"""What is said of a description, a recording or a fit: one verdict a cause, with its words."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -115,7 +112,7 @@ class Fault:
 def worst(verdicts: Iterable[Verdict]) -> Grade:
     """The most severe grade; good if there is none."""
     order = list(Grade)
-    return max((one.grade for one in verdicts), key=order.index, default=Grade.GOOD)
+    return max((verdict.grade for verdict in verdicts), key=order.index, default=Grade.GOOD)
 
 
 def percent(share: float) -> str:
