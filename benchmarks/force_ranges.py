@@ -85,7 +85,7 @@ def _one(
     for c in ConstraintForces(robot).coefficients(z, qd, qdd).reshape(-1, len(truth)):
         if not np.any(c):
             continue
-        interval = ranges.of(c)
+        interval = ranges.force_range(c)
         held = interval.low <= c @ truth <= interval.high
         (others if known.openness(c).half_width else determined).add(bool(held))
 

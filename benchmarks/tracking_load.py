@@ -26,7 +26,7 @@ from _table import leave
 
 from deltaid.control.comparison import gains
 from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import Controller, Measured
+from deltaid.control.controllers import Controller, MeasuredState
 from deltaid.control.infeasible import of_motion
 from deltaid.control.plant import Held, Plant, point_mass
 from deltaid.control.tracking import Drives, Knowledge, Tracking, track
@@ -137,7 +137,7 @@ class Estimating:
         self._online, self._cycle = Online(model, settings), 0
         self._last: tuple[np.ndarray, ...] | None = None
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """The law's, with the load as it is estimated now."""
         time = self._cycle * self._period
         gripper = any(held.start <= time < held.end for held in self._picks.held(0.0))

@@ -26,7 +26,7 @@ from _table import leave
 
 from deltaid.control.comparison import base_vector, gains
 from deltaid.control.control_model import ControlModel
-from deltaid.control.plant import Plant, Ripple
+from deltaid.control.plant import DriveRipple, Plant
 from deltaid.control.tracking import Drives, Tracking, track
 from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.parameters import prior_parameters, with_prior
@@ -83,7 +83,7 @@ def made(name: str, robot: RobotDescription, rng: np.random.Generator) -> Case:
     model = load(robot)
     coulomb = np.array([model.value(f"coulomb.{drive}") for drive in robot.drives])
     phase = rng.uniform(0, 2 * np.pi, len(coulomb))
-    ripple = Ripple(RIPPLE * coulomb, np.full(len(coulomb), float(WAVES)), phase)
+    ripple = DriveRipple(RIPPLE * coulomb, np.full(len(coulomb), float(WAVES)), phase)
     plant = Plant(model, elastic=has("gears"), ripple=ripple if has("ripple") else None)
     return Case(plant, Drives(current_loop=LOOP if has("current loop") else np.inf))
 

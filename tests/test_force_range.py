@@ -9,16 +9,16 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.joint_forces.ball import Ball
+from deltaid.joint_forces.ball import ConsistentBall
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.ranges import (
     Determinacy,
-    Evidence,
+    ForceEvidence,
     Ranges,
     evidence,
     structural_determinacy,
 )
-from deltaid.joint_forces.unknowns import Block, Unknowns, unknowns
+from deltaid.joint_forces.unknowns import ConsistencyBlock, ForceUnknowns, unknowns
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
@@ -42,7 +42,7 @@ class Job:
     truth: np.ndarray
     model: IdentifiedModel
     forces: ConstraintForces
-    evidence: Evidence
+    evidence: ForceEvidence
     known: Determinacy
     coefficients: np.ndarray
 
@@ -91,7 +91,7 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Job:
 def test_ranges_hold_truth_and_model_and_are_wide_where_torques_are_blind(noisy: Job) -> None:
     ranges, held, blind = noisy.ranges, [], 0
     for c in noisy.coefficients[1:].reshape(-1, len(noisy.truth)):
-        found, open_ = ranges.of(c), noisy.known.openness(c)
+        found, open_ = ranges.force_range(c), noisy.known.openness(c)
         held.append(found.low <= c @ noisy.truth <= found.high)
         assert found.low <= c @ noisy.model.p <= found.high
         if open_.half_width:
@@ -119,10 +119,10 @@ def test_what_base_parameters_determine_has_their_interval(noisy: Job) -> None:
         c = noisy.row(name, 3)
         assert known.openness(c).half_width == 0
         white = noisy.evidence.estimate.noise.sigma * np.sqrt(c @ A @ covariance @ A.T @ c)
-        found = ranges.of(c)
+        found = ranges.force_range(c)
         # The noise is white, so its scatter finds the same level, up to chance.
         assert 0.4 < (found.high - found.low) / (2 * 1.96 * white) < 2.5
-        own = noisy.ranges.of(c)  # prior and consistency only add to what is known
+        own = noisy.ranges.force_range(c)  # prior and consistency only add to what is known
         assert own.high - own.low < 1.2 * (found.high - found.low)
 
 
@@ -130,11 +130,11 @@ def test_exact_recordings_leave_what_torques_leave_open(exact: Job) -> None:
     ranges = exact.ranges
     for name in ("motor1.drive", "motor2.force.x"):
         c = exact.row(name, 2)
-        found = ranges.of(c)
+        found = ranges.force_range(c)
         np.testing.assert_allclose([found.low, found.high], c @ exact.truth, rtol=1e-3)
     for name in ("strut1a.platform.x", "strut2b.elbow.out", "telescope.platform.z"):
         c = exact.row(name, 2)
-        found, half = ranges.of(c), exact.known.openness(c).half_width
+        found, half = ranges.force_range(c), exact.known.openness(c).half_width
         assert 0.5 * half < 0.5 * (found.high - found.low) < 1.001 * half
         assert found.low < c @ exact.truth < found.high
 
@@ -142,9 +142,11 @@ def test_exact_recordings_leave_what_torques_leave_open(exact: Job) -> None:
 def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
     """One unknown u ≥ −1 that data and prior would have at −3, where ‖R u − b‖ is zero: the best
     consistent one is 2 away, so all within √(2² + 1.96²) are compatible."""
-    block = Block(np.eye(1), (0,), np.ones((1, 1, 1)))
-    one = Unknowns(("u",), np.eye(1), np.zeros(1), (block,))
-    ball = Ball(np.array([[1.0, -6.0]]), one)  # with the prior ‖u‖² on top: R = √2, R u_best = b
+    block = ConsistencyBlock(np.eye(1), (0,), np.ones((1, 1, 1)))
+    one = ForceUnknowns(("u",), np.eye(1), np.zeros(1), (block,))
+    ball = ConsistentBall(
+        np.array([[1.0, -6.0]]), one
+    )  # with the prior ‖u‖² on top: R = √2, R u_best = b
     assert ball._u == pytest.approx(-3.0)
     reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
     assert ball.largest(np.ones(1)) == pytest.approx(-3.0 + reach, rel=1e-5)
@@ -159,7 +161,7 @@ def test_weight_of_an_arm_that_no_torque_shows(exact: Job) -> None:
     mass = exact.model.robot.bodies["U"].prior_parameters()[0]
     assert open_.unknowns[0] == "U.m"
     assert open_.half_width == pytest.approx(1.96 * SPREAD * mass * 9.81, rel=0.05)
-    found = exact.ranges.of(c)
+    found = exact.ranges.force_range(c)
     known = c @ exact.truth - 9.81 * exact.truth[0]
     U = exact.truth[:10].copy()
     least = U[1] ** 2 / (0.5 * (U[5] + U[6] - U[4]))  # m ≥ mc_x² / S_xx

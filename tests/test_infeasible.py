@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.control.comparison import Run
+from deltaid.control.comparison import ControllerRun
 from deltaid.control.infeasible import of_motion, of_tracking
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.control.trajectory import MotionTrajectory
@@ -146,7 +146,7 @@ def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(robot: Model
     good = followed(robot)
     shaken = replace(good, saturated=np.ones_like(good.saturated))
     runs = tuple(
-        Run("computed-torque", name, result, "", of_tracking(robot, result))
+        ControllerRun("computed-torque", name, result, "", of_tracking(robot, result))
         for name, result in (("prior", good), ("identified", shaken))
     )
     page = comparison_page(robot.robot, runs, "a", Drives(), 10.0, of_it)

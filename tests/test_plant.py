@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import ComputedTorque, PDFeedForward, tuned
-from deltaid.control.plant import Held, Payload, Plant, Ripple, point_mass
+from deltaid.control.plant import DriveRipple, Held, Payload, Plant, point_mass
 from deltaid.control.running import Running
 from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import MotionTrajectory, SampledTrajectory
@@ -40,7 +40,7 @@ def motion(robot: Model) -> MotionTrajectory:
 def followed(plant: Model | Plant, motion: MotionTrajectory, model: Model, **drives: float):
     """By feed-forward and PD."""
     known = ControlModel(model.robot, model.p)
-    law = tuned("pd-feedforward", known.mass_diagonal(motion.at(np.zeros(1)).q), 10.0)
+    law = tuned("pd-feedforward", known.mass_diagonal(motion.evaluate(np.zeros(1)).q), 10.0)
     return track(plant, law, known, motion, Drives(**drives))
 
 
@@ -65,7 +65,7 @@ def test_a_load_pulls_until_it_is_let_go_or_known(robot: Model, motion: MotionTr
     def told(time: float) -> ControlModel:
         return without.holding(2.0) if 0.2 <= time < 0.4 else without
 
-    law = tuned("pd-feedforward", without.mass_diagonal(motion.at(np.zeros(1)).q), 10.0)
+    law = tuned("pd-feedforward", without.mass_diagonal(motion.evaluate(np.zeros(1)).q), 10.0)
     known = track(plant, law, told, motion, Drives())
     assert known.error.platform_rms < 0.1 * blind.error.platform_rms
 
@@ -97,7 +97,7 @@ def test_ripple_pulls_by_place(robot: Model) -> None:
     """Where its phase is a quarter of a turn it takes its whole amplitude from the torque."""
     model = robot.without_friction()
     q, still = model.forward.drive_coordinates(model.home[None]), np.zeros((1, 3))
-    ripple = Ripple(np.array([3.0, 0, 0]), np.array([6.0, 0, 0]), np.pi / 2 - 6.0 * q[0])
+    ripple = DriveRipple(np.array([3.0, 0, 0]), np.array([6.0, 0, 0]), np.pi / 2 - 6.0 * q[0])
     ends = []
     for plant, tau in ((Plant(model, ripple=ripple), 5.0), (Plant(model), 2.0)):
         running = Running(plant, q, still, 4000.0, np.inf)

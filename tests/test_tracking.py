@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from deltaid.control.comparison import Candidate, Run, compare, gains
+from deltaid.control.comparison import ControllerRun, ModelCandidate, compare, gains
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import (
     CONTROLLERS,
     ComputedTorque,
     Controller,
-    Measured,
+    MeasuredState,
     tuned,
 )
 from deltaid.control.infeasible import of_tracking
@@ -38,7 +38,7 @@ def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float
     known[:30] *= share
     model = ControlModel(robot, known)
     trajectory = motion(forward, duration)
-    mass = ControlModel(robot, p).mass_diagonal(trajectory.at(np.linspace(0, 0.3, 50)).q)
+    mass = ControlModel(robot, p).mass_diagonal(trajectory.evaluate(np.linspace(0, 0.3, 50)).q)
     return track(Model(forward.robot, p), tuned(controller, mass, 10.0), model, trajectory, drives)
 
 
@@ -73,7 +73,7 @@ class Overheard:
     law: Controller
     told: list[tuple[np.ndarray, ...]] = field(default_factory=list)
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> np.ndarray:
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> np.ndarray:
         self.told.append((measured.q[0], measured.qd[0], desired.q[0], desired.qd[0]))
         return self.law.torque(model, measured, desired)
 
@@ -84,11 +84,11 @@ def test_a_law_is_told_the_late_error_and_the_motion_in_the_middle_of_its_hold(d
     p, trajectory = prior_parameters(robot), motion(compiled_forward(robot), 0.1)
     drives = Drives(rate=400.0, encoder_step=0.0, delay=delay, velocity_cutoff=0.1)
     law = Overheard(
-        tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.at(np.zeros(1)).q), 8.0)
+        tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.evaluate(np.zeros(1)).q), 8.0)
     )
     done = track(Model(robot, p), law, ControlModel(robot, p), trajectory, drives)
     q, qd, q_desired, qd_desired = (np.array(part) for part in zip(*law.told, strict=True))
-    middle = trajectory.at(done.time + 0.5 / drives.rate)
+    middle = trajectory.evaluate(done.time + 0.5 / drives.rate)
     np.testing.assert_array_equal(q_desired, middle.q)
     np.testing.assert_array_equal(qd_desired, middle.qd)
     # A first-order low-pass of 0.1 of the rate, on differences of the error.
@@ -139,10 +139,10 @@ def test_the_tools_turn_is_an_error_of_its_own() -> None:
 def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
     robot, lost = load_robot("irb360-6-1600"), made_up(1e-9, 0.0, ended=0.2)
     runs = (
-        Run("pd-feedforward", "prior", made_up(0.05, 0.1)),
-        Run("pd-feedforward", "identified", made_up(0.0002, 0.003)),
-        Run("computed-torque", "prior", lost, "", of_tracking(load(robot), lost)),
-        Run("computed-torque", "identified", made_up(0.001, 0.0)),
+        ControllerRun("pd-feedforward", "prior", made_up(0.05, 0.1)),
+        ControllerRun("pd-feedforward", "identified", made_up(0.0002, 0.003)),
+        ControllerRun("computed-torque", "prior", lost, "", of_tracking(load(robot), lost)),
+        ControllerRun("computed-torque", "identified", made_up(0.001, 0.0)),
     )
     page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)
     told = [(fact.label, fact.value) for fact in page.facts]
@@ -171,7 +171,7 @@ def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> N
     forward, p = compiled_forward(robot), prior_parameters(robot)
     trajectory, drives = motion(forward, 0.1), Drives(encoder_step=0.0)
     light, right = ControlModel(robot, 0.5 * p), ControlModel(robot, p)
-    models = (Candidate("half", light), Candidate("right", right))
+    models = (ModelCandidate("half", light), ModelCandidate("right", right))
     runs = compare(Model(forward.robot, p), models, trajectory, drives, 10.0)
     law = gains("pd", right, trajectory, 10.0)
     alone = track(Model(forward.robot, p), law, right, trajectory, drives)

@@ -14,7 +14,7 @@ import polars as pl
 from scipy.signal import lfilter
 
 from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import ComputedTorque, Controller, Measured
+from deltaid.control.controllers import ComputedTorque, Controller, MeasuredState
 from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import Desired, SampledTrajectory
 from deltaid.dynamics.dynamics import compiled
@@ -43,7 +43,7 @@ class Noisy:
     last: Array = field(default_factory=lambda: np.zeros(0))
     slope: Array = field(default_factory=lambda: np.zeros(0))
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """The law's, of angles with noise and of their low-passed difference."""
         now = self.noise[self.sample]
         last = self.last if self.sample else now
@@ -51,7 +51,7 @@ class Noisy:
         share = 1 - np.exp(-2 * np.pi * _CUTOFF)
         self.slope = self.slope + share * (slope - self.slope) if self.sample else slope
         self.last, self.sample = now, self.sample + 1
-        seen = Measured(measured.q + now, measured.qd + self.slope)
+        seen = MeasuredState(measured.q + now, measured.qd + self.slope)
         return self.law.torque(model, seen, desired) + self.more[self.sample - 1]
 
 

@@ -23,7 +23,7 @@ from deltaid.cli.simulate import (
 )
 
 if TYPE_CHECKING:
-    from deltaid.control.comparison import Run
+    from deltaid.control.comparison import ControllerRun
     from deltaid.robot.description import RobotDescription
 
 
@@ -113,7 +113,9 @@ def _as_dictionary(run: "Run") -> dict[str, Any]:
     return head | error_dictionary(run.tracking) | told
 
 
-def _print(robot: "RobotDescription", runs: "tuple[Run, ...]", report: Path | None) -> None:
+def _print(
+    robot: "RobotDescription", runs: "tuple[ControllerRun, ...]", report: Path | None
+) -> None:
     from deltaid.cli.output import console, shown
     from deltaid.view.tracking import comparison_table
 

@@ -10,7 +10,7 @@ from deltaid.cli.options import mappings, output_file
 
 if TYPE_CHECKING:
     from deltaid.joint_forces.constraint_forces import ConstraintForces
-    from deltaid.joint_forces.study import Finding, Study, Viewer
+    from deltaid.joint_forces.study import Viewer
     from deltaid.model.model import Model
 
 

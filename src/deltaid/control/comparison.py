@@ -13,7 +13,7 @@ from deltaid.control.controllers import (
     Controller,
     tuned,
 )
-from deltaid.control.infeasible import Problem, of_tracking
+from deltaid.control.infeasible import MotionProblem, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Payload, Plant, as_plant
 from deltaid.control.tracking import Drives, Tracking, track
@@ -32,7 +32,7 @@ _POSES = 400
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ModelCandidate:
     """A model by name: 'prior', 'base parameters', 'identified'."""
 
     name: str
@@ -40,7 +40,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Run:
+class ControllerRun:
     """One controller with one model.
 
     Attributes:
@@ -56,11 +56,11 @@ class Run:
     model: str
     tracking: Tracking | None
     why_not: str = ""
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[MotionProblem, ...] = ()
     ends: tuple[tuple[float, Tracking], ...] = ()
 
 
-def candidates(model: ModelLike) -> tuple[Candidate, ...]:
+def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
     """The description's prior, the base parameters (if the file has them), the consistent model.
 
     A robot at its prior has only that.
@@ -71,7 +71,7 @@ def candidates(model: ModelLike) -> tuple[Candidate, ...]:
         if model.identified.base_parameters:
             vectors["base parameters"] = base_vector(model.identified)
         vectors["identified"] = model.p
-    return tuple(Candidate(name, ControlModel(model.robot, p)) for name, p in vectors.items())
+    return tuple(ModelCandidate(name, ControlModel(model.robot, p)) for name, p in vectors.items())
 
 
 def base_vector(model: IdentifiedModel) -> Parameters:
@@ -106,13 +106,13 @@ def gains(
 
 def compare(
     plant: Model | Plant,
-    models: Sequence[Candidate],
+    models: Sequence[ModelCandidate],
     trajectory: Trajectory,
     drives: Drives,
     bandwidth: float,
     progress: Callable[[str], None] = lambda _: None,
     payload: Payload | None = None,
-) -> tuple[Run, ...]:
+) -> tuple[ControllerRun, ...]:
     """All controllers with all models, tuned alike: with the mass matrix of the last model.
 
     A controller that needs a mass matrix does not run with a model whose M is not positive definite
@@ -128,7 +128,7 @@ def compare(
     plant, tuned_with, known = as_plant(plant), models[-1].model, models[-1:]
     if payload is not None:
         plant, last = plant.carrying(payload.mass), models[-1]
-        known = (Candidate(f"{last.name}, load known", last.model.holding(payload.mass)),)
+        known = (ModelCandidate(f"{last.name}, load known", last.model.holding(payload.mass)),)
         models = (*models, *known)
     runs = []
     for name in CONTROLLERS:
@@ -139,14 +139,14 @@ def compare(
             if name in NEED_MASS_MATRIX:
                 why_not = _lack(candidate.model.least_eigenvalue(_poses(trajectory)))
                 if why_not:
-                    runs.append(Run(name, label, None, why_not))
+                    runs.append(ControllerRun(name, label, None, why_not))
                     continue
             done = track(plant, law, candidate.model, trajectory, drives)
             ends = tuple(
                 (mass, track(plant.carrying(mass), law, candidate.model, trajectory, drives))
                 for mass in (payload.ends if payload else ())
             )
-            runs.append(Run(name, label, done, "", of_tracking(plant.model, done), ends))
+            runs.append(ControllerRun(name, label, done, "", of_tracking(plant.model, done), ends))
     return tuple(runs)
 
 
@@ -155,4 +155,4 @@ def _lack(eigenvalue: float) -> str:
 
 
 def _poses(trajectory: Trajectory) -> Float[np.ndarray, "poses dof"]:
-    return trajectory.at(np.linspace(0.0, trajectory.duration, _POSES)).q
+    return trajectory.evaluate(np.linspace(0.0, trajectory.duration, _POSES)).q

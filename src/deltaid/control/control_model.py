@@ -37,7 +37,7 @@ class ControlModel:
 
     @property
     def dynamics(self) -> Dynamics:
-        """The robot's dynamics."""
+        """Dynamics of the robot, compiled where needed."""
         return compiled(self.robot)
 
     def torque(
@@ -94,10 +94,10 @@ def _law(description: str) -> BatchKernel:
     )
     torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
     torque = with_load_friction(robot, torque, rubbing, acceleration, e.p)
-    at = ca.Function("at", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
+    law = ca.Function("law", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
     pose = _located(dynamics.kinematics.mechanism, near, q)
     x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
-    return BatchKernel(x, at(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)
+    return BatchKernel(x, law(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)
 
 
 def _located(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> ca.SX:

@@ -36,7 +36,7 @@ Gains = Float[np.ndarray, " dof"]
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredState:
     """Drive coordinates and velocities as a controller knows them, one sample a row."""
 
     q: Samples
@@ -45,9 +45,9 @@ class Measured:
 
 @runtime_checkable
 class Controller(Protocol):
-    """A control law."""
+    """A control law of a drive."""
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """Drive torques [N m or N], one sample a row."""
         ...
 
@@ -59,8 +59,8 @@ class PD:
     stiffness: Gains
     damping: Gains
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
-        """The law; it asks nothing of the model."""
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+        """Torques of the law, which asks nothing of the model."""
         return _pd(self.stiffness, self.damping, measured, desired)
 
 
@@ -71,8 +71,8 @@ class PDFeedForward:
     stiffness: Gains
     damping: Gains
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
-        """The law."""
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+        """Torques of the law."""
         d = desired
         ahead = model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd)
         return ahead + _pd(self.stiffness, self.damping, measured, desired)
@@ -84,8 +84,8 @@ class ComputedTorque:
 
     bandwidth: float
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
-        """The law."""
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+        """Torques of the law."""
         w, m, d = self.bandwidth, measured, desired
         acceleration = d.qdd - 2 * w * (m.qd - d.qd) - w**2 * (m.q - d.q)
         return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
@@ -98,8 +98,8 @@ class AugmentedPD:
     stiffness: Gains
     damping: Gains
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
-        """The law."""
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+        """Torques of the law."""
         m, d = measured, desired
         along = model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd)
         return along + _pd(self.stiffness, self.damping, measured, desired)
@@ -112,8 +112,8 @@ class SlotineLi:
     slope: float
     gain: Gains
 
-    def torque(self, model: ControlModel, measured: Measured, desired: Desired) -> Samples:
-        """The law."""
+    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+        """Torques of the law."""
         m, d = measured, desired
         error, error_rate = m.q - d.q, m.qd - d.qd
         velocity = d.qd - self.slope * error
@@ -145,5 +145,5 @@ def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
     return laws[name]
 
 
-def _pd(stiffness: Gains, damping: Gains, measured: Measured, desired: Desired) -> Samples:
+def _pd(stiffness: Gains, damping: Gains, measured: MeasuredState, desired: Desired) -> Samples:
     return -stiffness * (measured.q - desired.q) - damping * (measured.qd - desired.qd)

@@ -35,7 +35,7 @@ _RATE, _MOST = 500.0, 50_000
 
 
 @dataclass(frozen=True)
-class Problem:
+class MotionProblem:
     """One thing that makes a simulated motion worthless on a robot.
 
     Attributes:
@@ -57,7 +57,7 @@ class Problem:
     share: float
 
 
-def of_motion(plant: Model, trajectory: Trajectory) -> tuple[Problem, ...]:
+def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]:
     """What a motion asks of a plant beyond its limits, before any controller.
 
     Torques are those of the plant's inverse dynamics, which a perfect controller would apply.
@@ -67,7 +67,7 @@ def of_motion(plant: Model, trajectory: Trajectory) -> tuple[Problem, ...]:
     """
     samples = min(_MOST, max(2, round(trajectory.duration * _RATE)))
     time = np.linspace(0.0, trajectory.duration, samples)
-    desired, dynamics, robot = trajectory.at(time), plant.dynamics, plant.robot
+    desired, dynamics, robot = trajectory.evaluate(time), plant.dynamics, plant.robot
     z = dynamics.kinematics.forward(desired.q)
     tau = dynamics.torque(z, desired.qd, desired.qdd, plant.p)
     found = []
@@ -91,12 +91,12 @@ def _rates(kinematics: Kinematics, z: Samples, qd: Samples, qdd: Samples) -> tup
     return zd[:, :, 0], np.linalg.solve(J, qdd[:, :, None] - along)[:, :, 0]
 
 
-def _effort(plant: Model, i: int, use: Signal, time: Signal) -> Problem:
+def _effort(plant: Model, i: int, use: Signal, time: Signal) -> MotionProblem:
     drive, worst = plant.robot.drives[i], int(use.argmax())
     units, limit = plant.robot.units(drive), float(effort_limits(plant.robot)[i])
     share = float((use > 1).mean())
     needed = f"{use[worst] * limit:.3g} {units.force}"
-    return Problem(
+    return MotionProblem(
         kind="torque",
         what=drive,
         text=f"the motion needs more {units.effort} than {drive} has: {needed} of "
@@ -109,7 +109,7 @@ def _effort(plant: Model, i: int, use: Signal, time: Signal) -> Problem:
     )
 
 
-def _kinematic(name: str, use: Signal, time: Signal) -> Problem:
+def _kinematic(name: str, use: Signal, time: Signal) -> MotionProblem:
     worst, share = int(use.argmax()), float((use > 1).mean())
     kind: Kind = "range"
     words = f"the motion leaves what the robot may reach, by its limit “{name}”"
@@ -122,7 +122,7 @@ def _kinematic(name: str, use: Signal, time: Signal) -> Problem:
             words = f"the motion accelerates the platform too much along {name[-1]}"
     elif name.startswith("workspace"):
         words = f"the motion leaves the workspace: {name}"
-    return Problem(
+    return MotionProblem(
         kind=kind,
         what=name,
         text=f"{words}, {use[worst]:.0%} of what is described at {time[worst]:.3g} s, beyond it "
@@ -134,7 +134,7 @@ def _kinematic(name: str, use: Signal, time: Signal) -> Problem:
     )
 
 
-def of_tracking(plant: Model, result: Tracking) -> tuple[Problem, ...]:
+def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
     """What became of a motion under a controller that no one would want on a robot."""
     valid = result.time < (np.inf if result.ended is None else result.ended)
     if not valid.any():
@@ -155,10 +155,12 @@ def of_tracking(plant: Model, result: Tracking) -> tuple[Problem, ...]:
     return tuple(found)
 
 
-def _saturated(plant: Model, i: int, cut: Bool[np.ndarray, " samples"], time: Signal) -> Problem:
+def _saturated(
+    plant: Model, i: int, cut: Bool[np.ndarray, " samples"], time: Signal
+) -> MotionProblem:
     drive, share = plant.robot.drives[i], float(cut.mean())
     first = float(time[int(cut.argmax())])
-    return Problem(
+    return MotionProblem(
         kind="saturated",
         what=drive,
         text=f"the controller stands at the {plant.robot.units(drive).effort} limit of {drive} for "
@@ -170,10 +172,10 @@ def _saturated(plant: Model, i: int, cut: Bool[np.ndarray, " samples"], time: Si
     )
 
 
-def _lost(result: Tracking) -> Problem:
+def _lost(result: Tracking) -> MotionProblem:
     ended = float(result.ended or 0.0)
     left = 1.0 - ended / float(result.time[-1])
-    return Problem(
+    return MotionProblem(
         kind="lost",
         what="robot",
         text=sentence(
@@ -188,7 +190,7 @@ def _lost(result: Tracking) -> Problem:
     )
 
 
-def _branch(plant: Model, result: Tracking) -> list[Problem]:
+def _branch(plant: Model, result: Tracking) -> list[MotionProblem]:
     """Where a robot went through a singular pose, beyond which its drives turn it elsewhere."""
     sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
     other = sides != sides[0]
@@ -197,13 +199,15 @@ def _branch(plant: Model, result: Tracking) -> list[Problem]:
     first = float(result.time[int(other.argmax())])
     text = f"passed through a singular pose at {first:.4g} s and went on in another assembly mode"
     share = float(other.mean())
-    return [Problem("branch", "robot", text, f"other mode from {first:.4g} s", 1.0, first, share)]
+    return [
+        MotionProblem("branch", "robot", text, f"other mode from {first:.4g} s", 1.0, first, share)
+    ]
 
 
-def _far(away: Signal, limit: float, time: Signal) -> Problem:
+def _far(away: Signal, limit: float, time: Signal) -> MotionProblem:
     worst, first = int(away.argmax()), float(time[int((away > limit).argmax())])
     share = float((away > limit).mean())
-    return Problem(
+    return MotionProblem(
         kind="diverged",
         what="platform",
         text=f"the loop does not follow: the platform is {1e3 * away[worst]:.3g} mm from where it "
@@ -216,12 +220,12 @@ def _far(away: Signal, limit: float, time: Signal) -> Problem:
     )
 
 
-def _turned(error: Signal, time: Signal) -> Problem:
+def _turned(error: Signal, time: Signal) -> MotionProblem:
     worst, share = int(np.abs(error).argmax()), float((np.abs(error) > _TURNED).mean())
     size = float(np.abs(error[worst]))
     whole = size / (2 * np.pi)
     amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{np.rad2deg(size):.0f}°"
-    return Problem(
+    return MotionProblem(
         kind="turn",
         what="tool",
         text=f"the tool is off by {amount} at {time[worst]:.3g} s, and by more than a quarter of a "

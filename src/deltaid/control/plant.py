@@ -62,7 +62,7 @@ def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"
 
 
 @dataclass(frozen=True, eq=False)
-class Ripple:
+class DriveRipple:
     """Torque that goes round with a drive, as of cogging and of a gear's teeth.
 
     τ − amplitude · sin(waves · q + phase) is what moves the robot.
@@ -97,7 +97,7 @@ class Plant:
     model: Model
     loads: tuple[Held, ...] = ()
     elastic: bool = False
-    ripple: Ripple | None = None
+    ripple: DriveRipple | None = None
     damping: float = 0.03
 
     def __post_init__(self) -> None:
@@ -119,13 +119,13 @@ class Plant:
 
     def held(self, time: float) -> tuple[Held, ...]:
         """What it holds at a time [s]."""
-        return tuple(one for one in self.loads if one.start <= time < one.end)
+        return tuple(load for load in self.loads if load.start <= time < load.end)
 
-    def at(self, time: float) -> Model:
+    def model_at(self, time: float) -> Model:
         """The robot with the loads of a time."""
         model = self.model
-        for one in self.held(time):
-            model = model.with_load(one.p, one.body)
+        for load in self.held(time):
+            model = model.with_load(load.p, load.body)
         return model
 
     def carrying(self, mass: float) -> "Plant":

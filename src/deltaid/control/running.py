@@ -30,9 +30,9 @@ class Running:
         self._forward = plant.model.forward
         self._lag = 2 * np.pi * current_loop
         self._current: Samples | None = None
-        self._held, self._p = plant.held(0.0), plant.at(0.0).p
+        self._held, self._p = plant.held(0.0), plant.model_at(0.0).p
         self._link = link_side(plant.model.robot, self._p)
-        self._gear = _Gear(plant, plant.at(0.0), q, qd) if plant.elastic else None
+        self._gear = _Gear(plant, plant.model_at(0.0), q, qd) if plant.elastic else None
         self._substeps, self._h = time_steps(rate)
         if self._gear is not None:
             self._substeps = max(self._substeps, int(np.ceil(1 / (rate * self._gear.longest))))
@@ -51,7 +51,7 @@ class Running:
         """Go on by one sample under torques that the drives are asked for."""
         held = self._plant.held(time)
         if held != self._held:
-            self._held, self._p = held, self._plant.at(time).p
+            self._held, self._p = held, self._plant.model_at(time).p
             self._link = link_side(self._plant.model.robot, self._p)
         for _ in range(self._substeps):
             given = self._given(tau)

@@ -34,7 +34,7 @@ LONGEST_STEP = 2.5e-4
 
 
 @dataclass(frozen=True, repr=False)
-class Path(Shown):
+class StatePath(Shown):
     """States over time, one slice a time, one row a state that was started with.
 
     Attributes:
@@ -59,7 +59,7 @@ def integrate(
     zd: Samples,
     time: Float[np.ndarray, " times"],
     torque: Torque = no_torque,
-) -> Path:
+) -> StatePath:
     """Solve the equations of motion from one or many states at the first of some times.
 
     All states go through one call of an eighth-order Runge–Kutta method (DOP853) and share its
@@ -105,7 +105,7 @@ def integrate(
             cure="simulate a shorter time, or apply torques that hold the robot",
         )
     states = solved.y.T.reshape(len(time), *shape)
-    return Path(np.asarray(time, dtype=float), states[:, 0], states[:, 1])
+    return StatePath(np.asarray(time, dtype=float), states[:, 0], states[:, 1])
 
 
 def step_through(
@@ -116,7 +116,7 @@ def step_through(
     duration: float,
     torque: Torque = no_torque,
     rate: float = 1000.0,
-) -> Path:
+) -> StatePath:
     """Motion from one or many states under torques that are held for 1/rate, as drives hold them.
 
     Within it there are as many steps of `ForwardDynamics.step` as keep each below `LONGEST_STEP`.
@@ -135,7 +135,7 @@ def step_through(
         path[:, k + 1] = z, qd
     flat = path.reshape(2, -1, z.shape[1])
     velocity = forward.task_velocity(flat[0], flat[1]).reshape(path.shape[1:])
-    return Path(np.arange(samples + 1) / rate, path[0], velocity)
+    return StatePath(np.arange(samples + 1) / rate, path[0], velocity)
 
 
 def time_steps(rate: float) -> tuple[int, float]:

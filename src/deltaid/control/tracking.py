@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import Controller, Measured
+from deltaid.control.controllers import Controller, MeasuredState
 from deltaid.control.plant import Plant, as_plant
 from deltaid.control.running import Running
 from deltaid.control.trajectory import Desired, Trajectory
@@ -103,7 +103,7 @@ class Tracking:
 
     @property
     def drive_error(self) -> Samples:
-        """q − q_d [rad or m]."""
+        """Error q − q_d of the drives [rad or m]."""
         return self.q - self.q_desired
 
     @property
@@ -157,7 +157,7 @@ def track(
     known = model if callable(model) else lambda _: model
     period = 1 / drives.rate
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
-    start, desired = trajectory.at(time), trajectory.at(time + 0.5 * period)
+    start, desired = trajectory.evaluate(time), trajectory.evaluate(time + 0.5 * period)
     limits = effort_limits(plant.model.robot)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
     readings = _Readings(drives)
@@ -168,7 +168,7 @@ def track(
         path[:, k] = q[0], running.z[0], running.qd[0]
         error, error_rate = readings.take(q, start.q[k : k + 1])
         now = _row(desired, k)
-        measured = Measured(now.q + error, now.qd + error_rate)
+        measured = MeasuredState(now.q + error, now.qd + error_rate)
         wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
         running.hold(torques[k : k + 1], float(time[k]))

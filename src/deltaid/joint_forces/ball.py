@@ -17,10 +17,10 @@ from deltaid.joint_forces.unknowns import Unknowns
 _TOLERANCE = 1e-9
 
 
-class Ball:
+class ConsistentBall:
     """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
 
-    def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: Unknowns) -> None:
+    def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: ForceUnknowns) -> None:
         n = len(unknown.names)
         prior = np.eye(n, n + 1)
         factor = triangle(np.vstack([data, prior]))
@@ -29,7 +29,7 @@ class Ball:
         self._blocks = unknown.blocks
 
     def largest(self, c: Float[np.ndarray, " n"]) -> float:
-        """The largest c·u."""
+        """The largest value of c·u."""
         g = solve_triangular(self._R, c, trans="T")
         length = float(np.linalg.norm(g))
         if length == 0:
@@ -43,7 +43,7 @@ class Ball:
 
     @cached_property
     def _radius(self) -> float:
-        """√(m² + 1.96²)."""
+        """Radius √(m² + 1.96²) of the ball."""
         if self._consistent(self._u):
             return NORMAL
         return float(np.hypot(np.linalg.norm(self._solve(None, None)), NORMAL))

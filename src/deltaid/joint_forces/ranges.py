@@ -31,6 +31,7 @@ from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
+from deltaid.identification.labels import REACH
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
@@ -46,7 +47,7 @@ from deltaid.sensors.weighings import weighings
 
 # A force of whose prior variance torques leave less than this share (squared) is determined.
 _DETERMINED = 1e-6
-# Unknowns that make up more than this share of what is left are named, so many at most.
+# ForceUnknowns that make up more than this share of what is left are named, so many at most.
 _NAMED, _MOST = 0.05, 4
 Coefficients = Float[np.ndarray, " parameters"]
 
@@ -74,7 +75,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ForceEvidence:
     """What recordings say: information, base parameters, their noise, and what geometry does."""
 
     information: Information
@@ -93,7 +94,7 @@ class Determinacy:
     def __init__(self, model: Model, base: BaseParameters) -> None:
         visible = np.ones(len(base.layout.names), dtype=bool)
         visible[list(base.invisible)] = False
-        self.unknowns: Unknowns = unknowns(model.robot, visible, model.prior_spread)
+        self.unknowns: ForceUnknowns = unknowns(model.robot, visible, model.prior_spread)
         self.base = base
         rows = base.combination() @ self.unknowns.A
         size = np.linalg.norm(rows, axis=1, keepdims=True)
@@ -121,7 +122,7 @@ def structural_determinacy(model: ModelLike) -> Determinacy:
 def left_aside(model: ModelLike) -> tuple[str, ...]:
     """What the fit knew and ranges of forces do not ask, so that they are wider than need be."""
     known = load(model).identified
-    names = [one.name for one in known.sensors] if known else []
+    names = [sensor.name for sensor in known.sensors] if known else []
     if not names:
         return ()
     return (
@@ -137,7 +138,7 @@ def evidence(
     *,
     columns: ColumnMappings = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> tuple[Evidence, Determinacy]:
+) -> tuple[ForceEvidence, Determinacy]:
     """What recordings say about a model's parameters, filtered as for its identification.
 
     Raises:
@@ -152,7 +153,7 @@ def evidence(
         logs, dynamics.kinematics, columns, cutoff, progress, keep_all=keep_all
     )
     _require_sources(known, recordings)
-    recordings = [as_known(model_filtered(model, one.log), model) for one in recordings]
+    recordings = [as_known(model_filtered(model, recording.log), model) for recording in recordings]
     predicted_by = model.p if model.robot.load_drives else None
     facts = weighings(model.robot)
     rows = MeasuredRows(dynamics, facts)
@@ -161,7 +162,7 @@ def evidence(
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=gathered.groups)
     shape = geometry(dynamics, recordings, base, information, model.p)
-    return Evidence(information, estimate, shape), Determinacy(model, base)
+    return ForceEvidence(information, estimate, shape), Determinacy(model, base)
 
 
 def _identification(model: Model) -> IdentifiedModel:
@@ -193,7 +194,7 @@ class Ranges:
     A fit may weigh its prior a little differently, so the range is widened to its result.
     """
 
-    def __init__(self, given: Evidence, known: Determinacy, p: Parameters) -> None:
+    def __init__(self, given: ForceEvidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         self._shifts = given.geometry.shifts
         information, unknown = given.information, known.unknowns
@@ -201,7 +202,7 @@ class Ranges:
         self._data = information.problem.substituted(unknown.A[at], unknown.p_0[at]).triangle
 
     @threadpool_limits.wrap(limits=1, user_api="blas")
-    def of(self, c: Coefficients) -> Range:
+    def force_range(self, c: Coefficients) -> Range:
         """The range of c·p.
 
         Raises:
@@ -209,7 +210,7 @@ class Ranges:
         """
         unknown = self._known.unknowns
         c_u, constant = unknown.A.T @ c, float(c @ unknown.p_0)
-        ball = Ball(self._data / self._level(c_u), unknown)
+        ball = ConsistentBall(self._data / self._level(c_u), unknown)
         low, high = (constant + sign * ball.largest(sign * c_u) for sign in (-1.0, 1.0))
         value = float(c @ self._p)
         return Range(min(low, value), max(high, value))

@@ -34,7 +34,7 @@ class Viewer(Protocol):
 
 
 @dataclass(frozen=True)
-class Finding:
+class ForceFinding:
     """A worst force and how far it is known.
 
     Attributes:
@@ -49,10 +49,10 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Study:
+class ForceStudy:
     """All worst cases along a motion, and the extremes of all channels."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[ForceFinding, ...]
     extremes: Extremes
 
 
@@ -87,7 +87,7 @@ def study(
     columns: ColumnMappings = None,
     viewers: Sequence[Viewer] = (),
     progress: Callable[[str], None] = lambda _: None,
-) -> Study:
+) -> ForceStudy:
     """Worst cases of a model along a motion.
 
     Args:
@@ -116,8 +116,10 @@ def study(
         at = worst.at
         C = forces.coefficients(at.z[None], at.qd[None], at.qdd[None])[0]
         c = C[forces.index(worst.channel)]
-        findings.append(Finding(worst, known.openness(c), ranges.of(c) if ranges else None))
-    return Study(tuple(findings), found)
+        findings.append(
+            ForceFinding(worst, known.openness(c), ranges.force_range(c) if ranges else None)
+        )
+    return ForceStudy(tuple(findings), found)
 
 
 class CsvFile:
@@ -127,7 +129,7 @@ class CsvFile:
         self._names, self._file, self._begun = forces.names, file, False
 
     def add(self, motion: Motion, values: Float[np.ndarray, "samples channels"]) -> None:
-        """Write consecutive samples."""
+        """Write some consecutive samples."""
         columns = {"t": motion.time}
         columns |= {name: values[:, k] for k, name in enumerate(self._names)}
         self._file.write(pl.DataFrame(columns).write_csv(include_header=not self._begun))

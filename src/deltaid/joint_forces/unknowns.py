@@ -29,7 +29,7 @@ from deltaid.robot.inertia import (
 
 
 @dataclass(frozen=True)
-class Block:
+class ConsistencyBlock:
     """A symmetric matrix constant + Σ u_k slopes_k that must be positive semidefinite."""
 
     constant: Float[np.ndarray, "k k"]
@@ -42,7 +42,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class ForceUnknowns:
     """The unknown numbers of a robot.
 
     Attributes:
@@ -54,12 +54,12 @@ class Unknowns:
     names: tuple[str, ...]
     A: Float[np.ndarray, "parameters n"]
     p_0: Float[np.ndarray, " parameters"]
-    blocks: tuple[Block, ...]
+    blocks: tuple[ConsistencyBlock, ...]
 
 
 def unknowns(
     robot: RobotDescription, visible: Bool[np.ndarray, " parameters"], spread: float
-) -> Unknowns:
+) -> ForceUnknowns:
     """The unknowns of a described robot.
 
     Args:
@@ -71,7 +71,7 @@ def unknowns(
     p_0 = prior_parameters(robot)
     names: list[str] = []
     columns: list[np.ndarray] = []
-    blocks: list[Block] = []
+    blocks: list[ConsistencyBlock] = []
     for body in layout.bodies:
         part = layout.body(body)
         M, vary = _entries(robot, body, p_0[part], visible[part])
@@ -88,15 +88,15 @@ def unknowns(
             columns.append(column)
         if slopes:
             at = tuple(range(len(names), len(names) + len(slopes)))
-            blocks.append(Block(M / np.outer(d, d), at, np.array(slopes)))
+            blocks.append(ConsistencyBlock(M / np.outer(d, d), at, np.array(slopes)))
         names += [f"{body}.{entry}" for entry in vary]
     for k in range(10 * len(layout.bodies), len(p_0)):
         size = layout.signed[k] if k in layout.signed else float(p_0[k])
         columns.append(spread * size * np.eye(len(p_0))[k])
         if k not in layout.signed:
-            blocks.append(Block(np.eye(1), (len(names),), np.full((1, 1, 1), spread)))
+            blocks.append(ConsistencyBlock(np.eye(1), (len(names),), np.full((1, 1, 1), spread)))
         names.append(layout.names[k])
-    return Unknowns(tuple(names), np.column_stack(columns), p_0, tuple(blocks))
+    return ForceUnknowns(tuple(names), np.column_stack(columns), p_0, tuple(blocks))
 
 
 def _entries(

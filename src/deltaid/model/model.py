@@ -242,7 +242,7 @@ class HasModel(Protocol):
 
     @property
     def model(self) -> IdentifiedModel:
-        """What was identified."""
+        """The model that was identified."""
         ...
 
 

@@ -102,7 +102,7 @@ class HeldLoad(Part):
 
     @property
     def mass(self) -> Parameter:
-        """Its mass [kg]."""
+        """Mass of the load [kg]."""
         return self.parameters[0]
 
 

@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 
-from deltaid.joint_forces.study import Finding, Study
+from deltaid.joint_forces.study import ForceFinding, ForceStudy
 from deltaid.view.numbers import number, span, with_uncertainty
 from deltaid.view.table import Table
 
@@ -13,7 +13,7 @@ _WORDS = {"tension": "largest force", "compression": "least force", "socket": "l
 _NAMED = 8
 
 
-def tables(study: Study, socket_force: float | None) -> tuple[Table, ...]:
+def tables(study: ForceStudy, socket_force: float | None) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
     found = [_struts(study)]
     if socket_force is not None:
@@ -25,7 +25,7 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
     return Table(columns, tuple(rows), f"{title}.", title=title)
 
 
-def _struts(study: Study) -> Table:
+def _struts(study: ForceStudy) -> Table:
     tension, compression = _of(study, "tension"), _of(study, "compression")
     rows = [
         (most.worst.part, *_cells(most), *_cells(least))
@@ -36,7 +36,7 @@ def _struts(study: Study) -> Table:
     return _titled("force along the struts, N; tension is positive", columns, rows)
 
 
-def _sockets(study: Study, socket_force: float) -> Table:
+def _sockets(study: ForceStudy, socket_force: float) -> Table:
     rows = []
     for finding in _of(study, "socket"):
         end = finding.worst.channel.split(".")[1]
@@ -46,13 +46,13 @@ def _sockets(study: Study, socket_force: float) -> Table:
     return _titled(title, columns, rows)
 
 
-def _loads(study: Study) -> Table:
+def _loads(study: ForceStudy) -> Table:
     rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _of(study, "load")]
     columns = ("load", "unit", "largest", _heading(study), "at, s")
     return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
-def places(study: Study) -> Table:
+def places(study: ForceStudy) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
@@ -70,13 +70,13 @@ def places(study: Study) -> Table:
     return _titled("where the platform is then", columns, rows)
 
 
-def open_entries(study: Study) -> tuple[str, ...]:
+def open_entries(study: ForceStudy) -> tuple[str, ...]:
     """Entries that torques leave open and that the forces depend on, those of most forces first."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     return tuple(name for name, _ in counts.most_common())
 
 
-def what_is_open(study: Study) -> str:
+def what_is_open(study: ForceStudy) -> str:
     """A sentence on what the second column of each value means."""
     entries = open_entries(study)
     names = ", ".join(entries[:_NAMED]) or "nothing"
@@ -93,15 +93,15 @@ def what_is_open(study: Study) -> str:
     )
 
 
-def _of(study: Study, kind: str) -> list[Finding]:
+def _of(study: ForceStudy, kind: str) -> list[ForceFinding]:
     return [finding for finding in study.findings if finding.worst.kind == kind]
 
 
-def _heading(study: Study) -> str:
+def _heading(study: ForceStudy) -> str:
     return "range" if any(f.range for f in study.findings) else "± open"
 
 
-def _cells(finding: Finding, offset: float = 0.0) -> tuple[str, str, str]:
+def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:
     """Value, range or openness, time."""
     value, time = finding.worst.value + offset, f"{finding.worst.at.time:.3f}"
     if finding.range is not None:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 
 from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion
-from deltaid.joint_forces.study import Finding, Study
+from deltaid.joint_forces.study import ForceFinding, ForceStudy
 from deltaid.model.model import ModelLike, load
 from deltaid.view import style
 from deltaid.view.corrections import put_right_sections
@@ -51,7 +51,7 @@ class Envelope:
 
 
 def forces_page(
-    model: ModelLike, forces: ConstraintForces, name: str, study: Study, envelope: Envelope
+    model: ModelLike, forces: ConstraintForces, name: str, study: ForceStudy, envelope: Envelope
 ) -> Page:
     """Everything about the forces of a model along a motion."""
     model = load(model)
@@ -88,7 +88,7 @@ def forces_page(
     )
 
 
-def _verdict(study: Study, socket_force: float | None) -> Summary:
+def _verdict(study: ForceStudy, socket_force: float | None) -> Summary:
     """How far forces reach along the struts, and whether ball joints hold."""
     along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
     least, most = (f"{measured(one(along))} N" for one in (min, max))
@@ -104,7 +104,7 @@ def _verdict(study: Study, socket_force: float | None) -> Summary:
     )
 
 
-def _facts(study: Study, socket_force: float | None) -> tuple[Fact, ...]:
+def _facts(study: ForceStudy, socket_force: float | None) -> tuple[Fact, ...]:
     def fact(label: str, kind: str, offset: float = 0.0, *, most: bool = False) -> Fact:
         every = [f.worst for f in study.findings if f.worst.kind == kind]
         worst = (max if most else min)(every, key=lambda w: w.value)
@@ -151,7 +151,7 @@ def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
     )
 
 
-def tables(study: Study, socket_force: float | None) -> tuple[Table, ...]:
+def tables(study: ForceStudy, socket_force: float | None) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
     found = [_struts(study)]
     if socket_force is not None:
@@ -163,7 +163,7 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
     return Table(columns, tuple(rows), f"{title}.", title=title)
 
 
-def _struts(study: Study) -> Table:
+def _struts(study: ForceStudy) -> Table:
     tension, compression = _of(study, "tension"), _of(study, "compression")
     rows = [
         (most.worst.part, *_cells(most), *_cells(least))
@@ -174,7 +174,7 @@ def _struts(study: Study) -> Table:
     return _titled("force along the struts, N; tension is positive", columns, rows)
 
 
-def _sockets(study: Study, socket_force: float) -> Table:
+def _sockets(study: ForceStudy, socket_force: float) -> Table:
     rows = []
     for finding in _of(study, "socket"):
         end = finding.worst.channel.split(".")[1]
@@ -184,13 +184,13 @@ def _sockets(study: Study, socket_force: float) -> Table:
     return _titled(title, columns, rows)
 
 
-def _loads(study: Study) -> Table:
+def _loads(study: ForceStudy) -> Table:
     rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _of(study, "load")]
     columns = ("load", "unit", "largest", _heading(study), "at, s")
     return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
-def places(study: Study) -> Table:
+def places(study: ForceStudy) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
@@ -208,13 +208,13 @@ def places(study: Study) -> Table:
     return _titled("where the platform is then", columns, rows)
 
 
-def open_entries(study: Study) -> tuple[str, ...]:
+def open_entries(study: ForceStudy) -> tuple[str, ...]:
     """Entries that torques leave open and that the forces depend on, those of most forces first."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     return tuple(name for name, _ in counts.most_common())
 
 
-def what_is_open(study: Study) -> str:
+def what_is_open(study: ForceStudy) -> str:
     """A sentence on what the second column of each value means."""
     entries = open_entries(study)
     names = ", ".join(entries[:_NAMED]) or "nothing"
@@ -231,15 +231,15 @@ def what_is_open(study: Study) -> str:
     )
 
 
-def _of(study: Study, kind: str) -> list[Finding]:
+def _of(study: ForceStudy, kind: str) -> list[ForceFinding]:
     return [finding for finding in study.findings if finding.worst.kind == kind]
 
 
-def _heading(study: Study) -> str:
+def _heading(study: ForceStudy) -> str:
     return "range" if any(f.range for f in study.findings) else "± open"
 
 
-def _cells(finding: Finding, offset: float = 0.0) -> tuple[str, str, str]:
+def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:
     """Value, range or openness, time."""
     value, time = finding.worst.value + offset, f"{finding.worst.at.time:.3f}"
     if finding.range is not None:

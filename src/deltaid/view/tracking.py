@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaid.control.comparison import Run
-from deltaid.control.infeasible import Problem
+from deltaid.control.comparison import ControllerRun
+from deltaid.control.infeasible import MotionProblem
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
@@ -29,7 +29,7 @@ def tracking_page(
     title: str,
     drives: Drives,
     bandwidth: float,
-    problems: Sequence[Problem] = (),
+    problems: Sequence[MotionProblem] = (),
     conditions: Sequence[str] = (),
 ) -> Page:
     """One controller on one plant, which is `robot`; bandwidth in Hz.
@@ -59,11 +59,11 @@ def tracking_page(
 
 def comparison_page(
     robot: RobotDescription,
-    runs: Sequence[Run],
+    runs: Sequence[ControllerRun],
     title: str,
     drives: Drives,
     bandwidth: float,
-    problems: Sequence[Problem] = (),
+    problems: Sequence[MotionProblem] = (),
     conditions: Sequence[str] = (),
 ) -> Page:
     """All controllers with all models on one plant; bandwidth in Hz.
@@ -95,7 +95,7 @@ def comparison_page(
     )
 
 
-def _followed(result: Tracking, problems: Sequence[Problem]) -> Summary:
+def _followed(result: Tracking, problems: Sequence[MotionProblem]) -> Summary:
     """Whether a simulated motion can be run, and how well it was followed."""
     if problems:
         first, *others = (problem.text for problem in problems)
@@ -108,7 +108,7 @@ def _followed(result: Tracking, problems: Sequence[Problem]) -> Summary:
     )
 
 
-def _compared(runs: Sequence[Run], problems: Sequence[Problem]) -> Summary:
+def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) -> Summary:
     """What a comparison came to; nothing on a motion that cannot be run."""
     lines = infeasible_lines(problems, runs)
     if problems:
@@ -143,7 +143,7 @@ def _facts(result: Tracking) -> tuple[Fact, ...]:
     )
 
 
-def _best(runs: Sequence[Run], problems: Sequence[Problem]) -> Fact:
+def _best(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) -> Fact:
     """Who came nearest, of those that followed a motion that can be run."""
     if problems:
         return Fact("no comparison", "not feasible", "the motion is beyond the robot's limits")
@@ -155,13 +155,13 @@ def _best(runs: Sequence[Run], problems: Sequence[Problem]) -> Fact:
     return Fact("least error of the platform", f"{1e3 * error.platform_rms:.3g} mm", note)
 
 
-def _sound(runs: Sequence[Run]) -> list[tuple[Run, Tracking]]:
+def _sound(runs: Sequence[ControllerRun]) -> list[tuple[ControllerRun, Tracking]]:
     """Runs that followed the motion, within the limits."""
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
     return [(run, result) for run, result in done if result.ended is None and not run.problems]
 
 
-def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
+def _gains(runs: Sequence[ControllerRun]) -> tuple[Fact, ...]:
     """How much smaller the error is with the identified model than with the prior."""
     by_name = {(run.controller, run.model): tracking for run, tracking in _sound(runs)}
     facts = []
@@ -177,7 +177,7 @@ def _gains(runs: Sequence[Run]) -> tuple[Fact, ...]:
 
 
 def _of_controller(
-    controller: str, done: Sequence[tuple[Run, Tracking]]
+    controller: str, done: Sequence[tuple[ControllerRun, Tracking]]
 ) -> list[tuple[str, str, Tracking]]:
     return [
         (run.model or NO_MODEL, COLOURS[run.model], tracking)
@@ -220,7 +220,7 @@ def drive_table(robot: RobotDescription, result: Tracking) -> Table:
     return Table(columns, tuple(rows), title=robot.title or robot.name)
 
 
-def comparison_table(robot: RobotDescription, runs: Sequence[Run]) -> Table:
+def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> Table:
     """Error of the platform for each controller and model."""
     turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     ends = any(run.ends for run in runs)
@@ -254,7 +254,9 @@ def comparison_table(robot: RobotDescription, runs: Sequence[Run]) -> Table:
     return Table(columns, tuple(rows), "Share of time at a torque limit.", title=title)
 
 
-def infeasible_lines(problems: Sequence[Problem], runs: Sequence[Run]) -> tuple[str, ...]:
+def infeasible_lines(
+    problems: Sequence[MotionProblem], runs: Sequence[ControllerRun]
+) -> tuple[str, ...]:
     """Why a comparison tells nothing, or less: of the motion itself, then of the runs."""
     lines = [problem.text for problem in problems]
     if lines:

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from jaxtyping import Float
 from plotly.subplots import make_subplots
 
-from deltaid.control.comparison import Run
+from deltaid.control.comparison import ControllerRun
 from deltaid.control.tracking import Tracking
 from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
@@ -28,7 +28,7 @@ Signal = Float[np.ndarray, " samples"]
 Points = Float[np.ndarray, " points"]
 
 
-def error_bars(runs: Sequence[Run]) -> Figure:
+def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     """Error of the platform for each controller and model."""
     figure = go.Figure()
     for model in dict.fromkeys(run.model for run in runs):
