@@ -20,8 +20,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence, RawRows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
-from deltaid.model.verdict import Fault, Grade, Verdict
-from deltaid.model.words import percent
+from deltaid.model.verdict import Fault, Grade, Verdict, percent
 from deltaid.recording.recording import Recording
 
 # RawRows of a segment of the spectra, and segments at least.

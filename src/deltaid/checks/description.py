@@ -11,8 +11,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
-from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.description import RobotDescription
 
 # A start for friction that nobody has measured: Coulomb friction as a share of the torque that

@@ -25,8 +25,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
-from deltaid.model.verdict import Fault, Grade, Verdict
-from deltaid.model.words import listed
+from deltaid.model.verdict import Fault, Grade, Verdict, listed
 from deltaid.motion.random_motion import random_motion
 
 # A base parameter is identifiable below the first share of the prior's standard deviation, and not

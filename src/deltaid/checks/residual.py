@@ -20,8 +20,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
-from deltaid.model.verdict import Fault, Grade, Verdict
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
 from deltaid.recording.recording import Recording
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.

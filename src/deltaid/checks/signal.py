@@ -7,8 +7,7 @@ from jaxtyping import Bool
 
 from deltaid.checks.evidence import Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
-from deltaid.model.verdict import Fault, Grade, Verdict
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from deltaid.control.comparison import Candidate, Run, candidates, compare, gains
+from deltaid.control.comparison import ControllerRun, ModelCandidate, candidates, compare, gains
 from deltaid.control.control_model import ControlModel
-from deltaid.control.infeasible import Problem, of_motion, of_tracking
+from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Payload, Plant
 from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, track
@@ -77,7 +77,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
     controller: ControllerName
     conditions: Conditions
     tracking: Tracking
-    problems: tuple[Problem, ...]
+    problems: tuple[MotionProblem, ...]
     payload_known: bool
     ends: tuple[tuple[float, Tracking], ...]
 
@@ -128,7 +128,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
 
         Accelerations are differences of velocities, so as they are between the drives' samples.
         """
-        plant, result = self.conditions.loaded.at(0.0), self.tracking
+        plant, result = self.conditions.loaded.model_at(0.0), self.tracking
         if not plant.robot.sensors:
             return {}
         motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
@@ -194,7 +194,7 @@ def simulate(
         if on.payload is not None and payload_known:
             known = known.holding(on.payload.mass)
         law = gains(controller, known, on.motion, bandwidth)
-        problems = of_motion(on.loaded.at(0.0), on.motion)
+        problems = of_motion(on.loaded.model_at(0.0), on.motion)
         result = track(on.loaded, law, known, on.motion, on.drives)
         problems += of_tracking(on.plant.model, result)
         ends = tuple(
@@ -216,9 +216,9 @@ class Comparison(Shown, Reported):
     """
 
     conditions: Conditions
-    candidates: tuple[Candidate, ...]
-    runs: tuple[Run, ...]
-    problems: tuple[Problem, ...]
+    candidates: tuple[ModelCandidate, ...]
+    runs: tuple[ControllerRun, ...]
+    problems: tuple[MotionProblem, ...]
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -256,7 +256,7 @@ def compare_controllers(
             delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
             columns=columns, duration=duration, progress=say,
         )  # fmt: skip
-        problems, models = of_motion(on.loaded.at(0.0), on.motion), candidates(on.model)
+        problems, models = of_motion(on.loaded.model_at(0.0), on.motion), candidates(on.model)
         runs = compare(on.plant, models, on.motion, on.drives, bandwidth, say, on.payload)
     return Comparison(on, models, runs, problems)
 

@@ -24,8 +24,7 @@ from deltaid.identification.stages import idle, prepared
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
-from deltaid.model.above import above
-from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.model.record import IdentifiedModel, Settings, above
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import Recording, open_recordings

@@ -11,10 +11,8 @@ from jaxtyping import Float
 from deltaid.effects.at_platform import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.events import Event
-from deltaid.model.left_out import LeftOut, Span
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.model.record import Source
+from deltaid.model.sources import Event, LeftOut, Source, Span
 from deltaid.recording.delay import Growth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log

@@ -12,8 +12,9 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import definite, quiet_settings, svec
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import NORMAL
-from deltaid.joint_forces.unknowns import Unknowns
+from deltaid.joint_forces.unknowns import ForceUnknowns
 
+# The solver's tolerance, of values in standard deviations.
 _TOLERANCE = 1e-9
 
 

@@ -31,13 +31,12 @@ from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometry import Geometry, geometry
-from deltaid.identification.labels import REACH
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.sources import model_filtered
-from deltaid.joint_forces.ball import Ball
-from deltaid.joint_forces.unknowns import Unknowns, unknowns
+from deltaid.joint_forces.ball import ConsistentBall
+from deltaid.joint_forces.unknowns import ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
