@@ -6,8 +6,7 @@ import numpy as np
 
 from deltaid.checks.sensing.guesses import Guess
 from deltaid.checks.sensing.rows import SensorSignal
-from deltaid.model.verdict import Grade, Proposal, Verdict
-from deltaid.model.words import listed, percent
+from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
