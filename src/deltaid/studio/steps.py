@@ -9,16 +9,6 @@ from typing import Any, Literal
 
 from deltaid.model.record import Settings
 from deltaid.studio.plan import Plan, Used
-from deltaid.studio.python_text import (
-    check_text,
-    excite_text,
-    export_text,
-    fit_text,
-    forces_text,
-    show_text,
-    simulate_text,
-    validate_text,
-)
 
 Kind = Literal["new", "show", "check", "fit", "validate", "excite", "simulate", "forces", "export"]
 
@@ -50,61 +40,74 @@ class Step:
 
 def show_step(robot: str, report: str) -> Step:
     """The robot to look at, with what it reaches and its limits."""
-    arguments = ("show", robot, "--report", report)
-    return Step("show", arguments, show_text(robot, report), (robot,), (report,))
+    python = f"""\
+import deltaid
+
+deltaid.load({robot!r}).robot.report({report!r})
+"""
+    return Step("show", ("show", robot, "--report", report), python, (robot,), (report,))
 
 
 def check_step(plan: Plan, folder: str) -> Step:
     """All checks of the robot and of the recordings that are fitted and tested on."""
     robot, used, report = _robot(plan), plan.used, f"{folder}/check.html"
-    settings = plan.settings
-    arguments = [
-        "check", robot, *(one.file for one in used), *_columns(used),
-        *_number("--cutoff", settings.cutoff),
-        *(["--keep-all"] if settings.keep_all else ()),
-        "--report", report,
-    ]  # fmt: skip
-    asked = Settings(cutoff=settings.cutoff, keep_all=settings.keep_all)
-    python = check_text(robot, used, _given(asked))
-    return Step("check", tuple(arguments), python, _reads(plan, used), (report,))
+    asked = _given(Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all))
+    files = [one.file for one in used]
+    arguments = ("check", robot, *files, *_columns(used), *_options(asked), "--report", report)
+    logs = (repr(files),) if files else ()
+    python = f"""\
+import deltaid
+
+verdicts = {_call("deltaid.check", repr(robot), *logs, columns=_mappings(used), **asked)}
+for verdict in verdicts:
+    print(verdict.grade, verdict.key, verdict.sentence)
+"""
+    return Step("check", arguments, python, _reads(plan, used), (report,))
 
 
 def fit_step(plan: Plan, folder: str) -> Step:
     """A model from the recordings, tested on the one that verifies."""
     robot, used, verify = _robot(plan), plan.fitted, plan.verified
     model, report = f"{folder}/model.yaml", f"{folder}/report.html"
-    asked = _given(plan.settings)
-    options = [word for key, value in asked.items() for word in _option(key, value)]
-    everything = plan.used
-    arguments = [
-        "identify", robot, *(one.file for one in used), *_columns(everything),
-        *(["--verify", verify.file] if verify else ()), *options,
-        *(["--force"] if plan.force else ()),
+    asked, files = _given(plan.settings), [one.file for one in used]
+    options = {"verify": verify.file if verify else None, **asked, "force": plan.force}
+    arguments = (
+        "identify", robot, *files, *_columns(plan.used), *_options(options),
         "--output", model, "--report", report,
-    ]  # fmt: skip
-    python = fit_text(robot, used, verify, asked, force=plan.force, model=model)
-    return Step("fit", tuple(arguments), python, _reads(plan, everything), (model, report))
+    )  # fmt: skip
+    asked |= {"columns": _mappings(used), "force": plan.force or None}
+    python = f"""\
+import deltaid
+
+result = {_call("deltaid.identify", repr(robot), repr(files), **asked)}
+result.model.save({model!r})
+"""
+    if verify is not None:
+        python += "\n" + _test("result.model", verify)
+    return Step("fit", arguments, python, _reads(plan, plan.used), (model, report))
 
 
 def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False) -> Step:
     """A model beside a recording."""
-    report = f"{folder}/report.html"
-    columns = ("--columns", used.mapping) if used.mapping else ()
-    kept = ("--keep-all",) if keep_all else ()
-    arguments = ("validate", model, used.file, *columns, *kept, "--report", report)
-    python = validate_text(model, used, keep_all=keep_all)
-    reads = (model, used.file, *((used.mapping,) if used.mapping else ()))
-    return Step("validate", arguments, python, reads, (report,))
+    report, kept = f"{folder}/report.html", {"keep_all": True} if keep_all else {}
+    columns = _options({"columns": used.mapping})
+    arguments = ("validate", model, used.file, *columns, *_options(kept), "--report", report)
+    python = "import deltaid\n\n" + _test(repr(model), used, **kept)
+    return Step("validate", arguments, python, _present(model, used.file, used.mapping), (report,))
 
 
 def excite_step(
     robot: str, motion: str, folder: str, *, duration: float = 10.0, starts: int = 4, seed: int = 0
 ) -> Step:
     """A motion that makes parameters visible."""
-    report = f"{folder}/report.html"
-    numbers = ("--duration", f"{duration:g}", "--starts", str(starts), "--seed", str(seed))
-    arguments = ("excite", robot, *numbers, "--output", motion, "--report", report)
-    python = excite_text(robot, motion, duration=duration, starts=starts, seed=seed)
+    report, asked = f"{folder}/report.html", {"duration": duration, "starts": starts, "seed": seed}
+    arguments = ("excite", robot, *_options(asked), "--output", motion, "--report", report)
+    python = f"""\
+import deltaid
+
+result = {_call("deltaid.excite", repr(robot), **asked)}
+result.save({motion!r})
+"""
     return Step("excite", arguments, python, (robot,), (motion, report))
 
 
@@ -113,13 +116,18 @@ def simulate_step(
 ) -> Step:
     """A controller that knows a model, along a motion."""
     report, output = f"{folder}/report.html", f"{folder}/simulated.csv"
-    columns = ("--columns", mapping) if mapping else ()
+    asked = {"controller": controller, "columns": mapping}
     arguments = (
-        "simulate", model, motion, "--controller", controller, *columns,
-        "--output", output, "--report", report,
+        "simulate", model, motion, *_options(asked), "--output", output, "--report", report,
     )  # fmt: skip
-    reads = (model, motion, *((mapping,) if mapping else ()))
-    python = simulate_text(model, motion, mapping, controller, output)
+    python = f"""\
+import deltaid
+
+result = {_call("deltaid.simulate", repr(model), repr(motion), **asked)}
+print("platform error rms [m]:", result.error.platform_rms)
+result.table().write_csv({output!r})
+"""
+    reads = _present(model, motion, mapping)
     return Step("simulate", arguments, python, reads, (output, report))
 
 
@@ -128,20 +136,64 @@ def forces_step(
 ) -> Step:
     """What struts, joints and bearings carry along a motion."""
     report, output = f"{folder}/report.html", f"{folder}/forces.csv"
-    columns = ("--columns", mapping) if mapping else ()
-    between = _number("--strut-spacing", spacing)
-    arguments = (
-        "forces", model, motion, *columns, *between, "--output", output, "--report", report,
-    )  # fmt: skip
-    reads = (model, motion, *((mapping,) if mapping else ()))
-    python = forces_text(model, motion, mapping, spacing, output)
-    return Step("forces", arguments, python, reads, (output, report))
+    options = _options({"columns": mapping, "strut_spacing": spacing})
+    arguments = ("forces", model, motion, *options, "--output", output, "--report", report)
+    columns = f", deltaid.load_mapping({mapping!r})" if mapping else ""
+    python = f"""\
+from pathlib import Path
+
+import deltaid
+from deltaid.joint_forces.study import CsvFile, study, with_struts
+from deltaid.identification.sources import model_filtered
+from deltaid.recording.opening import open_log
+
+model = with_struts(deltaid.load({model!r}), {spacing!r}, None)
+forces = deltaid.ConstraintForces(model.robot)
+log = open_log(Path({motion!r}), forces.kinematics{columns}, need_torque=False)
+with Path({output!r}).open("w", encoding="utf-8") as file:
+    viewer = CsvFile(forces, file)
+    result = study(model, forces, model_filtered(model, log), viewers=(viewer,))
+for finding in result.findings:
+    print(finding)
+"""
+    return Step("forces", arguments, python, _present(model, motion, mapping), (output, report))
 
 
 def export_step(model: str, to: str, output: str) -> Step:
     """A model in a form that another program runs; `output` is a file or a folder with a slash."""
     arguments = ("export", model, "--to", to, "--output", output)
-    return Step("export", arguments, export_text(model, to, output), (model,), (output,))
+    python = f"""\
+import deltaid
+
+written = {_call("deltaid.export", repr(model), repr(to), repr(output))}
+print(written.paths)
+"""
+    return Step("export", arguments, python, (model,), (output,))
+
+
+def _test(model: str, used: Used, **asked: object) -> str:
+    """Python for the errors of a model, which is given as Python too, on a recording."""
+    call = _call("deltaid.validate", model, repr(used.file), columns=used.mapping, **asked)
+    return f"""\
+error, log = {call}
+print("normalised torque error of each drive:", error.nrmse)
+"""
+
+
+# Letters of a line of Python, as formatters have it.
+_LINE = 80
+
+
+def _call(function: str, *given: str, **named: object) -> str:
+    """A call as Python, with what is not None; over several lines where one is too long.
+
+    Args:
+        given: arguments by place, as Python.
+        named: values of arguments by name.
+    """
+    words = [*given, *(f"{name}={value!r}" for name, value in named.items() if value is not None)]
+    line = f"{function}({', '.join(words)})"
+    return line if len(line) <= _LINE else f"{function}(\n    {', '.join(words)},\n)"
 
 
 def _robot(plan: Plan) -> str:
@@ -149,18 +201,25 @@ def _robot(plan: Plan) -> str:
     return plan.robot
 
 
+def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
+    """Mappings as Python takes them: none, one for all, or one each."""
+    names = [one.mapping for one in used]
+    return names if len(set(names)) > 1 else names[0] if names else None
+
+
 def _columns(used: Sequence[Used]) -> list[str]:
     """Mappings as the command takes them: none, one for all, or one each."""
-    names = [one.mapping for one in used]
-    if not any(names):
-        return []
-    if len(set(names)) == 1:
-        return ["--columns", str(names[0])]
-    return [word for name in names for word in ("--columns", str(name))]
+    names = _mappings(used)
+    each = names if isinstance(names, list) else [names] if names else []
+    return [word for name in each for word in ("--columns", str(name))]
+
+
+def _present(*names: str | None) -> tuple[str, ...]:
+    return tuple(name for name in names if name)
 
 
 def _reads(plan: Plan, used: Sequence[Used]) -> tuple[str, ...]:
-    names = (_robot(plan), *(name for one in used for name in (one.file, one.mapping) if name))
+    names = _present(_robot(plan), *(name for one in used for name in (one.file, one.mapping)))
     return tuple(dict.fromkeys(names))
 
 
@@ -170,16 +229,17 @@ def _given(settings: Settings) -> dict[str, Any]:
     return {key: value for key, value in plain.items() if value != default[key]}
 
 
+def _options(asked: dict[str, Any]) -> list[str]:
+    """Options of the command line; those that are None or False are left out."""
+    return [word for key, value in asked.items() for word in _option(key, value)]
+
+
 def _option(key: str, value: Any) -> list[str]:
     name = "--" + key.replace("_", "-")
     if key == "events":
         return ["--events" if value else "--no-events"]
-    if isinstance(value, bool):
+    if value is None or isinstance(value, bool):
         return [name] if value else []
     if key == "lag" and isinstance(value, tuple):
         return [f"{name}={','.join(f'{1e3 * x:.10g}' for x in value)}"]
     return [name, f"{value:.10g}" if isinstance(value, float) else str(value)]
-
-
-def _number(name: str, value: float | None) -> list[str]:
-    return [] if value is None else [name, f"{value:.10g}"]
