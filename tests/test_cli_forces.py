@@ -11,7 +11,7 @@ import pytest
 from command import refused, run
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces, motion_of
-from deltaid.joint_forces.study import with_struts
+from deltaid.joint_forces.forces import with_struts
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.opening import open_log
 from identified import identified

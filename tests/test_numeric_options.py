@@ -6,7 +6,7 @@ import pytest
 
 from command import run
 from deltaid.errors import DescriptionError
-from deltaid.joint_forces.study import with_struts
+from deltaid.joint_forces.forces import with_struts
 from deltaid.model.model import load
 from logs import recorded, write
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
     from deltaid.joint_forces.constraint_forces import ConstraintForces
+    from deltaid.joint_forces.forces import Forces, forces
     from deltaid.mechanism.kinematics import Kinematics
     from deltaid.mechanism.limb import build_limb
     from deltaid.mechanism.own import BodyPose, MechanismParts
@@ -94,6 +95,8 @@ _HOME = {
     "Comparison": "deltaid.control.simulate",
     "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
+    "forces": "deltaid.joint_forces.forces",
+    "Forces": "deltaid.joint_forces.forces",
     "identify": "deltaid.checks.identified",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
@@ -121,6 +124,7 @@ __all__ = [
     "Excitation",
     "ExcitationSettings",
     "Exciter",
+    "Forces",
     "ForwardDynamics",
     "Grade",
     "Identification",
@@ -153,6 +157,7 @@ __all__ = [
     "compare_controllers",
     "excite",
     "export",
+    "forces",
     "identify",
     "integrate",
     "jax_functions",

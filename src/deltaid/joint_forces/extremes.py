@@ -1,6 +1,6 @@
 """Where along a motion forces are largest: one pass, constant memory."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,12 +77,8 @@ def extremes(
     forces: ConstraintForces,
     p: Parameters,
     motion: Iterable[Motion],
-    views: Sequence[Callable[[Motion, Float[np.ndarray, "samples channels"]], None]] = (),
 ) -> Extremes:
     """The extremes of all channels along a motion.
-
-    Args:
-        views: are called with every window and its forces.
 
     Raises:
         RecordingError: the motion has no samples.
@@ -90,8 +86,6 @@ def extremes(
     values, samples = np.array([]), np.array([])
     for part in motion:
         F = forces.evaluate(part.z, part.qd, part.qdd, p)
-        for view in views:
-            view(part, F)
         at = np.stack([F.argmin(axis=0), F.argmax(axis=0)])
         found = np.take_along_axis(F, at, axis=0)
         rows = np.column_stack([part.time, part.z, part.qd, part.qdd])[at]

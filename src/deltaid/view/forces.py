@@ -4,13 +4,12 @@ from collections import Counter
 
 import numpy as np
 import plotly.graph_objects as go
-from jaxtyping import Float
+import polars as pl
 from plotly.subplots import make_subplots
 
-from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion
-from deltaid.joint_forces.study import ForceFinding, ForceStudy
-from deltaid.model.model import ModelLike, load
+from deltaid.joint_forces.forces import ForceFinding, Forces
 from deltaid.view import style
+from deltaid.view.card import Card
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import measured, number, span, with_uncertainty
@@ -26,59 +25,56 @@ _WORDS = {"tension": "largest force", "compression": "least force", "socket": "l
 _NAMED = 8
 
 
-class Envelope:
-    """Least and largest force along every strut in stretches of equal length; constant memory."""
-
-    def __init__(self, forces: ConstraintForces, samples: int) -> None:
-        self._length = max(1, -(-samples // _STRETCHES))
-        self._at = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
-        self._time: list[np.ndarray] = []
-        self._force: list[np.ndarray] = []
-
-    def add(self, motion: Motion, values: Float[np.ndarray, "samples channels"]) -> None:
-        """Take in consecutive samples."""
-        starts = np.arange(0, len(motion.time), self._length)
-        along = values[:, self._at]
-        least = np.minimum.reduceat(along, starts, axis=0)
-        most = np.maximum.reduceat(along, starts, axis=0)
-        self._time.append(np.repeat(motion.time[starts], 2))
-        pairs = np.stack([least, most], axis=1)
-        self._force.append(pairs.reshape(-1, along.shape[1]))
-
-    def curves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time, each twice, and forces, least and largest in turn."""
-        return np.concatenate(self._time), np.concatenate(self._force)
+def card(value: Forces) -> Card:
+    """The worst cases of the struts, and whether ball joints hold."""
+    verdict = _verdict(value)
+    return Card(
+        f"Forces of {value.model.robot.title or value.model.robot.name} along "
+        f"{value.recording.path.name}",
+        (verdict.sentence, what_is_open(value)),
+        verdict.grade,
+        table=tables(value)[0],
+        told=value.warnings,
+        methods=(".findings", ".plot()", ".to_frame()", '.save("x.csv")', '.report("x.html")'),
+    )
 
 
-def forces_page(
-    model: ModelLike, forces: ConstraintForces, name: str, study: ForceStudy, envelope: Envelope
-) -> Page:
+def frame(value: Forces) -> pl.DataFrame:
+    """Forces over time: t and one column a channel."""
+    return pl.concat(value.tables())
+
+
+def figure(value: Forces) -> go.Figure:
+    """Forces along the struts over time."""
+    return _over_time(value).figure
+
+
+def page(value: Forces) -> Page:
     """Everything about the forces of a model along a motion."""
-    model = load(model)
-
-    *along, loads = tables(study, forces.socket_force)
+    model, forces = value.model, value.constraint_forces
+    *along, loads = tables(value)
     return Page(
         title=model.robot.title or model.robot.name,
-        subtitle=f"Constraint forces along {name}, parameters: {model.origin}",
+        subtitle=f"Constraint forces along {value.recording.path.name}, parameters: {model.origin}",
         drawing=drawing(model.robot, model.dynamics.kinematics),
-        verdict=_verdict(study, forces.socket_force),
-        facts=_facts(study, forces.socket_force),
+        verdict=_verdict(value),
+        facts=_facts(value),
         sections=(
             Section(
                 "Along the struts",
-                (_over_time(forces, envelope),),
+                (_over_time(value),),
                 "tension and compression over time",
                 unfolded=True,
             ),
             Section(
                 "Worst cases",
-                (*along, Text(f"{what_is_open(study)}.")),
+                (*along, Text(f"{what_is_open(value)}.")),
                 "the largest and least force of each strut, and how sure",
                 unfolded=True,
             ),
             Section(
                 "Other joints, and where",
-                (loads, places(study)),
+                (loads, places(value)),
                 "loads of motors and telescope, and where the platform is in the worst cases",
             ),
             *put_right_sections(model.identified),
@@ -88,10 +84,11 @@ def forces_page(
     )
 
 
-def _verdict(study: ForceStudy, socket_force: float | None) -> Summary:
+def _verdict(study: Forces) -> Summary:
     """How far forces reach along the struts, and whether ball joints hold."""
     along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
     least, most = (f"{measured(one(along))} N" for one in (min, max))
+    socket_force = study.constraint_forces.socket_force
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
     if socket_force is None:
         line = "No springs of ball joints are described, so nothing is said of their margins."
@@ -104,7 +101,9 @@ def _verdict(study: ForceStudy, socket_force: float | None) -> Summary:
     )
 
 
-def _facts(study: ForceStudy, socket_force: float | None) -> tuple[Fact, ...]:
+def _facts(study: Forces) -> tuple[Fact, ...]:
+    socket_force = study.constraint_forces.socket_force
+
     def fact(label: str, kind: str, offset: float = 0.0, *, most: bool = False) -> Fact:
         every = [f.worst for f in study.findings if f.worst.kind == kind]
         worst = (max if most else min)(every, key=lambda w: w.value)
@@ -120,8 +119,25 @@ def _facts(study: ForceStudy, socket_force: float | None) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
-    time, along = envelope.curves()
+def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest force along every strut in stretches of equal length; constant memory.
+
+    Time, each twice, and forces, least and largest in turn.
+    """
+    forces, times, pairs = study.constraint_forces, list[np.ndarray](), list[np.ndarray]()
+    channels = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
+    length = max(1, -(-study.recording.log.samples // _STRETCHES))
+    for motion, values in study.over_time():
+        starts = np.arange(0, len(motion.time), length)
+        along = values[:, channels]
+        ends = [f.reduceat(along, starts, axis=0) for f in (np.minimum, np.maximum)]
+        times.append(np.repeat(motion.time[starts], 2))
+        pairs.append(np.stack(ends, axis=1).reshape(-1, len(channels)))
+    return np.concatenate(times), np.concatenate(pairs)
+
+
+def _over_time(study: Forces) -> Figure:
+    forces, (time, along) = study.constraint_forces, _envelope(study)
     limbs = len(forces.robot.limb_geometry)
     each = len(forces.struts) // limbs
     figure = make_subplots(rows=limbs, cols=1, shared_xaxes=True, vertical_spacing=0.03)
@@ -151,9 +167,9 @@ def _over_time(forces: ConstraintForces, envelope: Envelope) -> Figure:
     )
 
 
-def tables(study: ForceStudy, socket_force: float | None) -> tuple[Table, ...]:
+def tables(study: Forces) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
-    found = [_struts(study)]
+    found, socket_force = [_struts(study)], study.constraint_forces.socket_force
     if socket_force is not None:
         found.append(_sockets(study, socket_force))
     return (*found, _loads(study))
@@ -163,7 +179,7 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
     return Table(columns, tuple(rows), f"{title}.", title=title)
 
 
-def _struts(study: ForceStudy) -> Table:
+def _struts(study: Forces) -> Table:
     tension, compression = _of(study, "tension"), _of(study, "compression")
     rows = [
         (most.worst.part, *_cells(most), *_cells(least))
@@ -174,7 +190,7 @@ def _struts(study: ForceStudy) -> Table:
     return _titled("force along the struts, N; tension is positive", columns, rows)
 
 
-def _sockets(study: ForceStudy, socket_force: float) -> Table:
+def _sockets(study: Forces, socket_force: float) -> Table:
     rows = []
     for finding in _of(study, "socket"):
         end = finding.worst.channel.split(".")[1]
@@ -184,13 +200,13 @@ def _sockets(study: ForceStudy, socket_force: float) -> Table:
     return _titled(title, columns, rows)
 
 
-def _loads(study: ForceStudy) -> Table:
+def _loads(study: Forces) -> Table:
     rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _of(study, "load")]
     columns = ("load", "unit", "largest", _heading(study), "at, s")
     return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
-def places(study: ForceStudy) -> Table:
+def places(study: Forces) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
@@ -208,13 +224,13 @@ def places(study: ForceStudy) -> Table:
     return _titled("where the platform is then", columns, rows)
 
 
-def open_entries(study: ForceStudy) -> tuple[str, ...]:
+def open_entries(study: Forces) -> tuple[str, ...]:
     """Entries that torques leave open and that the forces depend on, those of most forces first."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     return tuple(name for name, _ in counts.most_common())
 
 
-def what_is_open(study: ForceStudy) -> str:
+def what_is_open(study: Forces) -> str:
     """A sentence on what the second column of each value means."""
     entries = open_entries(study)
     names = ", ".join(entries[:_NAMED]) or "nothing"
@@ -231,11 +247,11 @@ def what_is_open(study: ForceStudy) -> str:
     )
 
 
-def _of(study: ForceStudy, kind: str) -> list[ForceFinding]:
+def _of(study: Forces, kind: str) -> list[ForceFinding]:
     return [finding for finding in study.findings if finding.worst.kind == kind]
 
 
-def _heading(study: ForceStudy) -> str:
+def _heading(study: Forces) -> str:
     return "range" if any(f.range for f in study.findings) else "± open"
 
 

@@ -25,6 +25,7 @@ _KINDS = {
     "motion.excitation.excite.Exciter": "exciters",
     "motion.excitation.run.Run": "runs",
     "joint_forces.constraint_forces.ConstraintForces": "robots",
+    "joint_forces.forces.Forces": "forces",
     "estimation.base_parameters.BaseParameters": "values",
     "identification.identify.Identification": "identifications",
     "identification.torque_error.TorqueError": "values",
