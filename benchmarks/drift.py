@@ -25,9 +25,8 @@ from drawn_fleet import DrawnType, drawn_type, made_alike
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_evidence import YEAR
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_recorded import DriftRecording
+from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
 from deltaid.fleets.drift_series import Regressors, explained
-from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.robot_drift import drift_of
 from deltaid.model.record import IdentifiedModel

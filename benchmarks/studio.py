@@ -205,7 +205,7 @@ def memory(pid: int) -> str:
 
 def scripts(work: Path, table: list[tuple[str, str]]) -> None:
     """Run every Python text that the studio has kept, in its folder."""
-    for run in reversed(runs(Folder.at(work))):
+    for run in reversed(runs(Folder.open(work))):
         if not run.succeeded:
             raise SystemExit(f"{run.name} failed: {run.record.command}")
         begun = time.perf_counter()

@@ -21,9 +21,9 @@ from deltaid.fleets.drift_evidence import (
     with_others,
 )
 from deltaid.fleets.drift_findings import finding
+from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_noise import Scatter, whitened_sums
 from deltaid.fleets.drift_series import Explained, Regressors, explained
-from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.tool_changes import tool_changes
 
 # How usual changes are, as they are promised: a ramp up or down, a step up or down.

@@ -20,9 +20,9 @@ from deltaid.fleets.drift_evidence import (
     with_others,
 )
 from deltaid.fleets.drift_findings import finding
+from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_noise import Scatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
-from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.tool_changes import tool_changes
 
 DAYS = np.sort(np.random.default_rng(5).uniform(0.0, 60.0, 30))

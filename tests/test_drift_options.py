@@ -6,7 +6,7 @@ import pytest
 
 from deltaid.cli.drift_options import drift_settings
 from deltaid.errors import DeltaidError
-from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.drift_inputs import DriftSettings
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from deltaid.studio.steps import check_step, fit_step
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Folder:
-    return Folder.at(tmp_path / "work")
+    return Folder.open(tmp_path / "work")
 
 
 @pytest.mark.parametrize(

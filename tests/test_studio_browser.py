@@ -112,7 +112,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     export = page.get_by_role("button", name="Export", exact=True)
     export.click()
     page.get_by_role("link", name="clavel_delta3.xml").wait_for()
-    done = {run.record.kind: run for run in reversed(runs(Folder.at(work)))}
+    done = {run.record.kind: run for run in reversed(runs(Folder.open(work)))}
     xml.etree.ElementTree.parse(work / done["export"].file("clavel_delta3.xml"))
     # The lag was found and put right, and nothing of it all left this machine.
     model = load(work / done["fit"].file("model.yaml")).identified

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DeltaidError
+from deltaid.recording.contents import read_contents
 from deltaid.recording.mapping import ColumnMapping, load_mapping
+from deltaid.recording.proposed_mapping import Column, proposed_mapping
 from deltaid.robot.load import parse
-from deltaid.studio.columns import Column, proposed
-from deltaid.studio.look import Problem, held, mapping_cured, preview, told
-from deltaid.studio.mapping_edit import entries, incomplete, read, with_time, with_value, written
+from deltaid.studio.edits import entries, incomplete, read, with_time, with_value, written
+from deltaid.studio.look import Problem, mapping_cured, preview, try_look
 from logs import recorded
 from studios import foreign
 
@@ -35,7 +36,7 @@ def columns(*names: str, low: float = -1.0, high: float = 1.0, drives: int = 3) 
     ],
 )
 def test_columns_are_found_by_their_names(position: str, torque: str, unit: str) -> None:
-    found = proposed(columns(position, torque), TURNING)
+    found = proposed_mapping(columns(position, torque), TURNING)
     assert found.complete
     for quantity, name, of in (("position", position, "rad"), ("torque", torque, unit)):
         names = [name.replace("#", str(i + 1)) for i in range(3)]
@@ -43,29 +44,32 @@ def test_columns_are_found_by_their_names(position: str, torque: str, unit: str)
 
 
 def test_what_was_asked_for_is_not_what_was_measured() -> None:
-    found = proposed(columns("q#_desired", "tau#_cmd", "pos_error#"), TURNING)
+    found = proposed_mapping(columns("q#_desired", "tau#_cmd", "pos_error#"), TURNING)
     assert set(found.data) == {"time"}
     assert found.missing == ("position", "torque")
-    found = proposed(columns("pos#_set", "pos#_act", "pos#", "torque#"), TURNING)
+    found = proposed_mapping(columns("pos#_set", "pos#_act", "pos#", "torque#"), TURNING)
     assert [one["column"] for one in found.data["position"]] == ["pos1_act", "pos2_act", "pos3_act"]
 
 
 def test_numbers_of_another_count_of_drives_are_not_guessed() -> None:
-    assert "position" not in proposed(columns("q#", drives=2), TURNING).data
-    assert len(proposed(columns("q#", drives=4), TURNING).data["position"]) == 3
+    assert "position" not in proposed_mapping(columns("q#", drives=2), TURNING).data
+    assert len(proposed_mapping(columns("q#", drives=4), TURNING).data["position"]) == 3
 
 
 def test_degrees_are_told_by_their_size_and_the_reason_says_so() -> None:
-    found = proposed(columns("pos#", "vel#", "torque#", low=-50.0, high=60.0), TURNING)
+    found = proposed_mapping(columns("pos#", "vel#", "torque#", low=-50.0, high=60.0), TURNING)
     assert found.data["position"][0]["unit"] == "deg"
     assert found.data["velocity"][0]["unit"] == "deg/s"  # as positions are
     assert any("up to 60, so degrees are assumed" in reason for reason in found.reasons)
-    assert proposed(columns("pos#", high=6.2), TURNING).data["position"][0]["unit"] == "rad"
+    assert proposed_mapping(columns("pos#", high=6.2), TURNING).data["position"][0]["unit"] == "rad"
 
 
 def test_a_stated_unit_is_taken() -> None:
-    given = [Column("t", unit="ms"), *(Column(f"q{i}", unit="deg", high=1.0) for i in (1, 2, 3))]
-    found = proposed(given, TURNING)
+    given = [
+        Column("t", unit="ms"),
+        *(Column(f"q{i}", unit="deg", high=1.0) for i in (1, 2, 3)),
+    ]
+    found = proposed_mapping(given, TURNING)
     assert found.data["time"] == {"column": "t", "unit": "ms"}
     assert found.data["position"][2] == {"column": "q3", "unit": "deg"}
 
@@ -73,11 +77,11 @@ def test_a_stated_unit_is_taken() -> None:
 def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
     log = recorded(1500)
     path = str(foreign(tmp_path / "axes.csv", log))
-    found = held(path, TURNING)
+    found = read_contents(path, TURNING)
     assert found.rows == 1500
-    assert found.guess.complete
-    parse(written(found.guess.data, "x"), ColumnMapping, where="x")
-    seen = preview(path, "clavel-delta3", found.guess.data, points=10_000)
+    assert found.proposal.complete
+    parse(written(found.proposal.data, "x"), ColumnMapping, where="x")
+    seen = preview(path, "clavel-delta3", found.proposal.data, points=10_000)
     assert [(one.quantity, one.unit) for one in seen.curves] == 3 * [("position", "deg")] + 3 * [
         ("torque", "N m")
     ]
@@ -87,11 +91,11 @@ def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_read_is_a_value(tmp_path: Path) -> None:
-    found = told(held, str(tmp_path / "none.csv"), TURNING)
+    found = try_look(read_contents, str(tmp_path / "none.csv"), TURNING)
     assert isinstance(found, Problem)
     assert "no such file" in found.what
     (tmp_path / "words.csv").write_text("a,b\n1,x\n2,y\n")
-    partly = held(str(tmp_path / "words.csv"), TURNING)
+    partly = read_contents(str(tmp_path / "words.csv"), TURNING)
     assert [(one.address, one.high) for one in partly.columns] == [("a", 2.0), ("b", None)]
 
 

@@ -11,11 +11,12 @@ import pytest
 
 from command import refused
 from deltaid.errors import DeltaidError
+from deltaid.recording.contents import count_columns
 from deltaid.robot.load import catalogue_text
 from deltaid.studio import jobs
 from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem, opened, told
+from deltaid.studio.look import Problem, try_look
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.runs import new_run, runs
 from deltaid.studio.session import Session, standing, unmapped
@@ -25,7 +26,7 @@ from deltaid.studio.steps import check_step, excite_step
 
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
-    return Session(Folder.at(tmp_path / "work"))
+    return Session(Folder.open(tmp_path / "work"))
 
 
 def _dies_once(mark: Path) -> str:
@@ -43,8 +44,8 @@ def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session:
         try:
             killed = await session.look(_dies_once, mark)
             assert await session.look(_dies_once, mark) == "alive"
-            gone = await session.look(opened, "none.csv")
-            alive = await session.glance(opened, "none.csv")
+            gone = await session.look(count_columns, "none.csv")
+            alive = await session.glance(count_columns, "none.csv")
         finally:
             await session.close()
         return killed, gone, alive
@@ -203,7 +204,7 @@ def test_what_is_no_recording_is_told_at_once(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
     (tmp_path / name).write_bytes(data)
-    found = told(opened, str(tmp_path / name))
+    found = try_look(count_columns, str(tmp_path / name))
     assert isinstance(found, Problem)
     assert said in found.what
     assert found.cure
@@ -212,7 +213,7 @@ def test_what_is_no_recording_is_told_at_once(
 
 def test_a_recording_of_any_names_may_be_one(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("when,a,b\nmorning,1,2\nnoon,3,4\n")
-    assert opened(str(tmp_path / "log.csv")) == 3
+    assert count_columns(str(tmp_path / "log.csv")) == 3
 
 
 def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
@@ -254,7 +255,7 @@ def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
     after = stage(str(path), "2")
     assert after.size > before.size + 0.01
     path.write_text("name: none\n")
-    assert isinstance(told(stage, str(path), "3"), Problem)
+    assert isinstance(try_look(stage, str(path), "3"), Problem)
 
 
 def test_turns_are_asked_for_in_degrees() -> None:

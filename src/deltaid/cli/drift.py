@@ -46,9 +46,15 @@ def drift(
     from deltaid.cli.gathered import in_folders
     from deltaid.cli.output import console, print_json, progress, require_outputs, shown
     from deltaid.errors import DeltaidError
-    from deltaid.fleets.drift_recorded import recorded
-    from deltaid.fleets.drift_tables import drift_table, friction_table, require_table, save
-    from deltaid.fleets.drift_text import drift_shown, sentences
+    from deltaid.fleets.drift_inputs import recorded
+    from deltaid.fleets.drift_tables import (
+        drift_shown,
+        drift_table,
+        friction_table,
+        require_table,
+        save,
+        sentences,
+    )
     from deltaid.fleets.factor_file import read
     from deltaid.fleets.robot_drift import robot_drift
 

@@ -10,7 +10,7 @@ from deltaid.errors import DeltaidError
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from deltaid.fleets.drift_settings import DriftSettings
+    from deltaid.fleets.drift_inputs import DriftSettings
 
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
 
@@ -39,7 +39,7 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
     Raises:
         DeltaidError: a limit is no number, or cannot be; there is no such day.
     """
-    from deltaid.fleets.drift_settings import DriftSettings
+    from deltaid.fleets.drift_inputs import DriftSettings
 
     (number, is_torque), day = _limit(limit), _day(since)
     try:

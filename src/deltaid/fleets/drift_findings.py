@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from scipy.special import stdtr, stdtrit
 
 from deltaid.fleets.drift_evidence import KINDS, MONTH, YEAR
+from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_series import Explained
-from deltaid.fleets.drift_settings import DriftSettings
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
 # With fewer recordings, or over less time [days], drift is undetermined.

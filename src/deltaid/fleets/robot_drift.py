@@ -9,9 +9,8 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.fleets.drift_findings import Between, Finding, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_recorded import DriftRecording
+from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
 from deltaid.fleets.drift_series import Regressors, explained, in_percent
-from deltaid.fleets.drift_settings import DriftSettings
 from deltaid.fleets.tool_changes import ToolChange, tool_changes
 from deltaid.model.record import IdentifiedModel
 

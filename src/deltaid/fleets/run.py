@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from deltaid.fleets.cluster import client, require_shared
-from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.fit_step import FITS, fit_jobs
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_all import (

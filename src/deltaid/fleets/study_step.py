@@ -9,8 +9,7 @@ from importlib.metadata import version
 
 import polars as pl
 
-from deltaid.fleets.drift_recorded import DriftRecording
-from deltaid.fleets.drift_settings import DriftSettings
+from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fit_step import ALL, model_file

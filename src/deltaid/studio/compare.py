@@ -129,13 +129,13 @@ _SHOWN = 12
 _KINDS = {"good": "good", "poor": "bad"}
 
 
-def told_of(folder: Folder, run: Run) -> list[tuple[str, str]]:
+def describe_fit(folder: Folder, run: Run) -> list[tuple[str, str]]:
     """Sentences about a fit, each with its kind of note: '', 'good', 'doubt' or 'bad'."""
-    told = output(folder, run).get("summary")
-    if not isinstance(told, dict):
+    summary = output(folder, run).get("summary")
+    if not isinstance(summary, dict):
         return []
-    kind = _KINDS.get(str(told["grade"]), "doubt")
-    return [(str(told["sentence"]), kind), ("\n".join(told["lines"]), "")]
+    kind = _KINDS.get(str(summary["grade"]), "doubt")
+    return [(str(summary["sentence"]), kind), ("\n".join(summary["lines"]), "")]
 
 
 def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:

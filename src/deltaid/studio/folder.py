@@ -43,7 +43,7 @@ class Folder:
     root: Path
 
     @staticmethod
-    def at(path: Path) -> "Folder":
+    def open(path: Path) -> "Folder":
         """A folder, made if there is none.
 
         Raises:

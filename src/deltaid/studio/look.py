@@ -16,15 +16,11 @@ from jaxtyping import Float
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mended
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, RecordingError
+from deltaid.errors import DeltaidError
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
-from deltaid.recording.source import Table
-from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
-from deltaid.studio.columns import Column, addresses, proposed
-from deltaid.studio.columns import Proposal as Guess
 from deltaid.studio.decimate import MinMax
 
 # Points of a curve at most; a screen has hardly more columns.
@@ -48,30 +44,13 @@ class Problem:
     passes: bool = False
 
     @staticmethod
-    def of(error: DeltaidError) -> "Problem":
+    def from_error(error: DeltaidError) -> "Problem":
         """The same error as data."""
         return Problem(error.what, error.where, error.cure)
 
     def inside(self, folder: Path) -> "Problem":
         """The same with files of a folder called by their names there."""
         return replace(self, where=self.where.replace(f"{folder}{os.sep}", ""))
-
-
-@dataclass(frozen=True)
-class Held:
-    """What a recording holds.
-
-    Attributes:
-        columns: with the range of their numbers.
-        rows: how many.
-        guess: the mapping that may be right.
-        warnings: what was seen of the file's layout.
-    """
-
-    columns: tuple[Column, ...]
-    rows: int
-    guess: Guess
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,14 +79,14 @@ class Preview:
     seconds: float
 
 
-def told(
+def try_look(
     look: Callable[_Asked, _Found], *given: _Asked.args, **named: _Asked.kwargs
 ) -> _Found | Problem:
     """A look, or the error that the program has about it."""
     try:
         return look(*given, **named)
     except DeltaidError as error:
-        return Problem.of(error)
+        return Problem.from_error(error)
 
 
 def ready() -> bool:
@@ -115,46 +94,6 @@ def ready() -> bool:
     for name in ("deltaid.view.reach", "deltaid.view.comparison"):
         importlib.import_module(name)
     return True
-
-
-def opened(path: str) -> int:
-    """How many columns a file has, if it may be a recording; only its beginning is read.
-
-    Raises:
-        RecordingError: it cannot be read, or holds no numbers.
-    """
-    table = open_table(Path(path))
-    columns = addresses(table.fields, table.units)
-    for one in columns:
-        seen = told(_begins_with_numbers, table, one.address)
-        if one.is_date or seen is True:
-            return len(columns)
-    raise RecordingError(
-        "holds no column of numbers",
-        where=path,
-        cure="is it a recording? CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT or ROS files are",
-    )
-
-
-def held(path: str, linear: Sequence[bool]) -> Held:
-    """All columns of a recording and the mapping that is proposed.
-
-    Raises:
-        RecordingError: the file cannot be read.
-    """
-    table = open_table(Path(path))
-    columns = addresses(table.fields, table.units)
-    plain = [one.address for one in columns if not one.is_date]
-    found = _ranges(table, plain)
-    rows = next((seen.rows for seen in found.values()), 0)
-    known = tuple(
-        replace(one, low=found[one.address].low, high=found[one.address].high)
-        if one.address in found
-        else one
-        for one in columns
-    )
-    warnings = tuple(str(text) for text in table.warnings)
-    return Held(known, rows, proposed(known, linear), warnings)
 
 
 def preview(
@@ -219,48 +158,3 @@ def _shown(quantity: str, per_shown: float, shown: str, force: str) -> tuple[flo
     if quantity == "torque":
         return 1.0, force
     return per_shown, shown if quantity == "position" else f"{shown}/s"
-
-
-def _begins_with_numbers(table: Table, name: str) -> bool:
-    rows = next(iter(table.rows([name])), None)
-    return rows is not None and bool(np.isfinite(np.asarray(rows.numbers[0], dtype=float)).any())
-
-
-@dataclass
-class _Range:
-    low: float | None = None
-    high: float | None = None
-    rows: int = 0
-
-
-def _ranges(table: Table, names: Sequence[str]) -> dict[str, _Range]:
-    """Smallest and largest number of each column that can be read; others are left out.
-
-    Columns that do not belong together, such as arrays of other lengths, are read by themselves.
-    """
-    if not names:
-        return {}
-    try:
-        return _ranges_together(table, names)
-    except DeltaidError:
-        found: dict[str, _Range] = {}
-        for name in names:
-            seen = told(_ranges_together, table, [name])
-            if not isinstance(seen, Problem):
-                found |= seen
-        return found
-
-
-def _ranges_together(table: Table, names: Sequence[str]) -> dict[str, _Range]:
-    found = {name: _Range() for name in names}
-    for rows in table.rows(names):
-        for name, column in zip(names, rows.numbers, strict=True):
-            values = np.asarray(column, dtype=float)
-            seen = found[name]
-            seen.rows += len(values)
-            finite = values[np.isfinite(values)]
-            if len(finite):
-                low, high = float(finite.min()), float(finite.max())
-                seen.low = low if seen.low is None else min(low, seen.low)
-                seen.high = high if seen.high is None else max(high, seen.high)
-    return found

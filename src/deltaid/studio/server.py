@@ -90,7 +90,7 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
 
     from deltaid.studio.pages.frame import build
 
-    session = Session(Folder.at(path))
+    session = Session(Folder.open(path))
     token = secrets.token_urlsafe(16)
     address = f"http://{HOST}:{port}/?token={token}"
     build(session)

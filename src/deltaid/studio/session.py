@@ -15,7 +15,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
 from deltaid.studio.folder import RUNS, Folder, refusing, stamp
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem, ready, told
+from deltaid.studio.look import Problem, ready, try_look
 from deltaid.studio.plan import Checked, Plan, Store, Used
 from deltaid.studio.runs import Run, new_run, output
 from deltaid.studio.steps import Step, show_step
@@ -79,7 +79,7 @@ class Session:
             return None
         key = (name, self.stamped(name))
         if key not in self._robots:
-            found = told(described, self.place(name))
+            found = try_look(described, self.place(name))
             inside = found.inside(self.folder.root) if isinstance(found, Problem) else found
             self._robots = {key: inside}
         return self._robots[key]
@@ -152,7 +152,7 @@ class Session:
         loop = asyncio.get_running_loop()
         pool = self.warm()
         try:
-            found: Any = await loop.run_in_executor(pool, partial(told, function, *given))
+            found: Any = await loop.run_in_executor(pool, partial(try_look, function, *given))
         except BrokenProcessPool:  # killed from outside, such as for want of memory
             if self._pool is pool:
                 self._pool = None
@@ -165,7 +165,7 @@ class Session:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(1, mp_context=context)
-            self._pool.submit(told, ready)
+            self._pool.submit(try_look, ready)
         return self._pool
 
     async def close(self) -> None:

@@ -9,8 +9,8 @@ from plotly.subplots import make_subplots
 
 from deltaid.studio import look
 from deltaid.studio.compare import Beside
+from deltaid.studio.edits import Data
 from deltaid.studio.look import Preview
-from deltaid.studio.mapping_edit import Data
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session

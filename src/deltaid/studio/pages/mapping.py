@@ -6,11 +6,10 @@ from typing import Any
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
+from deltaid.recording.contents import Contents
 from deltaid.recording.mapping import QUANTITIES, Quantity
 from deltaid.robot.description import RobotDescription
-from deltaid.studio.folder import ConflictError
-from deltaid.studio.look import Held
-from deltaid.studio.mapping_edit import (
+from deltaid.studio.edits import (
     DEFAULTS,
     TIME_UNITS,
     UNITS,
@@ -21,6 +20,7 @@ from deltaid.studio.mapping_edit import (
     with_value,
     written,
 )
+from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Draft, Session
@@ -73,13 +73,15 @@ class _Form:
         self.take(with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike))
 
 
-def form(session: Session, used: Used, held: Held, robot: RobotDescription, data: Data) -> None:
+def form(
+    session: Session, used: Used, contents: Contents, robot: RobotDescription, data: Data
+) -> None:
     """All fields of a mapping."""
     ui.label(f"Kept in {used.mapping}. joint value = sign · unit · (number − zero) / gear").classes(
         "dim"
     )
     state = _Form(session, used, data, len(robot.drives))
-    columns, data = [one.address for one in held.columns], state.data
+    columns, data = [one.address for one in contents.columns], state.data
     if session.drafts.get(state.name) is not None:
         state.take(data)
     _time(state, columns)

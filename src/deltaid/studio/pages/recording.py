@@ -7,9 +7,10 @@ from typing import Any
 from nicegui import events, ui
 
 from deltaid.errors import DeltaidError
+from deltaid.recording.contents import Contents, count_columns, read_contents
 from deltaid.robot.description import RobotDescription
 from deltaid.studio import look
-from deltaid.studio.mapping_edit import Data, named, read, written
+from deltaid.studio.edits import Data, named, read, written
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import preview
 from deltaid.studio.pages.mapping import form
@@ -62,7 +63,7 @@ def _files(session: Session) -> None:
 
 
 async def _readable(session: Session, path: Path) -> look.Problem | None:
-    found = await session.glance(look.opened, str(path))
+    found = await session.glance(count_columns, str(path))
     return found if isinstance(found, look.Problem) else None
 
 
@@ -96,18 +97,18 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
         linear = tuple(robot.is_linear(drive) for drive in robot.drives)
         path = str(session.folder.path(used.file))
         with parts.waiting():
-            held = await session.look(look.held, path, linear)
-        if isinstance(held, look.Problem):
-            parts.problem(held)
+            contents = await session.look(read_contents, path, linear)
+        if isinstance(contents, look.Problem):
+            parts.problem(contents)
             return
-        size = f"{held.rows:,} rows".replace(",", " ")
-        ui.label(f"{size}, {len(held.columns)} columns").classes("dim")
-        for text in held.warnings:
+        size = f"{contents.rows:,} rows".replace(",", " ")
+        ui.label(f"{size}, {len(contents.columns)} columns").classes("dim")
+        for text in contents.warnings:
             parts.note(text, "doubt")
         if used.mapping is None:
-            _proposal(session, used, held, robot)
-            if held.guess.complete:
-                await preview(session, used, held.guess.data)
+            _proposal(session, used, contents, robot)
+            if contents.proposal.complete:
+                await preview(session, used, contents.proposal.data)
             return
         try:
             data = read(session.folder.text(used.mapping), used.mapping)
@@ -116,18 +117,18 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             _another(session, used)
             return
         _another(session, used)
-        form(session, used, held, robot, data)
+        form(session, used, contents, robot, data)
         await preview(session, used, data)
 
 
-def _proposal(session: Session, used: Used, held: look.Held, robot: RobotDescription) -> None:
+def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDescription) -> None:
     """What may be right, and why; a file is written when the user takes it."""
-    guess, name = held.guess, mapping_name(session, used.file)
+    guess, name = contents.proposal, mapping_name(session, used.file)
     lines = [f"· {reason}" for reason in guess.reasons]
     if guess.missing:
         lines.append(f"· not found: {', '.join(guess.missing)}; these are to be named by hand")
     parts.note("Proposed, and not used yet:\n" + "\n".join(lines))
-    fitting = _fitting(session, held, len(robot.drives))
+    fitting = _fitting(session, contents, len(robot.drives))
     with ui.row():
         for one, of in fitting.items():
             ui.button(f"Use {one}{of}", on_click=partial(_point, session, used, one)).props(
@@ -139,9 +140,9 @@ def _proposal(session: Session, used: Used, held: look.Held, robot: RobotDescrip
         ).props("no-caps outline" if fitting else "no-caps")
 
 
-def _fitting(session: Session, held: look.Held, dof: int) -> dict[str, str]:
+def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
     """Mapping files whose columns are all in this recording too, and what shares each."""
-    there, found = {column.address for column in held.columns}, dict[str, str]()
+    there, found = {column.address for column in contents.columns}, dict[str, str]()
     for name in session.folder.mappings():
         try:
             names = named(read(session.folder.text(name), name), dof)

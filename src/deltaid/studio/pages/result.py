@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from deltaid.studio.compare import told_of
+from deltaid.studio.compare import describe_fit
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.over_time import over_time
 from deltaid.studio.plan import Used
@@ -32,7 +32,7 @@ async def body(session: Session) -> None:
 
 def _shown(session: Session, run: Run) -> None:
     with parts.panel(f"{run.name}: {session.plan.names.get(run.folder, 'the model')}"):
-        for sentence, kind in told_of(session.folder, run):
+        for sentence, kind in describe_fit(session.folder, run):
             parts.note(sentence, kind)
         parts.report(session, run.file("report.html"), f"Report of {run.name}")
         _commands(run)

@@ -12,7 +12,7 @@ from deltaid.studio.cures import own_copy
 from deltaid.studio.describe import drafted, new_step
 from deltaid.studio.drafting.kinds import KINDS
 from deltaid.studio.drafting.questions import Question, asked
-from deltaid.studio.look import Problem, told
+from deltaid.studio.look import Problem, try_look
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.editor import editor
 from deltaid.studio.pages.live import live
@@ -71,7 +71,7 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
 
 async def _readable(path: Path) -> Problem | None:
     """Why a file cannot be edited as text; what is wrong with the text is said by the editor."""
-    found = told(read_text, path)
+    found = try_look(read_text, path)
     return found if isinstance(found, Problem) else None
 
 

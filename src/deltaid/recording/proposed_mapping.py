@@ -14,8 +14,12 @@ from deltaid.recording.mapping import QUANTITIES, Quantity
 from deltaid.recording.resolution import si_unit
 from deltaid.recording.units import is_unit
 
+# A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
+_MOST_METRES = 10.0
 # A drive that turns hardly leaves ±2 π; numbers of degrees mostly do.
 _MOST_RADIANS = 7.0
+# Numbers of an array beside each other that may be a column each; what is wider is an image.
+_WIDEST = 16
 # Words of names, in small letters, that stand for a quantity; the first that fits counts.
 _WORDS: dict[str, tuple[str, ...]] = {
     "time": ("t", "time", "timestamp", "zeit", "stamp", "clock", "sec", "millis", "ticks"),
@@ -72,12 +76,12 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class MappingProposal:
     """A mapping that may be right.
 
     Attributes:
         data: as its file would hold it.
-        reasons: why, one sentence each; what is assumed says so.
+        reasons: why, column sentence each; what is assumed says so.
         missing: quantities that are needed and were not found.
     """
 
@@ -94,21 +98,20 @@ class Proposal:
 def addresses(fields: Sequence[Field], units: Mapping[str, str]) -> list[Column]:
     """All columns that a mapping may name; of a short array each one."""
     found: list[Column] = []
-    for one in fields:
-        if one.holds:
+    for field in fields:
+        if field.holds:
             continue
-        wide = [size for size in one.shape if size is not None and 1 < size <= 16]
-        if len(one.shape) > 1 and wide:
-            found += [
-                Column(f"{one.name}[{i}]", units.get(f"{one.name}[{i}]", units.get(one.name, "")))
-                for i in range(wide[-1])
-            ]
-        elif one.shape:
-            found.append(Column(one.name, units.get(one.name, ""), is_date=one.is_clock))
+        unit = units.get(field.name, "")
+        wide = [size for size in field.shape if size is not None and 1 < size <= _WIDEST]
+        if len(field.shape) > 1 and wide:
+            names = [f"{field.name}[{i}]" for i in range(wide[-1])]
+            found += [Column(name, units.get(name, unit)) for name in names]
+        elif field.shape:
+            found.append(Column(field.name, unit, is_date=field.is_clock))
     return found
 
 
-def proposed(columns: Sequence[Column], linear: Sequence[bool]) -> Proposal:
+def proposed_mapping(columns: Sequence[Column], linear: Sequence[bool]) -> MappingProposal:
     """The mapping that names, units and sizes speak for.
 
     Args:
@@ -117,7 +120,7 @@ def proposed(columns: Sequence[Column], linear: Sequence[bool]) -> Proposal:
     """
     data: dict[str, Any] = {}
     reasons: list[str] = []
-    time = next((one for one in columns if _quantity(one.address) == "time"), None)
+    time = next((column for column in columns if _quantity(column.address) == "time"), None)
     if time is not None:
         data["time"], reason = _time(time)
         reasons.append(reason)
@@ -130,10 +133,10 @@ def proposed(columns: Sequence[Column], linear: Sequence[bool]) -> Proposal:
         entries, unit_reason = _entries(quantity, best, linear, data)
         data[quantity] = entries
         others = f", rather than {fitting[0][0].address}" if fitting[0] is not best else ""
-        names = ", ".join(one.address for one in best)
+        names = ", ".join(column.address for column in best)
         reasons.append(f"{quantity}: {names} by their names{others}; {unit_reason}")
     needed = (("time", time is not None), *((q, q in data) for q in ("position", "torque")))
-    return Proposal(data, tuple(reasons), tuple(name for name, there in needed if not there))
+    return MappingProposal(data, tuple(reasons), tuple(name for name, there in needed if not there))
 
 
 def words_of(name: str) -> list[str]:
@@ -159,13 +162,17 @@ def _rank(name: str) -> tuple[bool, int]:
 
 
 def _groups(columns: Sequence[Column], dof: int) -> list[list[Column]]:
-    """Columns whose names differ in one number only, as many as there are drives."""
+    """Columns whose names differ in column number only, as many as there are drives."""
     found: dict[tuple[str, int], dict[int, Column]] = {}
-    for one in columns:
-        plain = _IN_BRACKETS.sub("", one.address) if one.address[-1:] not in "]" else one.address
+    for column in columns:
+        plain = (
+            _IN_BRACKETS.sub("", column.address)
+            if column.address[-1:] not in "]"
+            else column.address
+        )
         for match in _NUMBER.finditer(plain):
             stem = f"{plain[: match.start()]}#{plain[match.end() :]}"
-            found.setdefault((stem, match.start()), {})[int(match[0])] = one
+            found.setdefault((stem, match.start()), {})[int(match[0])] = column
     groups: list[list[Column]] = []
     for numbered in found.values():
         numbers = sorted(numbered)
@@ -220,13 +227,13 @@ def _stated(column: Column) -> tuple[str, str]:
 
 def _by_size(quantity: Quantity, group: Sequence[Column], *, slides: bool) -> tuple[str, str]:
     """The unit that is assumed where none is stated."""
-    largest = max(one.largest for one in group)
-    names = {word for one in group for word in words_of(one.address)}
+    largest = max(column.largest for column in group)
+    names = {word for column in group for word in words_of(column.address)}
     if quantity == "torque" and names & set(_CURRENTS):
         return "A", "a current by the name: A is assumed, and the torque constant is to be given"
     if quantity == "position" and not slides and largest > _MOST_RADIANS:
         return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
-    if quantity == "position" and slides and largest > 10:
+    if quantity == "position" and slides and largest > _MOST_METRES:
         return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"
     unit = si_unit(quantity, linear=slides)
     return unit, f"{unit} is assumed, for no unit is stated"
