@@ -34,6 +34,7 @@ _WELL, _NOT = 0.3, 0.9
 # An excitation is poor when a quarter of the parameters are so many times less certain than after
 # a motion within the robot's limits of the same length.
 _POOR = 6.0
+# Parameters that a message names before it counts the others.
 _SHOWN = 4
 # A drive rests that moves less than this share of its usual range.
 _RESTING = 0.01

@@ -14,8 +14,8 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.robot.shapes import HollowCylinder, PointMass
 from deltaid.sensors.weighings import Weighing, weighings
 
-# kg/m³. Osmium has 22,600; foam some 30. What is called a density but is less is in g/cm³.
-_DENSEST, _LIGHTEST, _IN_GRAMS = 23_000.0, 10.0, 25.0
+# kg/m³. Osmium has 22,600; foam some 30.
+_DENSEST, _LIGHTEST = 23_000.0, 10.0
 # kg/m³ of arm and strut together, cubed: a solid block of steel with a side of a sixth of them is
 # hardly part of a robot, and one of four times its mass is not.
 _HEAVY, _FAR = 7850.0 / 6**3, 4.0
@@ -71,26 +71,39 @@ def _shape(
     if isinstance(shape, HollowCylinder):
         section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
         density = mass / (section * shape.length)
-    seen, proposals = f"{path} has a density of {density:.3g} kg/m³; ", ()
+    seen = f"{path} has a density of {density:.3g} kg/m³; "
     if density > _DENSEST:
-        grade, cause, cure = Grade.WRONG, "a mass in grams", "give kilograms and metres"
-        seen += f"no material has more than {_DENSEST:.3g}"
-        proposed = f"{path}.mass", mass / 1000
+        in_grams = f"{path}.mass", mass / 1000
         if by_density:
-            cause, proposed = "a density in g/m³", (f"{path}.density", density / 1000)
-        if density / 1000 > _LIGHTEST:
-            cure, proposals = f"{cure}; the same number in grams would fit", _proposed(proposed)
-    elif density < _LIGHTEST:
-        grade, cause = Grade.DOUBTFUL, "a mass in tonnes, or radii that are too large"
-        seen, cure = f"{seen}even foam has more", "check mass and radii; they are in kg and m"
-        if by_density and density < _IN_GRAMS:
-            cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
-            proposals = _proposed((f"{path}.density", density * 1000))
-    else:
-        return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
-    return _DENSITY.poor(
-        seen, name, density, grade=grade, cause=cause, cure=cure, proposals=proposals
-    )
+            in_grams = f"{path}.density", density / 1000
+        fits = density / 1000 > _LIGHTEST
+        return _DENSITY.poor(
+            f"{seen}no material has more than {_DENSEST:.3g}",
+            name,
+            density,
+            grade=Grade.WRONG,
+            cause="a density in g/m³" if by_density else "a mass in grams",
+            cure="give kilograms and metres" + "; the same number in grams would fit" * fits,
+            proposals=_proposed(in_grams) if fits else (),
+        )
+    if density < _LIGHTEST and by_density:
+        return _DENSITY.poor(
+            f"{seen}even foam has more",
+            name,
+            density,
+            cause="a density in g/cm³",
+            cure="give the density in kg/m³: 1000 times the number",
+            proposals=_proposed((f"{path}.density", density * 1000)),
+        )
+    if density < _LIGHTEST:
+        return _DENSITY.poor(
+            f"{seen}even foam has more",
+            name,
+            density,
+            cause="a mass in tonnes, or radii that are too large",
+            cure="check mass and radii; they are in kg and m",
+        )
+    return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
 
 
 def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Verdict | None:

@@ -26,6 +26,8 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.compliance import LITTLE
+from deltaid.effects.effect import SHARE
 from deltaid.effects.lag_columns import late
 from deltaid.effects.windings import Windings, free_friction, friction_causes, motors_of
 from deltaid.errors import DeltaidError, RecordingError
@@ -47,14 +49,9 @@ from deltaid.model.verdict import Grade, Verdict
 _CHANCE = 1e-3
 # Errors that differ by less than this share are the same: only the prior judges what made them.
 _SAME = 1e-3
-# Least share of all that explains a recording beside the robot; less may be what columns of first
-# order leave of other causes.
-_SHARE = 0.15
 # What one column explains, as a share of the torques: of the robot, whose columns cancel each
 # other, and of what is corrected, such as a torque constant that is off.
 _OF_ROBOT, _CORRECTED = 10.0, 0.1
-# How far a gear winds up at a drive's largest torque, for differences [rad or m].
-_LITTLE = 1e-4
 _NO_CHANGE = (
     "no change of the files explains this: with the lines that would correct it, errors of torques "
     "that were held out do not fall"
@@ -103,7 +100,7 @@ class HeldOut:
         own, others, plain = (squares.mean(axis=1) for squares in all_squares)
         smaller = np.minimum(own, others)
         explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
-        return bool(explained > _SHARE * together) and _smaller(self.squares, other.squares)
+        return bool(explained > SHARE * together) and _smaller(self.squares, other.squares)
 
 
 def _smaller(squares: Squares, others: Squares) -> bool:
@@ -179,7 +176,7 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     tau = trace.torques()
     if tau.shape[1] < STRETCHES:
         return None
-    friction, steps = free_friction(trace, p), np.diag(_LITTLE / rows.scale)
+    friction, steps = free_friction(trace, p), np.diag(LITTLE / rows.scale)
     parts = [
         trace.regressor(declared),
         late(trace, p),

@@ -54,7 +54,7 @@ _SHARES = 2e-3 * 2.0 ** np.arange(6)
 # The same for any gear: beyond that the linearised winding means nothing.
 _SOFTEST = 4.0 * _SHARES[-1]
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
-_LITTLE = 1e-4
+LITTLE = 1e-4
 
 Sizes = Float[np.ndarray, " groups"]
 
@@ -217,7 +217,7 @@ class _Fit:
         """s = known + S ε with the best ε, from a start on, in at most `most` sweeps."""
         dof, count = S.shape
         sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
-        little, first = _LITTLE / (S.T @ self._largest), self.rows.size
+        little, first = LITTLE / (S.T @ self._largest), self.rows.size
         softest = _SOFTEST * np.min(np.where(S > 0, self._softer[:, None], np.inf), axis=0)
         covariance = np.zeros((count + dof, count + dof))
         for _ in range(most):

@@ -31,6 +31,7 @@ _FILTER = (
     "friction at reversals have its tails"
 )
 _PURE = "; it is all that makes them late"
+# Rates of clocks are reported in parts per million.
 _PPM = 1e6
 
 All = Float[np.ndarray, " all"]  # lags, time constants, rate

@@ -10,7 +10,7 @@ from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
-# Units of forces and moments that a factor may be read as, and how near it must be.
+# Units of forces and moments that a factor may be read as.
 _UNITS = {
     "N": {
         "N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "gf": 0.00980665, "lbf": 4.4482216152605,
@@ -22,6 +22,7 @@ _UNITS = {
         "daN*m": 10.0,
     },
 }  # fmt: skip
+# A factor names a unit where it is nearer than torque constants and sensors err together.
 _ALIKE = 0.15
 # Factors nearer to one than this may as well be those of the drives' torques.
 _GAIN = 3.0

@@ -17,9 +17,8 @@ from deltaid.robot.description import RobotDescription
 
 # A gain so far from the others' is no calibration error; least margin that it needs.
 _GAIN, _SHOWN_FAR = 2.5, 3.0
-# Share of the samples whose loops must close, and of the few tried first.
-CLOSED, MOSTLY_CLOSED = 0.98, 0.9
-_FEW = 40
+# Share of the samples whose loops must close, and of the few tried first; how many these are.
+CLOSED, MOSTLY_CLOSED, _FEW = 0.98, 0.9, 40
 # A robot within so much of its prior, of which so little is left, and whose torques correlate so
 # with the prior's, is worth no search for units.
 _NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6

@@ -15,6 +15,7 @@ from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.model.verdict import Fault, Grade, Verdict
 
+# Blocks of time whose scatter says how certain a lag is.
 _BLOCKS = 16
 # A drive that moves less than this share of the liveliest one is not judged.
 _RESTS = 1e-6
