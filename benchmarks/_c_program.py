@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.exports.c_code import CCode
-from deltaid.exports.precision import DOUBLE, Precision
+from deltaid.exports.text import DOUBLE, Precision
 
 # Processor time [µs], and what reading it takes.
 _HEAD = """

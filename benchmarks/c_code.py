@@ -37,8 +37,8 @@ from _timing import machine
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.exports.c_code import c_code
 from deltaid.exports.mjcf import mjcf
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion

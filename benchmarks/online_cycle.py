@@ -21,7 +21,7 @@ from _table import leave
 from drawn_picks import production_of
 
 from deltaid.exports.c_code import c_code
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.contact_part import contact_of

@@ -27,7 +27,7 @@ from _table import leave
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.exports.c_code import c_code
 from deltaid.exports.digits import Care
-from deltaid.exports.precision import SINGLE
+from deltaid.exports.text import SINGLE
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot

@@ -9,9 +9,9 @@ variables of a function are on the stack while it runs, those of a function bloc
 import sys
 
 from deltaid.exports.options import FURTHER
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.st_units import Unit, Variable
 from deltaid.exports.structured_text import plc_program
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import load
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.exports.c_code import c_code
-from deltaid.exports.precision import DOUBLE, Precision
+from deltaid.exports.text import DOUBLE, Precision
 from deltaid.model.model import Model
 from exports import CC, model, states
 from support import assert_close

@@ -15,7 +15,7 @@ from deltaid.exports.c_code import c_code
 from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.options import FURTHER as NAMES
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.user_code import use_mechanism

@@ -13,8 +13,8 @@ from c_library import BAD_INPUT, OK, Library, build
 from command import refused, run
 from deltaid.errors import DeltaidError
 from deltaid.exports.files import Written, export
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.structured_text import structured_text
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.layout import Field

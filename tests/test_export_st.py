@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DeltaidError
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.st_statements import StructuredText
 from deltaid.exports.straight_line import Array, body
 from deltaid.exports.structured_text import plc_program, structured_text
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from exports import floats, model, states, subject, towards_singularities

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.structured_text import structured_text
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from exports import model, states, subject
 from support import assert_close
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from deltaid.exports.looks import Ball, Box, Rod, Shape, shapes, strut_radius, thickness
+from deltaid.exports.looks import Ball, BoxShape, Rod, Shape, shapes, strut_radius, thickness
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.tree import Tree
 from deltaid.exports.urdf import urdf
@@ -85,7 +85,7 @@ def test_limbs_are_drawn_from_joint_to_joint(name: str) -> None:
             np.testing.assert_allclose(motor, limb.base + 0.07 * s * np.array([-y, y]), atol=1e-9)
         else:
             carriage = found[f"carriage{n}"]
-            assert isinstance(carriage, Box)
+            assert isinstance(carriage, BoxShape)
             np.testing.assert_allclose(placed(name, carriage.body, carriage.centre), [joint])
             along = limb.R_WL @ limb.rail
             standing = placed(name, carriage.body, carriage.R[:, 2]) - joint
@@ -198,7 +198,7 @@ def test_programs_without_tendons_show_a_line_in_the_middle_of_each_pair(name: s
         np.testing.assert_allclose(ball.xpos, site.xpos, atol=1e-12)
     if name == "irb360-6-1600":  # a box
         mark, geom = shown(name)[2]["mark"], simulation.model.geom("mark")
-        assert isinstance(mark, Box)
+        assert isinstance(mark, BoxShape)
         np.testing.assert_allclose(geom.pos, mark.centre, atol=1e-12)
         np.testing.assert_allclose(geom.size, mark.half, atol=1e-12)
 

@@ -9,8 +9,8 @@ import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
-from deltaid.exports.precision import DOUBLE
 from deltaid.exports.structured_text import structured_text
+from deltaid.exports.text import DOUBLE
 from deltaid.model.model import Model, load
 from deltaid.online.instant import AlignedInputs, Waits, line, waits
 from deltaid.online.layout import Field, Layout

@@ -5,8 +5,8 @@ import pytest
 
 from deltaid.dynamics.equations import build_task_motion
 from deltaid.dynamics.task_dynamics import cholesky_solve
+from deltaid.exports.functions import parameter_table
 from deltaid.exports.model_functions import bias
-from deltaid.exports.parameter_table import parameter_table
 from deltaid.model.model import Model, load
 
 _SLOW = (ca.OP_DIV, ca.OP_SQRT, ca.OP_INV)

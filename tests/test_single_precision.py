@@ -16,11 +16,10 @@ import numpy as np
 import pytest
 
 from c_library import FURTHER, OK, WARNINGS, Library, build
-from deltaid.exports.digits import Care, Part
-from deltaid.exports.fill import rendered
+from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.pairs import pairs_of_c, split
-from deltaid.exports.precision import SINGLE
 from deltaid.exports.straight_line import Array, straight_line
+from deltaid.exports.text import SINGLE, rendered
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.online.instant import pose
@@ -182,12 +181,12 @@ def called(library: ctypes.CDLL, name: str, given: list[float]) -> float:
     return float(found) + rest.value
 
 
-def judged(value: ca.SX, a: float, b: float, *parts: Part) -> list[int]:
+def judged(value: ca.SX, a: float, b: float, *parts: OutputPart) -> list[int]:
     """Operations of a function of a and b that are carried as pairs."""
     x = ca.SX.sym("x", 2)
     f = ca.Function("f", [x], [ca.substitute(value, SYMBOLS, x)])
     states = np.tile([[a], [b]], (1, 3)) * np.array([1.0, 1.001, 1.002])
-    found = Care({"x": states}).pairs(f, ["x"], parts or [Part(1)])
+    found = Care({"x": states}).pairs(f, ["x"], parts or [OutputPart(1)])
     return sorted(f.instruction_id(k) for k in found)
 
 
@@ -213,7 +212,9 @@ def test_numbers_that_are_no_floats_have_a_rest() -> None:
 
 def test_only_outputs_that_count_are_looked_at() -> None:
     both = ca.vertcat(A**2 - B**2, A * B)
-    assert judged(both, 1.0, 0.999, Part(1, None), Part(1)) == []
-    assert judged(both, 1.0, 0.999, Part(2)) == []  # beside a large entry a small one may be off
-    assert judged(both, 1.0, 0.999, Part(1), Part(1)) == [ca.OP_SUB, ca.OP_SQ, ca.OP_SQ]
-    assert judged(both, 1.0, 0.999, Part(1, "x"), Part(1)) == []
+    assert judged(both, 1.0, 0.999, OutputPart(1, None), OutputPart(1)) == []
+    assert (
+        judged(both, 1.0, 0.999, OutputPart(2)) == []
+    )  # beside a large entry a small one may be off
+    assert judged(both, 1.0, 0.999, OutputPart(1), OutputPart(1)) == [ca.OP_SUB, ca.OP_SQ, ca.OP_SQ]
+    assert judged(both, 1.0, 0.999, OutputPart(1, "x"), OutputPart(1)) == []

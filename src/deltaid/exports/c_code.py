@@ -12,15 +12,12 @@ import casadi as ca
 from deltaid.errors import DeltaidError
 from deltaid.exports.c_functions import cycle_texts, function_texts
 from deltaid.exports.digits import care_for
-from deltaid.exports.fill import rendered
-from deltaid.exports.functions import STATUSES
+from deltaid.exports.functions import STATUSES, ParameterTable, parameter_table
 from deltaid.exports.further_functions import further_cycles, further_functions
 from deltaid.exports.model_functions import acceleration, model_functions
 from deltaid.exports.pairs import pairs_of_c
-from deltaid.exports.parameter_table import ParameterTable, parameter_table
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.straight_line import SIGN, Array, straight_line
-from deltaid.exports.text import c_comment
+from deltaid.exports.text import DOUBLE, SINGLE, Precision, c_comment, rendered
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings
 

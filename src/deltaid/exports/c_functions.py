@@ -6,9 +6,8 @@ import casadi as ca
 
 from deltaid.exports.digits import Care
 from deltaid.exports.functions import ExportedCycle, ExportedFunction, Newton
-from deltaid.exports.precision import Precision
 from deltaid.exports.straight_line import Array, straight_line, wrapped
-from deltaid.exports.text import c_comment, plain_letters
+from deltaid.exports.text import Precision, c_comment, plain_letters
 from deltaid.online.layout import Field, Layout
 
 

@@ -34,7 +34,7 @@ _ROWS = 16  # of outputs at a time
 
 
 @dataclass(frozen=True)
-class Part:
+class OutputPart:
     """Neighbouring entries of a graph's output.
 
     Attributes:
@@ -57,7 +57,9 @@ class Care:
 
     states: Mapping[str, Float[np.ndarray, "_ states"]]
 
-    def pairs(self, f: ca.Function, names: Sequence[str], parts: Sequence[Part]) -> frozenset[int]:
+    def pairs(
+        self, f: ca.Function, names: Sequence[str], parts: Sequence[OutputPart]
+    ) -> frozenset[int]:
         """Numbers of the instructions whose results need twice the digits.
 
         Args:
@@ -250,5 +252,5 @@ def _with_slopes(op: int, count: int, size: int) -> ca.Function:
     """An operation on columns, with its derivatives by what it reads."""
     x = [ca.SX.sym("x", size) for _ in range(count)]
     value = ca.SX.unary(op, x[0]) if count == 1 else ca.SX.binary(op, *x)
-    slopes = [ca.densify(ca.jtimes(value, one, ca.SX.ones(size))) for one in x]
+    slopes = [ca.densify(ca.jtimes(value, variable, ca.SX.ones(size))) for variable in x]
     return ca.Function("f", x, [ca.densify(value), *slopes])

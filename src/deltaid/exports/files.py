@@ -14,11 +14,11 @@ from deltaid.exports.arrays import npz_file
 from deltaid.exports.c_code import c_code
 from deltaid.exports.casadi_function import casadi_file
 from deltaid.exports.fmu import fmu
+from deltaid.exports.further_functions import NO_CONTACT
 from deltaid.exports.mjcf import mjcf
-from deltaid.exports.online_cycle import NO_CONTACT
 from deltaid.exports.options import FmiVersion, TargetName
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.structured_text import plc_program
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.joint_forces.constraint_forces import ConstraintForces
@@ -89,7 +89,7 @@ Kind = Literal["code", "unit", "model"]
 
 
 @dataclass(frozen=True)
-class Target:
+class ExportTarget:
     """One form of a model.
 
     Attributes:
@@ -159,15 +159,15 @@ def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
     return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
-TARGETS: Mapping[TargetName, Target] = {
-    "c": Target((".c", ".h"), _c, "code"),
-    "st": Target((".st", ".plcopen.xml"), _st, "code", longest=20),
-    "fmu": Target((".fmu",), partial(_unit, forward=True), "unit"),
-    "fmu-inverse": Target((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
-    "casadi": Target((".casadi",), _casadi),
-    "mjcf": Target((".xml",), _mjcf),
-    "urdf": Target((".urdf", ".loops.json"), _urdf),
-    "npz": Target((".npz",), _npz),
+TARGETS: Mapping[TargetName, ExportTarget] = {
+    "c": ExportTarget((".c", ".h"), _c, "code"),
+    "st": ExportTarget((".st", ".plcopen.xml"), _st, "code", longest=20),
+    "fmu": ExportTarget((".fmu",), partial(_unit, forward=True), "unit"),
+    "fmu-inverse": ExportTarget((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
+    "casadi": ExportTarget((".casadi",), _casadi),
+    "mjcf": ExportTarget((".xml",), _mjcf),
+    "urdf": ExportTarget((".urdf", ".loops.json"), _urdf),
+    "npz": ExportTarget((".npz",), _npz),
 }
 
 

@@ -19,7 +19,6 @@ import casadi as ca
 
 from deltaid.control.simulation import LONGEST_STEP
 from deltaid.exports.c_code import ParameterTable, accelerations, c_code, parameter_table
-from deltaid.exports.fill import rendered
 from deltaid.exports.fmu_binaries import Compiler, binaries, found_compiler
 from deltaid.exports.fmu_description import Described, build_description, model_description
 from deltaid.exports.fmu_variables import (
@@ -30,7 +29,7 @@ from deltaid.exports.fmu_variables import (
 )
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.straight_line import Array, number, straight_line
-from deltaid.exports.text import c_comment
+from deltaid.exports.text import c_comment, rendered
 from deltaid.model.model import Model
 from deltaid.progress import Progress
 

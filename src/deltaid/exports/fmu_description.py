@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from deltaid.exports.fmu_variables import Variable, Variables
+from deltaid.exports.fmu_variables import FmuVariable, Variables
 from deltaid.exports.options import FmiVersion
 
 # Units by name, as powers of SI base units.
@@ -125,7 +125,7 @@ def _units(variables: Variables) -> ET.Element:
     return units
 
 
-def _common(k: int, variable: Variable) -> dict[str, str]:
+def _common(k: int, variable: FmuVariable) -> dict[str, str]:
     """Attributes that a variable has in both versions, but for its values."""
     found = {
         "name": variable.name,
@@ -136,7 +136,7 @@ def _common(k: int, variable: Variable) -> dict[str, str]:
     return found | ({"description": variable.description} if variable.description else {})
 
 
-def _values(variable: Variable) -> dict[str, str]:
+def _values(variable: FmuVariable) -> dict[str, str]:
     found = {"unit": variable.unit} if variable.unit else {}
     return found | ({"start": repr(variable.start)} if variable.start is not None else {})
 

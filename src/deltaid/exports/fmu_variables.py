@@ -20,7 +20,7 @@ _TASK = {
 
 
 @dataclass(frozen=True)
-class Variable:
+class FmuVariable:
     """One real variable; its value reference is its place in the list.
 
     Attributes:
@@ -53,13 +53,13 @@ class Variables:
         states: number of continuous states.
     """
 
-    all: tuple[Variable, ...]
+    all: tuple[FmuVariable, ...]
     places: dict[str, int]
     states: int
 
     def with_time(self) -> "Variables":
         """These and the time, which is a variable in FMI 3."""
-        time = Variable("time", "independent", "s", "simulation time")
+        time = FmuVariable("time", "independent", "s", "simulation time")
         return Variables((*self.all, time), self.places | {"TIME": len(self.all)}, self.states)
 
 
@@ -70,10 +70,10 @@ class _List:
         linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
         self.drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
         self.task = [(name, UNITS[name]) for name in subject.robot.task.names]
-        self.all: list[Variable] = []
+        self.all: list[FmuVariable] = []
         self.places: dict[str, int] = {}
 
-    def add(self, place: str, variables: list[Variable]) -> range:
+    def add(self, place: str, variables: list[FmuVariable]) -> range:
         """Append a group; returns its places."""
         self.places[place] = len(self.all)
         self.all += variables
@@ -88,38 +88,38 @@ def carrier(subject: Model) -> str:
 def forward_variables(subject: Model) -> Variables:
     """The robot: torques and payload in, motion out; z and then q̇ are the states."""
     found, home = _List(subject), subject.home
-    found.add("SPEED", [Variable(
+    found.add("SPEED", [FmuVariable(
         "friction_speed", "parameter", "",
         "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
         FRICTION_SPEED,
     )])  # fmt: skip
     found.add("TAU", [
-        Variable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
+        FmuVariable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
         for i, (_, force) in enumerate(found.drives, 1)
     ])  # fmt: skip
     if carrier(subject):
         held = "mass that the tool holds; it comes and goes with the platform's velocity"
-        found.add("PAYLOAD", [Variable("payload", "input", "kg", held, 0.0)])
+        found.add("PAYLOAD", [FmuVariable("payload", "input", "kg", held, 0.0)])
     z = found.add("Z", [
-        Variable(name, "output", unit, _TASK[name], float(start))
+        FmuVariable(name, "output", unit, _TASK[name], float(start))
         for (name, unit), start in zip(found.task, home, strict=True)
     ])  # fmt: skip
     qd = found.add("QD", [
-        Variable(f"qd{i}", "output", f"{unit}/s", f"speed of drive {i}", 0.0)
+        FmuVariable(f"qd{i}", "output", f"{unit}/s", f"speed of drive {i}", 0.0)
         for i, (unit, _) in enumerate(found.drives, 1)
     ])  # fmt: skip
     found.add("DZ", [
-        Variable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}/s", "",
+        FmuVariable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}/s", "",
                  derivative_of=k, needs=(*z, *qd))
         for k in z
     ])  # fmt: skip
     found.add("DQD", [
-        Variable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}2", "",
+        FmuVariable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}2", "",
                  derivative_of=k)
         for k in qd
     ])  # fmt: skip
     found.add("Q", [
-        Variable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=tuple(z))
+        FmuVariable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=tuple(z))
         for i, (unit, _) in enumerate(found.drives, 1)
     ])  # fmt: skip
     return Variables(tuple(found.all), found.places, 2 * len(home))
@@ -133,15 +133,15 @@ def inverse_variables(subject: Model) -> Variables:
               ("QDD", "qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
     for place, name, per, words, starts in groups:
         found.add(place, [
-            Variable(f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start))
+            FmuVariable(f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start))
             for i, ((unit, _), start) in enumerate(zip(found.drives, starts, strict=True), 1)
         ])  # fmt: skip
     q = tuple(range(len(home)))
     found.add("TAU", [
-        Variable(f"tau{i}", "output", force, f"torque or force of drive {i} at the joint")
+        FmuVariable(f"tau{i}", "output", force, f"torque or force of drive {i} at the joint")
         for i, (_, force) in enumerate(found.drives, 1)
     ])  # fmt: skip
     found.add("Z", [
-        Variable(name, "output", unit, _TASK[name], needs=q) for name, unit in found.task
+        FmuVariable(name, "output", unit, _TASK[name], needs=q) for name, unit in found.task
     ])  # fmt: skip
     return Variables(tuple(found.all), found.places, 0)

@@ -3,15 +3,19 @@
 C and structured text are both made from a table of these (`model_functions`,
 `further_functions`): a function more is one entry more. Every function returns a status, and
 leaves its outputs alone unless that is OK.
+The parameters of a model are a table of named numbers, which their graphs read.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
-from deltaid.exports.digits import Part
+from deltaid.exports.digits import OutputPart
 from deltaid.exports.straight_line import Array
+from deltaid.exports.text import DOUBLE, Precision, c_comment
+from deltaid.model.model import Model
 from deltaid.online.layout import Layout
 
 # What functions return, by name: number and meaning.
@@ -41,7 +45,7 @@ class Output:
 
     @property
     def size(self) -> int:
-        """Number of entries."""
+        """How many entries it has."""
         return self.value.numel()
 
 
@@ -86,9 +90,9 @@ class Newton:
         return ca.vertcat(self.gap, self.step)
 
     @property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[OutputPart]:
         """Of these: a step may be off by what the output may be off by."""
-        return [Part(self.gap.numel(), None), Part(self.x.numel(), "x")]
+        return [OutputPart(self.gap.numel(), None), OutputPart(self.x.numel(), "x")]
 
 
 @dataclass(frozen=True)
@@ -124,9 +128,9 @@ class ExportedFunction:
         return tuple(array for array in self.inputs if not array.is_table)
 
     @property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[OutputPart]:
         """The outputs as parts of `everything`."""
-        return [Part(output.size) for output in self.outputs]
+        return [OutputPart(output.size) for output in self.outputs]
 
     @property
     def everything(self) -> ca.SX:
@@ -159,3 +163,24 @@ class ExportedCycle:
     y: ca.SX
     spoilt: ca.SX
     spoilt_y: ca.SX
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Parameters that are not zero: their names, units and values, and p with symbols for them."""
+
+    rows: list[tuple[str, str, str]]
+    array: Array
+    p: ca.SX
+
+
+def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) -> ParameterTable:
+    """The parameters of a model as a C table, without those that are zero."""
+    layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
+    symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
+    rows = []
+    for k, i in enumerate(kept):
+        p[int(i)] = symbols[k]
+        value = precision.c_number(subject.p[i])
+        rows.append((c_comment(layout.names[i]), layout.units[i], value))
+    return ParameterTable(rows, Array(name, symbols, is_table=True), p)

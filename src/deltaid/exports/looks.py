@@ -45,7 +45,7 @@ class Rod:
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere."""
+    """A sphere about its centre."""
 
     body: str
     name: str
@@ -55,7 +55,7 @@ class Ball:
 
 
 @dataclass(frozen=True)
-class Box:
+class BoxShape:
     """A box with its half lengths along its own axes."""
 
     body: str
@@ -66,7 +66,7 @@ class Box:
     half: Vector
 
 
-Shape = Rod | Ball | Box
+Shape = Rod | Ball | BoxShape
 
 
 def thickness(subject: Model) -> float:
@@ -102,7 +102,7 @@ def _carriage(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[
     """A rail as long as the drive's range, and what slides on it."""
     yield Rod("", f"rail{n}", "base", *_rail(subject, limb, n, s), 0.018 * s)
     R, half = _along_rail(limb), s * np.array([0.025, 0.05, 0.05])
-    yield Box(f"C{n}", f"carriage{n}", "arm", np.zeros(3), R, half)
+    yield BoxShape(f"C{n}", f"carriage{n}", "arm", np.zeros(3), R, half)
 
 
 def _along_rail(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
@@ -195,7 +195,7 @@ def _tool(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
     if body == "EE":
         half = s * np.array([0.016, 0.004, 0.004])
         centre = s * np.array([0.024, 0.0, -0.04])
-        yield Box(body, "mark", "tool", centre, np.eye(3), half)
+        yield BoxShape(body, "mark", "tool", centre, np.eye(3), half)
 
 
 def tool_body(tree: Tree) -> str:

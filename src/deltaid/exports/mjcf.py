@@ -2,23 +2,29 @@
 
 The model's own pose (qpos0) is the home pose with closed loops, and joint coordinates count as in
 deltaid by `ref`, so an arm is level at zero.
+
+Drawn models are a folder of such files, for programs that train or test on many robots.
 """
 
+import csv
 from collections.abc import Iterator
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.exports.joint_forces import JointForces, joint_forces
+from deltaid.errors import DeltaidError
 from deltaid.exports.looks import Shape, shapes, tool_body
 from deltaid.exports.mjcf_scene import assets, draw, draw_middle, extent, scene, struts
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.text import numbers, xml_comment
-from deltaid.exports.tree import Point, Tree, TreeBody, TreeJoint
+from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreePoint, joint_forces
+from deltaid.files import new_folder
 from deltaid.model.model import Model
-from deltaid.robot.inertia import body_inertia
+from deltaid.model.samples import Samples
+from deltaid.robot.inertia import body_inertia, why_not_physical
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
 # allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.
@@ -33,7 +39,7 @@ def mjcf(subject: Model) -> str:
         DeltaidError: the mechanism is the user's own, or its friction has terms that MuJoCo lacks.
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
-    home = tree.at(subject.home)
+    home = tree.joint_coordinates(subject.home)
     root = ET.Element("mujoco", model=subject.name)
     root.append(ET.Comment(xml_comment(subject.provenance)))
     ET.SubElement(
@@ -132,13 +138,13 @@ def _body(
         _body(element, subject, tree, child, drawn, forces, home, order)
 
 
-def _points(tree: Tree) -> Iterator[Point]:
+def _points(tree: Tree) -> Iterator[TreePoint]:
     """Sites: where loops are cut, ends of struts, the tool."""
     for cut in tree.cuts:
         yield from (cut.first, cut.second)
     for strut in tree.struts:
         yield from (strut.first, strut.second)
-    yield Point("tool", tool_body(tree), np.zeros(3))
+    yield TreePoint("tool", tool_body(tree), np.zeros(3))
 
 
 def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
@@ -248,3 +254,36 @@ def _sensors(root: ET.Element, subject: Model, tree: Tree) -> None:
     ET.SubElement(sensors, "framepos", name="tool_position", objtype="site", objname="tool")
     ET.SubElement(sensors, "framequat", name="tool_orientation", objtype="site", objname="tool")
     ET.SubElement(sensors, "framelinvel", name="tool_velocity", objtype="site", objname="tool")
+
+
+INDEX = "index.csv"
+
+
+def write_ensemble(samples: Samples, folder: str | Path) -> Path:
+    """Write a new folder with a file a model, and an index: file, then all parameters.
+
+    The folder appears with all files in it, or not at all.
+
+    Raises:
+        DeltaidError: there is such a folder, it cannot be written, or MJCF lacks what the robot
+            has.
+    """
+    digits = len(str(len(samples)))
+    with (
+        new_folder(Path(folder)) as place,
+        (place / INDEX).open("w", encoding="utf-8", newline="") as file,
+    ):
+        index = csv.writer(file, lineterminator="\n")
+        index.writerow(["file", *samples.names])
+        for i, model in enumerate(samples.models()):
+            for body in model.layout.bodies:
+                if reason := why_not_physical(model.body(body)):
+                    raise DeltaidError(
+                        f"body {body} cannot be exported: {reason}",
+                        where=model.source,
+                        cure="draw with another --seed, or fewer models",
+                    )
+            name = f"model_{i + 1:0{digits}}.xml"
+            (place / name).write_text(mjcf(model), encoding="utf-8")
+            index.writerow([name, *map(repr, model.p.tolist())])
+    return Path(folder)

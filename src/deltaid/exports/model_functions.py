@@ -10,10 +10,9 @@ import numpy as np
 from deltaid.dynamics.equations import Equations
 from deltaid.dynamics.load_friction import carried, losses
 from deltaid.dynamics.task_dynamics import cholesky_solve
-from deltaid.exports.functions import Demand, ExportedFunction, Newton, Output
-from deltaid.exports.parameter_table import ParameterTable
-from deltaid.exports.precision import SINGLE, Precision
+from deltaid.exports.functions import Demand, ExportedFunction, Newton, Output, ParameterTable
 from deltaid.exports.straight_line import Array
+from deltaid.exports.text import SINGLE, Precision
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.model.model import Model
 

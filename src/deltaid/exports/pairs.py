@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 
-from deltaid.exports.precision import SINGLE
+from deltaid.exports.text import SINGLE
 
 # Terms of Taylor's series about zero up to an eighth of a turn, which end below 1e-14: the first
 # ones as pairs, the others as floats.
@@ -13,7 +13,7 @@ _AS_PAIRS, _SINE, _COSINE = 4, 7, 8
 
 
 @dataclass(frozen=True)
-class Series:
+class TaylorSeries:
     """c₀ + z (c₁ + z (…)) with z = x².
 
     Attributes:
@@ -25,10 +25,10 @@ class Series:
     tail: tuple[float, ...]
 
 
-def _series(first: int, count: int) -> Series:
+def _series(first: int, count: int) -> TaylorSeries:
     """Of the sine over x (first 1) or of the cosine (first 0)."""
     c = [(-1) ** k / factorial(first + 2 * k) for k in range(count)]
-    return Series(tuple(map(split, c[:_AS_PAIRS])), tuple(c[_AS_PAIRS:]))
+    return TaylorSeries(tuple(map(split, c[:_AS_PAIRS])), tuple(c[_AS_PAIRS:]))
 
 
 def split(x: float) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.exports.tree import Coupling, Cut, Point, Strut, Tree, TreeBody, TreeJoint
+from deltaid.exports.tree import Coupling, LoopCut, Tree, TreeBody, TreeJoint, TreePoint, TreeStrut
 from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.mechanism.tree_joints import i4_direction, tree_coordinates
 from deltaid.model.model import Model
@@ -21,9 +21,9 @@ class _Part:
     """Some bodies of the tree with what belongs to them."""
 
     bodies: tuple[TreeBody, ...]
-    cuts: tuple[Cut, ...] = ()
+    cuts: tuple[LoopCut, ...] = ()
     couplings: tuple[Coupling, ...] = ()
-    struts: tuple[Strut, ...] = ()
+    struts: tuple[TreeStrut, ...] = ()
 
 
 def spanning_tree(subject: Model) -> Tree:
@@ -75,17 +75,19 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> _
         ),
     )
     held = _held_part(platform, i)
-    cut = Cut(
+    cut = LoopCut(
         f"limb{n}",
-        Point(f"limb{n}_strut", rod, strut * _X),
-        Point(f"limb{n}_seat", held, geometry.attachment),
+        TreePoint(f"limb{n}_strut", rod, strut * _X),
+        TreePoint(f"limb{n}_seat", held, geometry.attachment),
     )
     struts = tuple(
-        Strut(
+        TreeStrut(
             f"strut{n}{letter}",
             rod,
-            Point(f"strut{n}{letter}_elbow", driven, elbow + side * _Y),
-            Point(f"strut{n}{letter}_seat", held, geometry.attachment + side * geometry.R_WL[:, 1]),
+            TreePoint(f"strut{n}{letter}_elbow", driven, elbow + side * _Y),
+            TreePoint(
+                f"strut{n}{letter}_seat", held, geometry.attachment + side * geometry.R_WL[:, 1]
+            ),
         )
         for letter, side in _sides(geometry)
     )
@@ -179,8 +181,8 @@ def _telescope(subject: Model, bar: Telescope) -> _Part:
         TreeBody("TL", "TU", I, zero, (TreeJoint("slide", True, -_Z),), subject.body("TL")),
         TreeBody("EE", "P", I, zero, (TreeJoint("tool", False, _Z),), subject.body("EE")),
     )
-    seat = Point("bar_seat", "P", np.array(bar.platform_joint))
-    cut = Cut("bar", Point("bar_end", "TL", zero), seat)
+    seat = TreePoint("bar_seat", "P", np.array(bar.platform_joint))
+    cut = LoopCut("bar", TreePoint("bar_end", "TL", zero), seat)
     return _Part(bodies, (cut,), (Coupling("tool", "drive4", 1.0),))
 
 

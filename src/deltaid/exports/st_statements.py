@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.errors import DeltaidError
-from deltaid.exports.precision import DOUBLE, Precision
 from deltaid.exports.straight_line import Dialect
+from deltaid.exports.text import DOUBLE, Precision
 from deltaid.kernel.llvm_ir import operation_name
 
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}

@@ -33,7 +33,7 @@ class Variable:
         return self.type if self.size is None else f"ARRAY [0..{self.size - 1}] OF {self.type}"
 
     def lines(self) -> list[str]:
-        """Its declaration."""
+        """Lines of its declaration."""
         head, notes = f"    {self.name} : {self.full_type}", self.notes
         if not self.values:
             note = f" {comment(notes[0])}" if notes else ""

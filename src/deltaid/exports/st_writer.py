@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from deltaid.exports.digits import Care, Part
+from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.functions import STATUSES, ExportedFunction
-from deltaid.exports.precision import Precision
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT
 from deltaid.exports.st_statements import StructuredText, literal, plain
 from deltaid.exports.st_units import Unit, Variable
 from deltaid.exports.straight_line import Array, body
+from deltaid.exports.text import Precision
 from deltaid.model.model import Model
 
 _STATUSES = {"BAD_INPUT": (5, f"an input is NaN, infinite or above {LARGEST_INPUT:g}")}
@@ -113,7 +113,7 @@ class Writer:
         out: str,
         values: ca.SX,
         scratch: dict[str, None],
-        parts: Sequence[Part] = (),
+        parts: Sequence[OutputPart] = (),
     ) -> list[str]:
         """Statements for some values, whose parts may need more digits than a REAL has."""
         dialect = StructuredText(self.precision, self.prefix)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.exports.digits import Care, Part
-from deltaid.exports.precision import DOUBLE, Precision
+from deltaid.exports.digits import Care, OutputPart
+from deltaid.exports.text import DOUBLE, Precision
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
 _INFIX = {
@@ -67,7 +67,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def number(self, x: float) -> str:
-        """A constant."""
+        """A constant in the text."""
 
     @abstractmethod
     def set(self, target: str, text: str) -> list[str]:
@@ -89,7 +89,7 @@ class Dialect(ABC):
 
 
 @dataclass(frozen=True)
-class Body:
+class CodeLines:
     """A graph as statements.
 
     Attributes:
@@ -109,8 +109,8 @@ def body(
     expression: ca.SX,
     dialect: Dialect,
     care: Care | None = None,
-    parts: Sequence[Part] = (),
-) -> Body:
+    parts: Sequence[OutputPart] = (),
+) -> CodeLines:
     """Statements that compute a column of expressions, in the order of CasADi's instructions.
 
     Args:
@@ -145,7 +145,7 @@ def body(
             lines += dialect.operation(target, op, [value[i][0] for i in read], needed[k])
             slots.add(target)
             value[written[0]] = target, ""
-    return Body(lines, used, sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
+    return CodeLines(lines, used, sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
 
 
 def _constant(dialect: Dialect, x: float, twice: bool) -> tuple[str, str]:
@@ -177,7 +177,7 @@ def straight_line(
     sign: str = SIGN,
     precision: Precision = DOUBLE,
     care: Care | None = None,
-    parts: Sequence[Part] = (),
+    parts: Sequence[OutputPart] = (),
 ) -> str:
     """C text of `void name(const double input[], …, double output[])`.
 
@@ -211,7 +211,7 @@ def straight_line(
 
 @dataclass(frozen=True)
 class _C(Dialect):
-    """Statements of C99."""
+    """How C99 writes statements."""
 
     precision: Precision
     sign: str
@@ -246,7 +246,7 @@ class _C(Dialect):
         return [*self.set(rest, both[1]), *self.set(target, both[0])]
 
     def _expression(self, op: int, args: list[str]) -> str:
-        """One scalar operation."""
+        """One scalar operation of the graph."""
         a, b, f, real = args[0], args[-1], self.precision.suffix, self.precision.c_type
         if op in _INFIX:
             return f"{a} {_INFIX[op]} {b}"

@@ -11,17 +11,16 @@ from dataclasses import dataclass
 
 from deltaid.errors import DeltaidError
 from deltaid.exports.digits import care_for
+from deltaid.exports.functions import parameter_table
 from deltaid.exports.further_functions import further_cycles, further_functions
 from deltaid.exports.model_functions import model_functions
-from deltaid.exports.parameter_table import parameter_table
 from deltaid.exports.plcopen import plcopen_xml
-from deltaid.exports.precision import DOUBLE, SINGLE, Precision
 from deltaid.exports.st_cycle import cycle_units, start_of
-from deltaid.exports.st_helpers import helpers
-from deltaid.exports.st_pairs import pair_functions
+from deltaid.exports.st_helpers import helpers, pair_functions
 from deltaid.exports.st_statements import plain
 from deltaid.exports.st_units import Unit, Variable, comments, constants
 from deltaid.exports.st_writer import Writer
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings
 

@@ -10,6 +10,7 @@ them. So the tree has exactly as many closing conditions as it needs, none of th
 
 Joints with friction, springs and motors are joints of the tree and have the description's names.
 Body frames are the link frames of docs/conventions.md.
+What joints feel beside rigid bodies is there for programs with viscous and dry friction.
 """
 
 from collections.abc import Mapping
@@ -18,6 +19,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
+
+from deltaid.errors import DeltaidError
+from deltaid.model.model import Model
 
 Vector = Float[np.ndarray, " 3"]
 
@@ -58,7 +62,7 @@ class TreeBody:
 
 
 @dataclass(frozen=True)
-class Point:
+class TreePoint:
     """A named point of a body, in its link frame [m]."""
 
     name: str
@@ -67,16 +71,16 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Cut:
+class LoopCut:
     """Two points that coincide in the closed robot."""
 
     name: str
-    first: Point
-    second: Point
+    first: TreePoint
+    second: TreePoint
 
 
 @dataclass(frozen=True)
-class Strut:
+class TreeStrut:
     """One strut as it is drawn, between two points of other bodies.
 
     The struts of a limb are one body of the tree, in their middle. They keep their distance along
@@ -90,8 +94,8 @@ class Strut:
 
     name: str
     body: str
-    first: Point
-    second: Point
+    first: TreePoint
+    second: TreePoint
 
 
 @dataclass(frozen=True)
@@ -116,13 +120,13 @@ class Tree:
     """
 
     bodies: tuple[TreeBody, ...]
-    cuts: tuple[Cut, ...]
+    cuts: tuple[LoopCut, ...]
     couplings: tuple[Coupling, ...]
-    struts: tuple[Strut, ...]
+    struts: tuple[TreeStrut, ...]
     coordinates: Mapping[str, ca.SX]
     z: ca.SX
 
-    def at(self, z: Float[np.ndarray, " dof"]) -> dict[str, float]:
+    def joint_coordinates(self, z: Float[np.ndarray, " dof"]) -> dict[str, float]:
         """Coordinates of all joints at one pose."""
         values = ca.Function("x", [self.z], [ca.vertcat(*self.coordinates.values())])(z)
         return dict(zip(self.coordinates, np.asarray(values).ravel().tolist(), strict=True))
@@ -130,3 +134,51 @@ class Tree:
     def children(self, parent: str) -> tuple[TreeBody, ...]:
         """The bodies on one body; on the world for an empty name."""
         return tuple(body for body in self.bodies if body.parent == parent)
+
+
+@dataclass(frozen=True)
+class JointForces:
+    """Coefficients of one joint, all at the joint and not at the motor.
+
+    Attributes:
+        viscous: [N m s/rad or N s/m].
+        coulomb: [N m or N].
+        armature: inertia of motor and gear [kg m² or kg].
+        stiffness, rest: linear spring [N m/rad or N/m], coordinate without force [rad or m].
+    """
+
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
+    """Coefficients of the joints of a description.
+
+    Args:
+        target: whose only friction is viscous·v + coulomb·sign(v); for messages.
+
+    Raises:
+        DeltaidError: a joint's friction law has other terms.
+    """
+    robot = subject.robot
+    for term in robot.friction_terms:
+        if term.kind not in ("viscous", "coulomb") and subject.value(term.name):
+            raise DeltaidError(
+                f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
+                where=subject.source,
+                cure="leave friction out (--without-friction) and add it as a joint torque there, "
+                "or identify with viscous and Coulomb friction; c, fmu and casadi have every law",
+            )
+    return {
+        joint: JointForces(
+            viscous=subject.value(f"viscous.{joint}"),
+            coulomb=subject.value(f"coulomb.{joint}"),
+            armature=subject.value(f"rotor.{joint}"),
+            stiffness=subject.value(f"spring.{joint}"),
+            rest=robot.spring_rest(joint) if joint in robot.spring_joints else 0.0,
+        )
+        for joint in robot.joints
+    }

@@ -18,13 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import Doubt
-from deltaid.exports.joint_forces import JointForces, joint_forces
 from deltaid.exports.looks import Rod, Shape, shapes, strut_radius, tool_body
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.text import numbers, xml_comment
-from deltaid.exports.tree import Strut, Tree, TreeBody, TreeJoint
-from deltaid.exports.urdf_control import control
-from deltaid.exports.urdf_shapes import colours, visual
+from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreeStrut, joint_forces
+from deltaid.exports.urdf_parts import colours, control, visual
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import body_inertia
@@ -80,7 +78,7 @@ def urdf(subject: Model) -> UrdfExport:
         _fixed(root, point.name, point.body, point.position)
     ET.SubElement(root, "link", name="tool0")
     _fixed(root, "tool0", tool_body(tree), np.zeros(3))
-    control(root, subject, tree.at(subject.home), forces)
+    control(root, subject, tree.joint_coordinates(subject.home), forces)
     ET.indent(root)
     text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     return UrdfExport(text, _loops(subject, tree, forces, _placeholders(root)), _warnings(forces))
@@ -121,7 +119,7 @@ def _link_and_joints(
         parent, R, r = name, np.eye(3), np.zeros(3)
 
 
-def _pairs(tree: Tree) -> list[Strut]:
+def _pairs(tree: Tree) -> list[TreeStrut]:
     """Struts that have a twin; a single one is drawn on the body that it is."""
     bodies = [strut.body for strut in tree.struts]
     return [strut for strut in tree.struts if bodies.count(strut.body) == 2]
@@ -137,7 +135,7 @@ def _single(subject: Model, tree: Tree, body: TreeBody) -> list[Shape]:
     ]
 
 
-def _drawn_strut(root: ET.Element, subject: Model, strut: Strut) -> None:
+def _drawn_strut(root: ET.Element, subject: Model, strut: TreeStrut) -> None:
     """One of a pair, to look at: beside the middle along y, tilting as the middle does.
 
     The pair's inertia is that of the body in their middle, which moves as they do.
@@ -247,7 +245,7 @@ def _loops(
         ],
         "drawn_joints": [f"{strut.name}_tilt" for strut in _pairs(tree)],
         "placeholder_links": placeholders,
-        "home": tree.at(subject.home),
+        "home": tree.joint_coordinates(subject.home),
         "armature": {joint: f.armature for joint, f in forces.items() if f.armature},
         "springs": {
             joint: {"stiffness": f.stiffness, "rest": f.rest}

@@ -107,4 +107,4 @@ class Samples(Shown, Plotted, Tabled):
             DeltaidError: there is such a folder, it cannot be written, or MJCF lacks what the
                 robot has.
         """
-        return above("export.ensemble", "write_ensemble")(self, folder)
+        return above("exports.mjcf", "write_ensemble")(self, folder)
