@@ -133,7 +133,9 @@ def inverse_variables(subject: Model) -> Variables:
               ("QDD", "qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
     for place, name, per, words, starts in groups:
         found.add(place, [
-            FmuVariable(f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start))
+            FmuVariable(
+                f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start)
+            )
             for i, ((unit, _), start) in enumerate(zip(found.drives, starts, strict=True), 1)
         ])  # fmt: skip
     q = tuple(range(len(home)))
