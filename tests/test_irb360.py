@@ -24,7 +24,7 @@ from deltaid.reproduce.table_one import (
 )
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
-from deltaid.view.page import render
+from deltaid.view.html import render
 
 ROBOT = load_robot("irb360-6-1600")
 # Half a unit in the last printed place of Table I: three decimals of the unit in its last column.

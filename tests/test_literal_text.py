@@ -11,7 +11,8 @@ from command import run
 from deltaid.cli.output import console, table
 from deltaid.errors import visible
 from deltaid.robot.load import catalogue_text
-from deltaid.view.page import Page, Section, Table, Text, render
+from deltaid.view.html import render
+from deltaid.view.page import Page, Section, Table, Text
 from logs import write
 
 CLAVEL = catalogue_text("clavel-delta3")
@@ -80,7 +81,7 @@ def test_any_text_is_printed_as_it_stands(text: str) -> None:
 @example("</title><script>alert(1)</script>")
 @example("\x00\x1b\x9b")
 def test_a_page_prints_text_as_it_stands(monkeypatch, text: str) -> None:
-    monkeypatch.setattr("deltaid.view.page.get_plotlyjs", lambda: "")
+    monkeypatch.setattr("deltaid.view.html.get_plotlyjs", lambda: "")
     blocks = (Text(text), Table((text, "b"), ((text, text),), text))
     html = render(Page(text, text, (), (Section(text, blocks),), (text,)))
     empty = render(Page("a", "a", (), (Section("a", ()),), ("a",)))

@@ -20,10 +20,10 @@ from deltaid.robot.load import load_robot, save_yaml
 from deltaid.view.comparison import Comparison, compare
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.friction import law
-from deltaid.view.identification import Verification, identification_page
-from deltaid.view.page import Figure, Table, render
+from deltaid.view.html import render
+from deltaid.view.model_pages import identification_page, validation_page
+from deltaid.view.page import Figure, Table
 from deltaid.view.parameters import parameter_section
-from deltaid.view.validation import validation_page
 from html_page import HOSTILE, Document
 from logs import recorded, write
 
@@ -63,10 +63,10 @@ def test_a_page_is_one_file_that_loads_nothing(result: Identification) -> None:
 
 def test_names_from_files_stay_text(result: Identification) -> None:
     recording = result.recordings[0]
-    error, _ = validate(result.model, recording.path)
+    verification = validate(result.model, recording.path)
     pages = (
-        identification_page(result, Verification(recording, error)),
-        validation_page(result.model, recording, error),
+        identification_page(result, verification),
+        validation_page(verification),
     )
     for page in pages:
         document = Document(render(page))
@@ -78,8 +78,8 @@ def test_names_from_files_stay_text(result: Identification) -> None:
 
 def test_sections(result: Identification) -> None:
     recording = result.recordings[0]
-    error, _ = validate(result.model, recording.path)
-    page = identification_page(result, Verification(recording, error))
+    verification = validate(result.model, recording.path)
+    page = identification_page(result, verification)
     titles = [section.title for section in page.sections]
     assert titles == [
         "Torques", "Verification", "Motion", "Parameters", "Friction", "Bodies", "Base parameters",

@@ -9,13 +9,12 @@ import pypdfium2
 import pytest
 from playwright import sync_api
 
-from deltaid.identification.sources import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.view.check_tables import short_table
-from deltaid.view.page import write_page
-from deltaid.view.validation import validation_page
+from deltaid.view.check import short_table
+from deltaid.view.html import write_page
+from deltaid.view.model_pages import validation_page
 from visit import CHROMIUM, Visit, chromium
 
 NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
@@ -143,8 +142,7 @@ def test_doubts_do_not_take_a_third_page(
         for k in range(6)
     ]
     model = load(report.parent / "model.yaml")
-    error, log = validate(model, report.parent / "verify.csv")
-    page = validation_page(model, model_filtered(model, log), error)
+    page = validation_page(validate(model, report.parent / "verify.csv"))
     write_page(replace(page, front=(short_table(doubts), *page.front)), tmp_path / "page.html")
     with Visit(browser, tmp_path / "page.html") as visit:
         assert len(printed(visit)) == 2

@@ -18,8 +18,9 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.shapes import HollowCylinder
 from deltaid.view.bodies import ellipsoid
 from deltaid.view.comparison import Comparison, compare
+from deltaid.view.html import render
 from deltaid.view.numbers import percent
-from deltaid.view.page import Fact, Figure, Page, Section, Table, Text, render
+from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 from deltaid.view.torques import torque_blocks
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write

@@ -10,12 +10,12 @@ from deltaid.model.corrections import Correction
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.robot.load import load_robot
-from deltaid.view.check import check_page
-from deltaid.view.check_tables import page_table, short_table
+from deltaid.view.check import check_page, page_table, short_table
 from deltaid.view.corrected import corrected
 from deltaid.view.excitation import excitation_page
+from deltaid.view.html import render
 from deltaid.view.numbers import number, span
-from deltaid.view.page import Fact, Page, Section, Text, render
+from deltaid.view.page import Fact, Page, Section, Text
 from deltaid.view.typeset import explained
 from html_page import Document
 
@@ -74,11 +74,11 @@ def test_a_motion_beyond_a_limit_is_not_called_good() -> None:
     robot = compiled(load_robot("clavel-delta3"))
     exciter = Exciter(robot, ExcitationSettings(starts=1, harmonics=2))
     result = exciter.optimise()
-    kept = excitation_page(exciter, result).verdict
+    kept = excitation_page(result).verdict
     assert kept is not None
     assert kept.sentence.startswith("Good: ")
     beyond = replace(result, limits=(*result.limits, LimitUse("speed of drive1", 1.01)))
-    said = excitation_page(exciter, beyond).verdict
+    said = excitation_page(beyond).verdict
     assert said is not None
     assert said.grade == "poor"
     assert said.sentence.endswith("and beyond a limit of speed of drive1.")

@@ -15,13 +15,12 @@ from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
-from deltaid.model.verdict import Grade as CheckGrade
-from deltaid.model.verdict import Verdict
-from deltaid.view.identification import identification_page
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.view.model_pages import identification_page
 from deltaid.view.model_tables import error_table
-from deltaid.view.page import Fact, Table
+from deltaid.view.page import Fact, Summary, Table, Trust
 from deltaid.view.provenance import provenance_section
-from deltaid.view.summary import Grade, Summary, summary, without_doubts
+from deltaid.view.summary import summary, without_doubts
 from html_page import Document
 from identified import identified, simulated
 from logs import write
@@ -60,16 +59,16 @@ def off(error: TorqueError, worst: float) -> TorqueError:
 @pytest.mark.parametrize(
     ("worst", "grade", "words"),
     [
-        (0.012, Grade.GOOD, "Good: predicts torques of an unseen motion within 1.2 %"),
-        (0.049, Grade.GOOD, "within 4.9 %"),
-        (0.051, Grade.FAIR, "Fair: predicts torques of an unseen motion within 5.1 %"),
-        (0.149, Grade.POOR, "within 15 %"),
-        (0.3, Grade.POOR, "Poor: predicts torques of an unseen motion only within 30 %"),
-        (np.nan, Grade.POOR, "Poor"),
+        (0.012, Trust.GOOD, "Good: predicts torques of an unseen motion within 1.2 %"),
+        (0.049, Trust.GOOD, "within 4.9 %"),
+        (0.051, Trust.FAIR, "Fair: predicts torques of an unseen motion within 5.1 %"),
+        (0.149, Trust.POOR, "within 15 %"),
+        (0.3, Trust.POOR, "Poor: predicts torques of an unseen motion only within 30 %"),
+        (np.nan, Trust.POOR, "Poor"),
     ],
 )
 def test_the_worst_drive_decides(
-    model: IdentifiedModel, error: TorqueError, worst: float, grade: Grade, words: str
+    model: IdentifiedModel, error: TorqueError, worst: float, grade: Trust, words: str
 ) -> None:
     said = summary(model, off(error, worst))
     assert said.grade is grade
@@ -81,22 +80,22 @@ def test_fair_reaches_to_its_limit_where_the_fit_was_no_better(
     model: IdentifiedModel, error: TorqueError
 ) -> None:
     rough = model.changed(fit=model.fit.changed(rms=tuple(off(error, 0.1).rms)))
-    assert summary(rough, off(error, 0.149)).grade is Grade.FAIR
-    assert summary(rough, off(error, 0.151)).grade is Grade.POOR
+    assert summary(rough, off(error, 0.149)).grade is Trust.FAIR
+    assert summary(rough, off(error, 0.151)).grade is Trust.POOR
 
 
 def test_without_an_unseen_motion_it_is_never_good(
     folder: Path, model: IdentifiedModel, error: TorqueError
 ) -> None:
     alone = summary(model)
-    assert alone.grade is Grade.UNTESTED
+    assert alone.grade is Trust.UNTESTED
     assert "no unseen motion" in alone.sentence
     own_error, own = validate(model, folder / "log.csv")
     on_its_own = summary(model, own_error, own)
-    assert on_its_own.grade is Grade.UNTESTED
+    assert on_its_own.grade is Trust.UNTESTED
     assert "no unseen motion" in on_its_own.sentence
     bad = model.changed(fit=model.fit.changed(nrmse=(0.01, 0.2, 0.01)))
-    assert summary(bad).grade is Grade.POOR
+    assert summary(bad).grade is Trust.POOR
 
 
 def test_doubts_are_told_by_cause_and_lower_the_grade(
@@ -106,7 +105,7 @@ def test_doubts_are_told_by_cause_and_lower_the_grade(
     poor = summary(model.changed(warnings=texts), off(error, 0.3))
     assert "only within 30 % (rms; the worst is drive2), and six things" in poor.sentence
     said = summary(model.changed(warnings=texts), off(error, 0.01))
-    assert said.grade is Grade.FAIR
+    assert said.grade is Trust.FAIR
     assert "but five things are doubtful" in said.sentence
     doubts = [line for line in said.lines if line.startswith("Doubtful: ")]
     assert doubts[:3] == [f"Doubtful: thing {k} is odd." for k in range(3)]
@@ -115,24 +114,24 @@ def test_doubts_are_told_by_cause_and_lower_the_grade(
 
 
 def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -> None:
-    def with_verdict(grade: CheckGrade) -> Summary:
+    def with_verdict(grade: Grade) -> Summary:
         verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
         model = result.model.changed(warnings=(verdict.sentence,))
         return summary(
             replace(result, model=model, verdicts=Verdicts((verdict,))), off(error, 0.01)
         )
 
-    assert with_verdict(CheckGrade.CANNOT_TELL).grade is Grade.GOOD
-    assert with_verdict(CheckGrade.DOUBTFUL).grade is Grade.FAIR
-    wrong = with_verdict(CheckGrade.WRONG)
-    assert wrong.grade is Grade.POOR
+    assert with_verdict(Grade.CANNOT_TELL).grade is Trust.GOOD
+    assert with_verdict(Grade.DOUBTFUL).grade is Trust.FAIR
+    wrong = with_verdict(Grade.WRONG)
+    assert wrong.grade is Trust.POOR
     assert wrong.sentence.endswith("; found wrong: torque-sign.")
 
 
 def test_what_the_checks_say_stands_once_on_the_page(result: Judged) -> None:
-    verdict = Verdict("clock", CheckGrade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
+    verdict = Verdict("clock", Grade.DOUBTFUL, "rows repeat", cause="lost", cure="log anew")
     model = result.model.changed(warnings=(verdict.sentence, "something else"))
-    good = Verdict("rate", CheckGrade.GOOD, "1000 Hz")
+    good = Verdict("rate", Grade.GOOD, "1000 Hz")
     page = identification_page(replace(result, model=model, verdicts=Verdicts((verdict, good))))
     assert page.warnings == ("something else",)
     assert ("doubtful", "clock", "rows repeat", "lost → log anew") in page.front[0].rows
@@ -185,7 +184,7 @@ def test_the_absolute_scale_rests_on_torque_constants_or_is_known(case: str, res
 
 def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
     robot = folder / "robot.yaml"
-    assert summary(load(robot)).grade is Grade.UNTESTED
+    assert summary(load(robot)).grade is Trust.UNTESTED
     error, log = validate(robot, folder / "verify.csv")
     said = summary(load(robot), error, log)
     assert "the description alone" in said.sentence

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from deltaid.checks.verdicts import Changes, Data, File
     from deltaid.model.verdict import Verdict
     from deltaid.recording.mapping import ColumnMapping
-    from deltaid.view.drawing import Drawing
+    from deltaid.view.page import Drawing
 
 # Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
@@ -161,7 +161,7 @@ def _write_report(
 ) -> None:
     from deltaid.checks.verdicts import as_written
     from deltaid.view.check import check_page
-    from deltaid.view.page import write_page
+    from deltaid.view.html import write_page
 
     lines = {_BELONGS[cure.file]: cure.lines for cure in cures}
     data = as_written(robot)
@@ -216,7 +216,7 @@ def verdict_dictionary(one: "Verdict") -> dict[str, Any]:
 def print_verdicts(found: "Sequence[Verdict]") -> None:
     """All verdicts, the most severe first, and how many there are of each."""
     from deltaid.cli.output import console, verdicts_shown
-    from deltaid.view.check_tables import tally, verdict_table
+    from deltaid.view.check import tally, verdict_table
 
     console.print(verdicts_shown(verdict_table(found)))
     console.print()

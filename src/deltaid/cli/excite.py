@@ -131,9 +131,9 @@ def excite(
             write_bytes(plot, plot_run(exciter, result.run, picture))
         if report is not None:
             from deltaid.view.excitation import excitation_page
-            from deltaid.view.page import write_page
+            from deltaid.view.html import write_page
 
-            write_page(excitation_page(exciter, result), report)
+            write_page(excitation_page(result), report)
     if as_json:
         print_json(_as_dictionary(exciter, result))
     else:
@@ -201,7 +201,7 @@ def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
 
 def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
     from deltaid.cli.output import console, number, shown
-    from deltaid.view.excitation_tables import limit_table, prediction_table, start_table
+    from deltaid.view.motions import limit_table, prediction_table, start_table
 
     robot, run = exciter.dynamics.robot, result.run
     limits = replace(limit_table(result), title=robot.title or robot.name)

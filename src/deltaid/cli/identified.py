@@ -19,13 +19,14 @@ def write_report(
     result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
 ) -> None:
     """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.sources import model_filtered
-    from deltaid.view.identification import Verification, identification_page
-    from deltaid.view.page import write_page
+    from deltaid.identification.validation import Validation
+    from deltaid.model.model import load
+    from deltaid.view.html import write_page
+    from deltaid.view.model_pages import identification_page
 
     verification = None
     if log is not None and error is not None:
-        verification = Verification(model_filtered(result.model, log), error)
+        verification = Validation(error, log, load(result.model))
     write_page(identification_page(result, verification), path)
 
 

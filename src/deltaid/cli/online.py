@@ -115,8 +115,8 @@ def _delay(text: str, drives: int) -> tuple[float, ...]:
 
 
 def _report(found: "Watched", model: "Model", path: Path) -> None:
+    from deltaid.view.html import write_page
     from deltaid.view.online import online_page
-    from deltaid.view.page import write_page
 
     write_page(online_page(found, f"{found.log} with {model.source}"), path)
 

@@ -18,7 +18,7 @@ from deltaid.files import require_writable
 from deltaid.model.options import LARGEST_LAG, LagChoice
 from deltaid.view.numbers import number as number
 from deltaid.view.numbers import percent as percent  # for the commands too
-from deltaid.view.table import Table as Finished
+from deltaid.view.page import Table as Finished
 
 if TYPE_CHECKING:
     from deltaid.model.model import Model

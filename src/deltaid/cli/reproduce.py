@@ -60,7 +60,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
         surrogate_page,
     )
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
-    from deltaid.view.page import write_page
+    from deltaid.view.html import write_page
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
     require_folder(folder, FILES)
@@ -95,7 +95,7 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
     from deltaid.reproduce.surrogate_files import REPORT, require_folder
-    from deltaid.view.page import write_page
+    from deltaid.view.html import write_page
 
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
     require_folder(folder, FILES)

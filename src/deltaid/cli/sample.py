@@ -45,7 +45,7 @@ def sample(
     from deltaid.errors import DeltaidError, within
     from deltaid.files import require_new_folder, require_writable
     from deltaid.model.model import load
-    from deltaid.view.sample_tables import sample_sentence, sample_table
+    from deltaid.view.samples import sample_sentence, sample_table
 
     within("-n", float(n), SAMPLES_LIMITS)
     within("--seed", float(seed), (0.0, 2.0**63))

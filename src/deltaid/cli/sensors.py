@@ -117,7 +117,7 @@ def sensors(
         )
     shown = _shown(plan, entries)
     if report is not None:
-        from deltaid.view.page import write_page
+        from deltaid.view.html import write_page
         from deltaid.view.sensors import sensors_page
 
         write_page(sensors_page(plan, shown), report)
@@ -141,7 +141,7 @@ def _shown(plan: "SensorPlan", entries: str | None) -> tuple[str, ...]:
     Raises:
         DeltaidError: there is none of a name.
     """
-    from deltaid.view.sensor_tables import chosen_entries
+    from deltaid.view.sensor_plan import chosen_entries
 
     if entries is None:
         return chosen_entries(plan)
@@ -153,7 +153,7 @@ def _shown(plan: "SensorPlan", entries: str | None) -> tuple[str, ...]:
 
 def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
     from deltaid.cli.output import console, shown, styled
-    from deltaid.view.sensor_tables import (
+    from deltaid.view.sensor_plan import (
         count_table,
         entry_table,
         open_lines,

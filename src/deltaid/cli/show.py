@@ -76,7 +76,7 @@ def survey_of(robot: "AtRest", report: Path | None, origin: str) -> None:
     """A robot at rest, as a page or as tables."""
     from deltaid.cli.output import console, print_warnings, styled, table
     from deltaid.view import robot_page as page
-    from deltaid.view.page import write_page
+    from deltaid.view.html import write_page
     from deltaid.view.reach import reach, survey
 
     found, surveyed = reach(robot), survey(robot)

@@ -91,11 +91,11 @@ def validate(
 
 def write_report(model: "Model", log: "Log", error: "TorqueError", path: Path) -> None:
     """The page of a comparison."""
-    from deltaid.identification.sources import model_filtered
-    from deltaid.view.page import write_page
-    from deltaid.view.validation import validation_page
+    from deltaid.identification.validation import Validation
+    from deltaid.view.html import write_page
+    from deltaid.view.model_pages import validation_page
 
-    write_page(validation_page(model, model_filtered(model, log), error), path)
+    write_page(validation_page(Validation(error, log, model)), path)
 
 
 def error_dictionary(error: "TorqueError") -> dict[str, Any]:

@@ -16,7 +16,7 @@ from deltaid.files import write_bytes
 from deltaid.fleets.drift_findings import Between, Finding
 from deltaid.fleets.robot_drift import RobotDrift
 from deltaid.view.numbers import number
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 _TIME = pl.Datetime("us")
 FRICTION = {

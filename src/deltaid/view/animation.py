@@ -1,6 +1,7 @@
 """A robot moving along its recorded or planned motion, in three dimensions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -9,9 +10,10 @@ from jaxtyping import Float
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.recording import Recording
+from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.page import Figure
-from deltaid.view.robot_shape import members, outline
+from deltaid.view.robot_shape import members, outline, outline_points
 
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # From slightly above, as far away as the axes' titles need.
@@ -61,7 +63,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
             name=str(k),
             traces=list(range(first, len(traces))),
             data=[
-                go.Scatter3d(dict(zip("xyz", _of(skeleton, shape, name), strict=True)))
+                go.Scatter3d(dict(zip("xyz", _body_line(skeleton, shape, name), strict=True)))
                 for name in moving
             ],
         )
@@ -72,8 +74,7 @@ def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
     # From which the page makes a player: times of the frames [s], and from one to the next [ms].
     pause = 1000 * span / max(len(chosen) - 1, 1)
     figure.update_layout(meta={"times": motion.time[chosen].tolist(), "pause": pause})
-    edges = outline(kinematics.robot.workspace)
-    drawn = (shapes.reshape(-1, 3), path, edges[~np.isnan(edges[:, 0])])
+    drawn = (shapes.reshape(-1, 3), path, outline_points(kinematics.robot.workspace))
     fix_scene(figure, np.concatenate(drawn))
     return Figure(figure, caption)
 
@@ -91,25 +92,35 @@ def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
 def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
     """What does not move: the workspace, the whole path, and the part of it that is shown."""
     every = max(1, len(path) // _PATH)
-    parts = [
-        ("workspace", outline(kinematics.robot.workspace), {"color": style.PRIOR, "width": 1}),
-        ("path", path[::every], {"color": style.PRIOR, "width": 2, "dash": "dot"}),
-        ("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
-    ]
+    edges = workspace_line(kinematics.robot.workspace, {"color": style.PRIOR, "width": 1})
+    edges.showlegend = False
+    dotted = {"color": style.PRIOR, "width": 2, "dash": "dot"}
     return [
-        go.Scatter3d(
-            dict(zip("xyz", points.astype(np.float32).T, strict=True)),
-            name=name,
-            mode="lines",
-            line=line,
-            hoverinfo="skip",
-            showlegend=name != "workspace",
-        )
-        for name, points, line in parts
+        edges,
+        still_line("path", path[::every], dotted),
+        still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
 
 
-def _of(
+def workspace_line(workspace: Cylinder | Hemisphere | Box, line: dict[str, Any]) -> go.Scatter3d:
+    """Circles and edges of a workspace."""
+    return still_line("workspace", outline(workspace), line)
+
+
+def still_line(
+    name: str, points: Float[np.ndarray, "points 3"], line: dict[str, Any]
+) -> go.Scatter3d:
+    """A line through points in the world, with gaps where they are NaN."""
+    return go.Scatter3d(
+        dict(zip("xyz", points.astype(np.float32).T, strict=True)),
+        name=name,
+        mode="lines",
+        line=line,
+        hoverinfo="skip",
+    )
+
+
+def _body_line(
     skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
 ) -> Float[np.ndarray, "3 points"]:
     """One line through all segments of a body, with gaps (NaN) between them."""
@@ -124,7 +135,7 @@ def robot_lines(
     """A robot in one pose: one line a body, by its name."""
     return {
         body: go.Scatter3d(
-            dict(zip("xyz", _of(skeleton, shape, body), strict=True)),
+            dict(zip("xyz", _body_line(skeleton, shape, body), strict=True)),
             name=style.label(member.label),
             mode="lines",
             line={"color": member.color, "width": member.width},

@@ -12,7 +12,7 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.view import style
-from deltaid.view.animation import CAMERA
+from deltaid.view.animation import CAMERA, still_line
 from deltaid.view.model_tables import origin
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
@@ -118,13 +118,7 @@ def _outlines(
     gap = np.full((1, 3), np.nan)
     circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
     lines = [placed for _, placed in _placed(model, kinematics, z, p, circles)]
-    return go.Scatter3d(
-        dict(zip("xyz", np.concatenate(lines).astype(np.float32).T, strict=True)),
-        name="prior",
-        mode="lines",
-        line={"color": style.PRIOR, "width": 3},
-        hoverinfo="skip",
-    )
+    return still_line("prior", np.concatenate(lines), {"color": style.PRIOR, "width": 3})
 
 
 def _placed(
@@ -160,14 +154,8 @@ def _ball() -> Float[np.ndarray, "points 3"]:
 def _lines(skeleton: Skeleton, z: Float[np.ndarray, "1 dof"]) -> go.Scatter3d:
     ends = skeleton.evaluate(z)[0]
     gaps = np.full((len(ends), 1, 3), np.nan)
-    points = np.concatenate([ends, gaps], axis=1).reshape(-1, 3).astype(np.float32)
-    return go.Scatter3d(
-        dict(zip("xyz", points.T, strict=True)),
-        name="robot",
-        mode="lines",
-        line={"color": style.SERIES[5], "width": 2},
-        hoverinfo="skip",
-    )
+    points = np.concatenate([ends, gaps], axis=1).reshape(-1, 3)
+    return still_line("robot", points, {"color": style.SERIES[5], "width": 2})
 
 
 def _masses(model: IdentifiedModel) -> Table:

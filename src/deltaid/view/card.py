@@ -1,15 +1,14 @@
-"""A card: what a value says of itself, as a few lines of text or as a small piece of HTML.
-
-HTML has styles of its own and no script, no colour of text or background but in the verdict's
-label: so it is read on light and dark pages alike.
-"""
+"""A card: what a value says of itself, as a few lines of text or as a small piece of HTML."""
 
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from html import escape
+from typing import Any
+
+import numpy as np
 
 from deltaid.errors import visible
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 # Most of a representation in text: lines, and characters of one of them.
 _LINES, _LINE = 10, 140
@@ -30,6 +29,8 @@ _OTHER = "#57606a"
 _CELL = "padding:.15em .7em .15em 0;vertical-align:top;border:0;background:none;color:inherit"
 _NEXT = "margin-top:.4em;font-family:monospace;font-size:.85em;opacity:.7"
 _NUMBERS = set("0123456789.-−+±%…e≥≤<>×– ")
+# Arrays of up to so many numbers are written out; longer text is cut.
+_WRITTEN, _CHARACTERS = 16, 60
 
 
 @dataclass(frozen=True)
@@ -163,3 +164,27 @@ def _is_number(cell: str) -> bool:
 
 def _safe(value: object) -> str:
     return escape(visible(str(value)))
+
+
+def fields_card(value: Any) -> Card:
+    """Every field of a data class, or of a part of a description."""
+    names = (
+        [one.name for one in fields(value)] if is_dataclass(value) else [*type(value).model_fields]
+    )
+    facts = [(name, _said(getattr(value, name))) for name in names if not name.startswith("_")]
+    return Card(type(value).__name__, (), "", tuple(facts), apart=True)
+
+
+def _said(value: object) -> str:
+    """Numbers, or how many of them there are."""
+    if isinstance(value, np.ndarray):
+        if value.size > _WRITTEN:
+            return f"array of shape {value.shape}"
+        return " ".join(np.array2string(value, precision=4, separator=", ").split())
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict | tuple | list) and len(repr(value)) > _CHARACTERS:
+        few = ", ".join(str(one) for one in list(value)[:4] if isinstance(one, str))
+        return f"{len(value)} entries" + (f": {few}, …" if few else "")
+    text = str(value)
+    return text if len(text) <= _CHARACTERS else f"{text[: _CHARACTERS - 1]}…"

@@ -1,14 +1,84 @@
-"""The page of `deltaid check`: verdicts with cause and cure, and the lines that mend it."""
+"""What checks say: tables for terminal and pages, the page of `deltaid check`, cards."""
 
 from collections.abc import Mapping, Sequence
 
-from deltaid.model.verdict import Grade as CheckGrade
-from deltaid.model.verdict import Verdict
-from deltaid.view.check_tables import page_table
+import polars as pl
+
+from deltaid.checks.verdicts import Verdicts, files_of
+from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import DeltaidError
+from deltaid.model.verdict import Grade, Verdict
+from deltaid.view.card import Card
 from deltaid.view.corrected import in_words
-from deltaid.view.drawing import Drawing
-from deltaid.view.page import Block, Fact, Lines, Page, Section, Text
-from deltaid.view.summary import Grade, Summary
+from deltaid.view.drawing import drawing
+from deltaid.view.page import (
+    Block,
+    Drawing,
+    Fact,
+    Lines,
+    Page,
+    Section,
+    Summary,
+    Table,
+    Text,
+    Trust,
+)
+
+COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
+
+# The most severe first.
+_ORDER = tuple(reversed(Grade))
+# Verdicts that text tells.
+_TOLD = 4
+
+
+def verdict_table(verdicts: Sequence[Verdict]) -> Table:
+    """Verdicts with what was seen, why and what to do; the most severe first."""
+    rows = sorted(verdicts, key=lambda one: _ORDER.index(one.grade))
+    grades = [one.grade for one in rows]
+    return Table(
+        COLUMNS,
+        tuple((one.grade, one.key, one.subject, one.seen, one.cause, one.cure) for one in rows),
+        muted=frozenset(i for i, grade in enumerate(grades) if grade is Grade.GOOD),
+        marked=frozenset(i for i, grade in enumerate(grades) if grade is not Grade.GOOD),
+    )
+
+
+def page_table(verdicts: Sequence[Verdict]) -> Table:
+    """The same for a page, whose width the columns of a terminal's table would not fit."""
+    table = verdict_table(verdicts)
+    rows = [
+        (grade, key, seen if about in seen else f"{about}: {seen}", _step(cause, cure))
+        for grade, key, about, seen, cause, cure in table.rows
+    ]
+    columns = ("verdict", "check", "seen", "likeliest cause → next step")
+    if all(grade == Grade.GOOD for grade, *_ in rows):  # which have neither
+        rows, columns = [row[:3] for row in rows], columns[:3]
+    return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
+
+
+def _step(cause: str, cure: str) -> str:
+    """Nothing of what is good, which has neither."""
+    return f"{cause} → {cure}" if cause or cure else ""
+
+
+def short_table(verdicts: Sequence[Verdict]) -> Table:
+    """What is not good, and in one row all that is: for the head of a page."""
+    table = page_table([one for one in verdicts if one.grade is not Grade.GOOD])
+    rows = list(table.rows)
+    good = [one.key for one in verdicts if one.grade is Grade.GOOD]
+    if good:
+        keys = ", ".join(dict.fromkeys(good))
+        last = (Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys, "")
+        rows.append(last[: len(table.columns)])
+    said = "What the checks say of description, recordings and fit."
+    return Table(table.columns, tuple(rows), said, marked=table.marked)
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many verdicts of each grade there are: '1 wrong, 12 good'."""
+    grades = [verdict.grade for verdict in verdicts]
+    return ", ".join(f"{grades.count(one)} {one}" for one in _ORDER if one in grades)
 
 
 def check_page(
@@ -16,7 +86,7 @@ def check_page(
     verdicts: Sequence[Verdict],
     logs: Sequence[str],
     lines: Mapping[str, str],
-    drawing: Drawing | None = None,
+    picture: Drawing | None = None,
 ) -> Page:
     """All verdicts on a robot and its recordings.
 
@@ -24,10 +94,10 @@ def check_page(
         title: of the robot.
         logs: names of the recordings.
         lines: what to paste, by the file where it belongs, in words.
-        drawing: of the robot, where its description can be read.
+        picture: of the robot, where its description can be read.
     """
-    poor = [one for one in verdicts if one.grade is not CheckGrade.GOOD]
-    good = [one for one in verdicts if one.grade is CheckGrade.GOOD]
+    poor = [one for one in verdicts if one.grade is not Grade.GOOD]
+    good = [one for one in verdicts if one.grade is Grade.GOOD]
     blocks: list[Block] = [page_table(poor)] if poor else [Text("All that was looked at is good.")]
     sections = [Section("To be mended" if poor else "Verdict", tuple(blocks), unfolded=True)]
     if lines:
@@ -42,26 +112,85 @@ def check_page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         verdict=_summary(grades),
-        drawing=drawing,
-        facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(CheckGrade)),
+        drawing=picture,
+        facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(Grade)),
         sections=tuple(sections),
     )
 
 
-def _summary(grades: Sequence[CheckGrade]) -> Summary:
+def _summary(grades: Sequence[Grade]) -> Summary:
     """In one sentence whether one may go on to an identification."""
-    worst = max(grades, key=list(CheckGrade).index, default=CheckGrade.GOOD)
+    worst = max(grades, key=list(Grade).index, default=Grade.GOOD)
     many = grades.count(worst)
     count, several = in_words(many), "s" if many > 1 else ""
     match worst:
-        case CheckGrade.WRONG:
+        case Grade.WRONG:
             said = f"Wrong: {count} thing{several} to be mended before an identification."
-            return Summary(Grade.POOR, said)
-        case CheckGrade.DOUBTFUL:
+            return Summary(Trust.POOR, said)
+        case Grade.DOUBTFUL:
             said = f"Doubtful: {count} thing{several} to be looked at before an identification."
-            return Summary(Grade.FAIR, said)
-        case CheckGrade.CANNOT_TELL:
+            return Summary(Trust.FAIR, said)
+        case Grade.CANNOT_TELL:
             said = f"Good as far as one can tell: {count} thing{several} could not be looked at."
-            return Summary(Grade.GOOD, said)
-        case CheckGrade.GOOD:
-            return Summary(Grade.GOOD, "Good: nothing is in the way of an identification.")
+            return Summary(Trust.GOOD, said)
+        case Grade.GOOD:
+            return Summary(Trust.GOOD, "Good: nothing is in the way of an identification.")
+
+
+def verdicts_card(value: Verdicts | Verdict) -> Card:
+    """What is not good, in words, and how many are good."""
+    if isinstance(value, Verdict):
+        return Card(f"{value.key}: {value.grade}", (value.sentence,), value.grade)
+    poor, good = value.poor, [one for one in value if one.grade is Grade.GOOD]
+    told = [f"{one.grade}, {one.key}: {one.finding}" for one in poor[:_TOLD]]
+    told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
+    first = f"{value.grade}: {tally(value)}" if value else "nothing was looked at"
+    proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
+    cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
+    return Card(
+        f"Checked: {_title(value)}",
+        (first,),
+        value.grade if value else "",
+        told=tuple(told),
+        table=page_table(poor) if poor else None,
+        more=(*proposed, *((("good", page_table(good)),) if good else ())),
+        methods=(*(cure[file] for file in files_of(value)), ".to_frame()", '.report("x.html")'),
+    )
+
+
+def verdicts_frame(value: Verdicts) -> pl.DataFrame:
+    """Verdicts, a row each."""
+    rows = [
+        (str(v.grade), v.key, v.subject, v.seen, v.cause, v.cure, v.number, v.unit) for v in value
+    ]
+    names = ("grade", "key", "subject", "seen", "cause", "cure", "number", "unit")
+    schema = {name: pl.Float64 if name == "number" else pl.String for name in names}
+    return pl.DataFrame(rows, schema=schema, orient="row")
+
+
+def verdicts_page(value: Verdicts) -> Page:
+    """The page of `deltaid check`."""
+    robot = value.robot
+    lines = {"the files that it names": value.cures} if _can_be_cured(value) else {}
+    title = (robot.title or robot.name) if robot else "robot"
+    drawn = drawing(robot, compiled(robot).kinematics) if robot else None
+    return check_page(title, value, [_name(one) for one in value.sources], lines, drawn)
+
+
+def _title(value: Verdicts) -> str:
+    robot = (value.robot.title or value.robot.name) if value.robot else "the description"
+    return ", ".join([robot, *(_name(one) for one in value.sources)])
+
+
+def _name(source: object) -> str:
+    return str(source).replace("\\", "/").rpartition("/")[2]
+
+
+def _can_be_cured(value: Verdicts) -> bool:
+    """Whether lines are proposed that can be written out: of several mappings they cannot."""
+    if not files_of(value):
+        return False
+    try:
+        return bool(value.cures)
+    except DeltaidError:
+        return False

@@ -11,8 +11,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.model.sources import Event, LeftOut, Span
 from deltaid.view.model_tables import MEASURED, origin, value_and_width
 from deltaid.view.numbers import number, percent, with_uncertainty
-from deltaid.view.page import Section
-from deltaid.view.table import Table
+from deltaid.view.page import Section, Table
 
 # Units that are shown by a thousandth, with what they then are called.
 _SMALLER = {"s": (1e3, "ms")}

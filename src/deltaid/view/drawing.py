@@ -11,6 +11,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
+from deltaid.view.page import Drawing
 from deltaid.view.robot_shape import members
 
 # The robot's largest width and height, the room for names at either side, their least distance,
@@ -18,19 +19,6 @@ from deltaid.view.robot_shape import members
 _WIDE, _HIGH, _NAMES, _LINE, _TOP = 320.0, 330.0, 132.0, 30.0, 16.0
 # Towards the onlooker; slightly from above.
 _EYE = np.array([1.6, 1.15, 0.75]) / np.linalg.norm([1.6, 1.15, 0.75])
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A picture as lines that scale, in the colours of the page.
-
-    Attributes:
-        svg: an element to stand in a page.
-        names: short names of the bodies, and what they stand for.
-    """
-
-    svg: Markup
-    names: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)

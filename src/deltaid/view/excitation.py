@@ -9,19 +9,20 @@ from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.view import style
 from deltaid.view.animation import Motion, animation
 from deltaid.view.drawing import drawing
-from deltaid.view.excitation_tables import prediction_table, start_table
+from deltaid.view.motions import prediction_table, start_table
 from deltaid.view.numbers import number, percent
-from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
-from deltaid.view.summary import Grade, Summary
+from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.robots import robot_figure
 
 _SAMPLES = 2000
 # A limit that a search has reached counts as kept.
 _ROUNDING = 1e-6
 
 
-def excitation_page(exciter: Exciter, result: Excitation) -> Page:
+def excitation_page(result: Excitation) -> Page:
     """Everything about an optimised motion, at the robot's prior."""
-    robot, run, settings = exciter.dynamics.robot, result.run, exciter.settings
+    exciter, run = result.exciter, result.run
+    robot, settings = exciter.dynamics.robot, exciter.settings
     fullest = max(result.limits, key=lambda limit: limit.share, default=None)
     periods = f"{run.repeats} periods" if run.repeats > 1 else "1 period"
     facts = [
@@ -43,16 +44,16 @@ def excitation_page(exciter: Exciter, result: Excitation) -> Page:
         sections=(
             Section(
                 "Motion",
-                (_animation(exciter, result), over_time(exciter, result)),
+                (_animation(result), _over_time(result)),
                 "the robot moving, and its drives over time",
             ),
             Section("Limits", (_limits(result),), "how much of each the motion uses"),
             Section(
                 "What it will tell",
-                _predictions(exciter, result),
+                _predictions(result),
                 "how well each number will be known",
             ),
-            Section("Search", (start_table(result), _settings(exciter)), "starts and settings"),
+            Section("Search", (start_table(result), _settings(result)), "starts and settings"),
         ),
     )
 
@@ -62,11 +63,11 @@ def _verdict(result: Excitation) -> Summary:
     run, beyond = result.run, [one.name for one in result.limits if one.share > 1 + _ROUNDING]
     lasts = f"{run.duration:.1f} s from rest to rest"
     if beyond:
-        return Summary(Grade.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
+        return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
     fullest = max(result.limits, key=lambda limit: limit.share, default=None)
     used = f"; {fullest.name} comes nearest, {_used(fullest)}" if fullest else ""
     lines = (f"It shows {len(result.predictions)} combinations of the robot's numbers.",)
-    return Summary(Grade.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
+    return Summary(Trust.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
                    lines)  # fmt: skip
 
 
@@ -74,11 +75,11 @@ def _used(limit: LimitUse) -> str:
     return f"{100 * limit.share:.1f} %"
 
 
-def _animation(exciter: Exciter, result: Excitation) -> Figure:
+def _animation(result: Excitation) -> Figure:
     time = np.linspace(0, result.run.duration, max(_SAMPLES, int(50 * result.run.duration)))
     z, *_ = result.run.evaluate(time)
     return animation(
-        exciter.dynamics.kinematics,
+        result.exciter.dynamics.kinematics,
         Motion(time, z),
         "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
         "The distance of the two struts in a pair is not part of the description and drawn as it "
@@ -86,9 +87,19 @@ def _animation(exciter: Exciter, result: Excitation) -> Figure:
     )
 
 
-def over_time(exciter: Exciter, result: Excitation) -> Figure:
+def excitation_figure(result: Excitation) -> go.Figure:
+    """Platform, drives, speeds and torques over time, lower than in a report."""
+    return _over_time(result).figure.update_layout(height=640)
+
+
+def exciter_figure(exciter: Exciter) -> go.Figure:
+    """The robot with the workspace that motions stay in."""
+    return robot_figure(exciter.dynamics.robot)
+
+
+def _over_time(result: Excitation) -> Figure:
     """Platform, drives, speeds and torques of a run."""
-    run, dynamics = result.run, exciter.dynamics
+    run, dynamics = result.run, result.exciter.dynamics
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
@@ -101,7 +112,7 @@ def over_time(exciter: Exciter, result: Excitation) -> Figure:
         ("platform [m]", z[:, task.moves], axes),
         ("{0.motion} [{0.shown}]", q * shown, turns),
         ("speed [{0.shown}/s]", qd * shown, turns),
-        ("{0.effort} [{0.force}]", exciter.preview(run, _SAMPLES), turns),
+        ("{0.effort} [{0.force}]", result.exciter.preview(run, _SAMPLES), turns),
     ]
     foreign = np.array([u != first for u in units.values()])
     figure = make_subplots(
@@ -170,20 +181,21 @@ def _limits(result: Excitation) -> Figure:
     return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
 
 
-def _predictions(exciter: Exciter, result: Excitation) -> tuple[Text, Table]:
-    noise = percent(exciter.settings.torque_noise)
+def _predictions(result: Excitation) -> tuple[Text, Table]:
+    settings = result.exciter.settings
+    noise = percent(settings.torque_noise)
     return (
         Text(
             f"Standard deviations that least squares will reach on this motion when the torque "
             f"noise is {noise} of each drive's largest torque and samples come at "
-            f"{exciter.settings.rate:g} Hz, if the robot is what the prior says."
+            f"{settings.rate:g} Hz, if the robot is what the prior says."
         ),
         prediction_table(result),
     )
 
 
-def _settings(exciter: Exciter) -> Table:
-    s = exciter.settings
+def _settings(result: Excitation) -> Table:
+    s = result.exciter.settings
     rows = (
         ("criterion", s.criterion),
         ("harmonics", str(s.harmonics)),

@@ -8,10 +8,10 @@ from plotly.subplots import make_subplots
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
-from deltaid.view.animation import fix_scene, robot_lines
+from deltaid.view.animation import fix_scene, robot_lines, workspace_line
 from deltaid.view.page import Figure
 from deltaid.view.reach import Reach, Survey, kind
-from deltaid.view.robot_shape import outline
+from deltaid.view.robot_shape import outline_points
 
 _GRID = 161
 NOTHING = "nothing"
@@ -44,15 +44,9 @@ def picture(robot: AtRest, found: Reach) -> Figure:
     """The robot at home, the described workspace, and the region it reaches."""
     skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
     shape = skeleton.evaluate(robot.home[None])[0]
-    edges = outline(robot.robot.workspace)
-    figure = go.Figure(list(robot_lines(skeleton, shape).values()))
-    figure.add_scatter3d(
-        **dict(zip("xyz", edges.astype(np.float32).T, strict=True)),
-        name="workspace",
-        mode="lines",
-        line={"color": style.MEASURED, "width": 3},
-        hoverinfo="skip",
-    )
+    space = robot.robot.workspace
+    edges = workspace_line(space, {"color": style.MEASURED, "width": 3})
+    figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
     colors = limit_kinds(robot)
     for name, (points, faces) in patches(robot, found).items():
         figure.add_mesh3d(
@@ -65,7 +59,7 @@ def picture(robot: AtRest, found: Reach) -> Figure:
             showlegend=True,
             hovertemplate=f"ends at: {name}<br>%{{x:.3f}}, %{{y:.3f}}, %{{z:.3f}} m<extra></extra>",
         )
-    drawn = (shape.reshape(-1, 3), found.points.reshape(-1, 3), edges[~np.isnan(edges[:, 0])])
+    drawn = (shape.reshape(-1, 3), found.points.reshape(-1, 3), outline_points(space))
     fix_scene(figure, np.concatenate(drawn), height=680, below=0)
     figure.update_layout(margin={"t": 90})
     return Figure(
@@ -169,8 +163,8 @@ def _title(robot: AtRest, normal: int) -> str:
 
 def _bounds(robot: AtRest, found: Reach) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Box around region and workspace, with a margin."""
-    edges = outline(robot.robot.workspace)
-    points = np.concatenate([found.points.reshape(-1, 3), edges[~np.isnan(edges[:, 0])]])
+    edges = outline_points(robot.robot.workspace)
+    points = np.concatenate([found.points.reshape(-1, 3), edges])
     low, high = points.min(axis=0), points.max(axis=0)
     return low - 0.06 * (high - low), high + 0.06 * (high - low)
 
@@ -181,8 +175,7 @@ def _section(robot: AtRest, normal: int) -> Float[np.ndarray, "points 2"]:
     angle = np.linspace(0, 2 * np.pi, 361)
     unit = np.zeros((len(angle), 3))
     unit[:, i], unit[:, j] = np.cos(angle), np.sin(angle)
-    edges = outline(robot.robot.workspace)
-    edges = edges[~np.isnan(edges[:, 0])]
+    edges = outline_points(robot.robot.workspace)
     low, high = np.zeros(len(angle)), np.full(len(angle), np.ptp(edges, axis=0).sum())
     for _ in range(40):  # every workspace is convex, and home lies inside
         middle = 0.5 * (low + high)

@@ -13,10 +13,8 @@ from deltaid.view.card import Card
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import measured, number, span, with_uncertainty
-from deltaid.view.page import Fact, Figure, Page, Section, Text
+from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.provenance import provenance_section
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -25,7 +23,7 @@ _WORDS = {"tension": "largest force", "compression": "least force", "socket": "l
 _NAMED = 8
 
 
-def card(value: Forces) -> Card:
+def forces_card(value: Forces) -> Card:
     """The worst cases of the struts, and whether ball joints hold."""
     verdict = _verdict(value)
     return Card(
@@ -39,17 +37,17 @@ def card(value: Forces) -> Card:
     )
 
 
-def frame(value: Forces) -> pl.DataFrame:
+def forces_frame(value: Forces) -> pl.DataFrame:
     """Forces over time: t and one column a channel."""
     return pl.concat(value.tables())
 
 
-def figure(value: Forces) -> go.Figure:
+def forces_figure(value: Forces) -> go.Figure:
     """Forces along the struts over time."""
     return _over_time(value).figure
 
 
-def page(value: Forces) -> Page:
+def forces_page(value: Forces) -> Page:
     """Everything about the forces of a model along a motion."""
     model, forces = value.model, value.constraint_forces
     *along, loads = tables(value)
@@ -92,12 +90,12 @@ def _verdict(study: Forces) -> Summary:
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
     if socket_force is None:
         line = "No springs of ball joints are described, so nothing is said of their margins."
-        return Summary(Grade.UNTESTED, f"{said[0].upper()}{said[1:]}.", (line,))
+        return Summary(Trust.UNTESTED, f"{said[0].upper()}{said[1:]}.", (line,))
     margin = min(f.worst.value for f in study.findings if f.worst.kind == "socket") + socket_force
     if margin <= 0:
-        return Summary(Grade.POOR, f"Poor: a ball joint comes apart; {said}.")
+        return Summary(Trust.POOR, f"Poor: a ball joint comes apart; {said}.")
     return Summary(
-        Grade.GOOD, f"Good: all ball joints hold, with {measured(margin)} N left; {said}."
+        Trust.GOOD, f"Good: all ball joints hold, with {measured(margin)} N left; {said}."
     )
 
 

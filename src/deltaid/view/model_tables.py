@@ -8,7 +8,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_text import written
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordings needs
     from deltaid.identification.least_squares import BaseEstimate

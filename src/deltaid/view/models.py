@@ -1,25 +1,24 @@
-"""Models: identified, or a robot at its prior."""
+"""Models, identifications and comparisons with recordings: cards."""
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import polars as pl
 
+from deltaid.identification.identify import Identification
+from deltaid.identification.validation import Validation
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
+from deltaid.model.verdict import Grade
 from deltaid.view.card import Card
+from deltaid.view.check import page_table
 from deltaid.view.model_tables import error_table, parameter_table
 from deltaid.view.numbers import percent
-from deltaid.view.summary import summary, without_doubts
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
-    from deltaid.view.page import Page
+from deltaid.view.summary import summary
 
 _NEXT = ('["P.m"]', ".dynamics", ".plot()", ".to_frame()", '.report("x.html")')
 
 
-def card(value: Model | IdentifiedModel) -> Card:
+def model_card(value: Model | IdentifiedModel) -> Card:
     """The verdict, the torque errors; folded the parameters and the warnings."""
     model = load(value)
     found, known = summary(model), model.identified
@@ -31,14 +30,14 @@ def card(value: Model | IdentifiedModel) -> Card:
         title,
         (found.sentence, *found.lines[:2]),
         found.grade,
-        errors(known),
+        fit_errors(known),
         error_table(model, None),
         (("parameters", parameter_table(known)), *warned(known.warnings)),
         (*_NEXT, ".sample(100)", *(('.save("model.yaml")',) * isinstance(value, IdentifiedModel))),
     )
 
 
-def errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
+def fit_errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Torque errors of the fit, drive by drive."""
     pairs = zip(model.robot.drives, model.fit.nrmse, strict=True)
     return tuple((f"{drive} error", percent(share)) for drive, share in pairs)
@@ -52,7 +51,7 @@ def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return ((title, "\n".join(warnings)),)
 
 
-def frame(value: Model | IdentifiedModel) -> pl.DataFrame:
+def model_frame(value: Model | IdentifiedModel) -> pl.DataFrame:
     """Parameters, a row each; of a robot at its prior without intervals."""
     model = load(value)
     if model.identified is None:
@@ -69,44 +68,53 @@ def frame(value: Model | IdentifiedModel) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
-def figure(value: Model | IdentifiedModel) -> "go.Figure":
-    """Parameters beside their prior, with intervals; of a robot at its prior the robot."""
-    from deltaid.view.parameters import parameter_section
-    from deltaid.view.robots import drawn
-    from deltaid.view.theme import first_figure
+def identification_card(value: Identification) -> Card:
+    """That of its model, with the verdict on fit and checks."""
+    of_model, found = model_card(value.model), summary(value)
+    robot = value.model.robot
+    logs = ", ".join(one.path.name for one in value.recordings)
+    poor = [one for one in getattr(value, "verdicts", ()) if one.grade is not Grade.GOOD]
+    checks = (("checks that are not good", page_table(poor)),) if poor else ()
+    return replace(
+        of_model,
+        title=f"Identification of {robot.title or robot.name} from {logs}",
+        lines=(found.sentence, *found.lines[:2]),
+        grade=found.grade,
+        more=(*checks, *of_model.more),
+        methods=(".model", ".verdicts", ".plot()", ".to_frame()", '.report("x.html")',
+                 '.save("model.yaml")'),
+    )  # fmt: skip
 
-    model = load(value)
-    if model.identified is None:
-        return drawn(model.robot)
-    return first_figure([parameter_section(model.identified)])
+
+def identification_frame(value: Identification) -> pl.DataFrame:
+    """Its model's parameters."""
+    return model_frame(value.model)
 
 
-def page(value: Model | IdentifiedModel) -> "Page":
-    """What a model is by itself, without the recordings that it comes from."""
-    from deltaid.view.bodies import body_section
-    from deltaid.view.corrections import put_right_sections
-    from deltaid.view.drawing import drawing
-    from deltaid.view.page import Fact, Page
-    from deltaid.view.parameters import parameter_section
-    from deltaid.view.provenance import provenance_section
-    from deltaid.view.robots import page as of_robot
+def validation_card(value: Validation) -> Card:
+    """The verdict and the torque errors."""
+    model, found = value.model, summary(value.model, value.error, value.log)
+    shares = zip(model.robot.drives, value.error.nrmse, strict=True)
+    return Card(
+        f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
+        (found.sentence,),
+        found.grade,
+        tuple((f"{drive} error", percent(float(share))) for drive, share in shares),
+        error_table(model, value.error),
+        warned(value.remarks),
+        (".error", ".log", ".plot()", ".to_frame()", '.report("x.html")'),
+    )
 
-    model = load(value)
-    known, found = model.identified, summary(model)
-    if known is None:
-        return of_robot(model.robot)
-    return Page(
-        title=model.robot.title or model.robot.name,
-        subtitle=f"Dynamic model, {model.origin}",
-        verdict=without_doubts(found),
-        drawing=drawing(model.robot, model.dynamics.kinematics),
-        front=(error_table(model, None),),
-        facts=tuple(Fact(name, share) for name, share in errors(known)),
-        sections=(
-            parameter_section(known),
-            body_section(known, model.dynamics.kinematics),
-            *put_right_sections(known),
-            provenance_section(model, "The model"),
-        ),
-        warnings=known.warnings,
+
+def validation_frame(value: Validation) -> pl.DataFrame:
+    """Torque errors, a row a drive."""
+    units = value.model.robot.drive_units
+    return pl.DataFrame(
+        {
+            "drive": list(units),
+            "rms": value.error.rms,
+            "nrmse": value.error.nrmse,
+            "rms_unfiltered": value.error.rms_unfiltered,
+            "unit": [one.force for one in units.values()],
+        }
     )

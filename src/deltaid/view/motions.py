@@ -1,22 +1,16 @@
-"""Optimised motions."""
-
-from typing import TYPE_CHECKING
+"""Optimised motions and what makes them: tables, cards."""
 
 import polars as pl
 
-from deltaid.motion.excitation.excite import Excitation
-from deltaid.motion.excitation.run import sample_run
+from deltaid.motion.excitation.excite import Excitation, Exciter
+from deltaid.motion.excitation.run import Run, sample_run
+from deltaid.motion.fourier import FourierMotion
 from deltaid.view.card import Card
-from deltaid.view.excitation_tables import limit_table, prediction_table
 from deltaid.view.numbers import number, percent
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
-    from deltaid.view.page import Page
+from deltaid.view.page import Table
 
 
-def card(value: Excitation) -> Card:
+def excitation_card(value: Excitation) -> Card:
     """Duration, criterion, fullest limit; folded what it will tell."""
     robot, settings, run = value.exciter.dynamics.robot, value.exciter.settings, value.run
     facts = [
@@ -38,23 +32,97 @@ def card(value: Excitation) -> Card:
     )
 
 
-def frame(value: Excitation) -> pl.DataFrame:
+def excitation_frame(value: Excitation) -> pl.DataFrame:
     """The run at the rate of the settings: t, q1…, qd1…, qdd1…, x, y, z; in SI units."""
     kinematics = value.exciter.dynamics.kinematics
     return sample_run(kinematics, value.run, value.exciter.settings.rate)
 
 
-def figure(value: Excitation) -> "go.Figure":
-    """Platform, drives, speeds and torques over time."""
-    from deltaid.view.excitation import over_time
+def exciter_card(value: Exciter) -> Card:
+    """What is to be optimised."""
+    robot, settings = value.dynamics.robot, value.settings
+    facts = (
+        ("criterion", settings.criterion),
+        ("starts", str(settings.starts)),
+        ("harmonics", str(settings.harmonics)),
+        ("longest period", f"{settings.duration:.4g} s"),
+        ("base parameters", str(len(value.base.groups))),
+    )
+    title = f"Exciter of {robot.title or robot.name}"
+    return Card(title, (), "", facts, methods=(".optimise()", ".plot()"))
 
-    figure = over_time(value.exciter, value).figure
-    figure.update_layout(height=640)
-    return figure
+
+def run_card(value: Run | FourierMotion) -> Card:
+    """Durations and harmonics."""
+    motion = value.motion if isinstance(value, Run) else value
+    facts = [
+        ("period", f"{number(motion.period)} s"),
+        ("harmonics", str(motion.sine.shape[1])),
+        ("coordinates", str(len(motion.centre))),
+    ]
+    if isinstance(value, FourierMotion):
+        return Card("Periodic motion", (), "", tuple(facts), methods=(".evaluate(time)",))
+    facts = [("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats)), *facts]
+    return Card("Motion from rest to rest", (), "", tuple(facts), methods=(".evaluate(time)",))
 
 
-def page(value: Excitation) -> "Page":
-    """The page of `deltaid excite`."""
-    from deltaid.view.excitation import excitation_page
+def limit_table(result: Excitation) -> Table:
+    """Largest use of every limit over the whole run."""
+    rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
+    return Table(("limit", "in use"), rows)
 
-    return excitation_page(value.exciter, value)
+
+def prediction_table(result: Excitation) -> Table:
+    """What the motion will tell about every base parameter."""
+    rows = tuple(
+        (
+            p.formula,
+            number(p.value),
+            f"{p.std:.2g}",
+            p.unit,
+            percent(p.std / abs(p.value)) if abs(p.value) > p.std else "",
+        )
+        for p in result.predictions
+    )
+    return Table(
+        ("base parameter", "prior", "predicted ±", "unit", "share"),
+        rows,
+        "Predicted standard deviation of every base parameter; the share is of the prior, and is "
+        "left out where the deviation is larger than the value.",
+        title="what this motion will tell",
+    )
+
+
+def start_table(result: Excitation) -> Table:
+    """What became of each start of the search."""
+    accounts = result.optimum.accounts
+    judged = any(a.judged is not None for a in accounts)
+    rows = tuple(
+        (
+            str(a.seed),
+            number(a.before),
+            number(a.after),
+            str(a.evaluations),
+            f"{a.seconds:.1f}",
+            f"{100 * a.use:.1f} %",
+            "yes" if a.feasible else "no",
+            *([number(a.judged, 5) if a.judged is not None else ""] if judged else []),
+        )
+        for a in accounts
+    )
+    columns = (
+        "start",
+        "as drawn",
+        "optimised",
+        "evaluations",
+        "seconds",
+        "fullest limit",
+        "feasible",
+    )
+    caption = "Objective of the search for each start as it was drawn at random, and optimised."
+    if judged:
+        caption += (
+            " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
+            "in nats, by which the motion was chosen."
+        )
+    return Table((*columns, *(["bodies"] if judged else [])), rows, caption)

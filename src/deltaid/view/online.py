@@ -9,9 +9,7 @@ from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
 from deltaid.view.numbers import number
-from deltaid.view.page import Block, Fact, Figure, Page, Section, Text
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
+from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
 
 # Points that a line is drawn with, at most.
 _POINTS = 8000
@@ -76,8 +74,8 @@ def _verdict(watched: Watched) -> Summary:
         count = len(watched.doubts)
         told = "a warning" if count == 1 else f"{count} warnings"
         said = f"Doubtful: read {told} below before any of it is believed."
-        return Summary(Grade.FAIR, said, (text, *told_lines(watched)))
-    return Summary(Grade.GOOD, text, told_lines(watched))
+        return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
+    return Summary(Trust.GOOD, text, told_lines(watched))
 
 
 def _mass(watched: Watched) -> Figure:

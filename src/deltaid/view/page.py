@@ -1,37 +1,27 @@
-"""A page of text, tables and figures, rendered as one HTML file that makes no request.
+"""A page as data: text, tables and figures, and the verdict, picture and origin at its head.
 
-Builders of this folder describe a page with the classes here; what it looks like is decided in
-`page.html.jinja`, `page.css` and `page.js`, and for figures in `style.py`. Its first screen says
-the verdict, shows the robot and says how the page was made; what is behind it unfolds below.
+Builders of this room describe pages with the classes here; `html.py` makes HTML of them, and the
+terminal and notebooks print the same tables. Nothing heavy is imported: short commands print
+tables, too.
 """
 
-import base64
-import gzip
+import shlex
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.resources import files
+from datetime import datetime
+from enum import StrEnum
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any
 
-import plotly.graph_objects as go
-import plotly.io
-from jinja2 import ChoiceLoader, Environment, PackageLoader
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+    from markupsafe import Markup
 
-from deltaid.errors import visible
-from deltaid.files import written_whole
-from deltaid.view import style, typeset
-from deltaid.view.drawing import Drawing
-from deltaid.view.made import Made, made
-from deltaid.view.summary import Summary
-from deltaid.view.table import Table
-
-# Cells longer than this may break into lines.
-_LONG = 40
-# Of figures that do not say theirs [px].
+# Height of figures that do not say theirs [px].
 _HEIGHT = 450
+_COMMAND = "deltaid"
 
 
 @dataclass(frozen=True)
@@ -39,6 +29,30 @@ class Text:
     """Plain text; an empty line starts a new paragraph."""
 
     text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of finished cells.
+
+    A page sets columns of numbers flush right, `muted` rows in grey, the first cell of `marked`
+    rows in the colour of doubt, and the caption below; the terminal prints the title above. What
+    `links` and `choices` say is for the pages of a site.
+
+    Attributes:
+        links: where the first cell of each row leads, empty for nowhere; none for no cell.
+        choices: columns, by their numbers, of which one value can be chosen, in a table that one
+            can search and sort; None for one that stays as it is.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    muted: frozenset[int] = frozenset()
+    title: str = ""
+    marked: frozenset[int] = frozenset()
+    links: tuple[str, ...] = ()
+    choices: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -57,7 +71,7 @@ class Figure:
         paper: its largest height on paper [px], of which a page has a thousand.
     """
 
-    figure: go.Figure
+    figure: "go.Figure"
     caption: str = ""
     paper: int = 880
 
@@ -116,6 +130,80 @@ class Fact:
     note: str = ""
 
 
+class Trust(StrEnum):
+    """How far a model may be trusted.
+
+    - good: predicts every drive of a motion that it has not seen within 5 %, and nothing about its
+      recordings or its fit is doubtful;
+    - fair: within 15 %, or within 5 % while something is doubtful;
+    - poor: worse than that, much worse than in the identification, identified with `--force` from
+      what the checks call wrong, or not physically consistent;
+    - untested: no motion that it has not seen is known, and nothing is poor yet. However well a
+      model fits its own recording, that does not make it good.
+    """
+
+    GOOD = "good"
+    FAIR = "fair"
+    POOR = "poor"
+    UNTESTED = "untested"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A verdict in plain words.
+
+    Attributes:
+        grade: how far the model may be trusted.
+        sentence: the verdict, such as "Good: predicts torques of an unseen motion within 1.2 %.".
+        lines: further sentences: what its numbers come from, what was put right, what is doubtful.
+    """
+
+    grade: Trust
+    sentence: str
+    lines: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """All of it as one paragraph."""
+        return " ".join((self.sentence, *self.lines))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A picture as lines that scale, in the colours of the page.
+
+    Attributes:
+        svg: an element to stand in a page.
+        names: short names of the bodies, and what they stand for.
+    """
+
+    svg: "Markup"
+    names: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a page was made.
+
+    Attributes:
+        command: as it was typed; of a program that uses deltaid as a library, that says so.
+        on: day and time, with the offset from UTC.
+        version: of deltaid.
+    """
+
+    command: str
+    on: str
+    version: str
+
+
+def made() -> Made:
+    """By this process, now."""
+    typed = bool(sys.argv) and Path(sys.argv[0]).stem == _COMMAND
+    command = shlex.join([_COMMAND, *sys.argv[1:]]) if typed else ""
+    now = datetime.now().astimezone()
+    return Made(command, now.strftime("%Y-%m-%d %H:%M %z"), version("deltaid"))
+
+
 @dataclass(frozen=True)
 class Page:
     """Everything a page says.
@@ -149,100 +237,3 @@ class Page:
         """Whether a chapter is open to begin with."""
         bare = not self.front and not any(one.unfolded for one in self.sections)
         return section.unfolded or (bare and section is self.sections[0])
-
-
-def write_page(page: Page, path: Path) -> None:
-    """Write a page under a name, whole or not at all.
-
-    Raises:
-        DeltaidError: the file cannot be written.
-    """
-    text = render(page)
-    with written_whole(path) as file:
-        file.write(text)
-
-
-def render(page: Page) -> str:
-    """The page as one HTML document: style, script, Plotly and data inside, nothing outside."""
-    return (
-        environment()
-        .get_template("page.html.jinja")
-        .render(
-            **contents(page),
-            css=part("page.css"),
-            script=part("page.js"),
-            plotly=_plotly() if page.has_figures else Markup(""),
-        )
-    )
-
-
-def contents(page: Page) -> dict[str, Any]:
-    """What the template `page.html.jinja`, or one that extends it, shows of a page."""
-    light, dark = (_embedded(style.template(dark).to_plotly_json()) for dark in (False, True))
-    return {"page": page, "light": light, "dark": dark}
-
-
-@cache
-def environment(room: str = "view") -> Environment:
-    """Templates of a room, and those of pages, with all that they need to show a page."""
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("deltaid", one) for one in (room, "view")]),
-        autoescape=True,
-        finalize=_shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    cast("dict[str, Any]", environment.tests).update(
-        {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Lines, Figure, Chart)}
-    )
-    cast("dict[str, Any]", environment.filters).update(
-        {
-            "json": _figure_json,
-            "paragraphs": typeset.paragraphs,
-            "numeric": typeset.numeric,
-            "cell": typeset.cell,
-            "heading": typeset.heading,
-            "typeset": typeset.typeset,
-            "explained": typeset.explained,
-            "legend": typeset.legend,
-            "long": lambda cell: len(cell) > _LONG,
-        }
-    )
-    return environment
-
-
-def _shown(value: object) -> object:
-    """What a page prints of a value that is not markup of its own: no control characters."""
-    return visible(value) if type(value) is str else value
-
-
-def _is(kind: type) -> object:
-    return lambda block: isinstance(block, kind)
-
-
-def part(name: str) -> Markup:
-    """A file of this room, such as the style of its pages."""
-    return Markup(files("deltaid.view").joinpath(name).read_text(encoding="utf-8"))
-
-
-def _figure_json(block: Figure | Chart) -> Markup:
-    """What Plotly draws, without a template."""
-    figure = block.data()
-    figure["layout"].pop("template", None)
-    return _embedded(figure)
-
-
-def _embedded(value: dict[str, Any]) -> Markup:
-    """JSON that stays inside its script element whatever its strings hold.
-
-    Plotly's own encoder escapes the same character, but does not promise to.
-    """
-    text = plotly.io.json.to_json_plotly(value)
-    return Markup(text.replace("<", "\\u003c"))
-
-
-@cache
-def _plotly() -> Markup:
-    """Plotly's script, packed: unpacked by the browser, it makes a page half as large."""
-    packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
-    return Markup(base64.b64encode(packed).decode())

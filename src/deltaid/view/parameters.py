@@ -10,8 +10,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.view import style
 from deltaid.view.model_tables import MEASURED, parameter_table
 from deltaid.view.numbers import WIDTH
-from deltaid.view.page import Figure, Section, Text
-from deltaid.view.table import Table
+from deltaid.view.page import Figure, Section, Table, Text
 
 _FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
 _SOURCES = {
@@ -30,7 +29,6 @@ _DECIDES = 0.5
 
 def parameter_section(model: IdentifiedModel) -> Section:
     """Every parameter that is not zero by structure, as a table and beside its prior."""
-    parameters = tuple(p for p in model.parameters if p.determined_by != "structure")
     shares = share_table(model)
     return Section(
         "Parameters",
@@ -46,7 +44,7 @@ def parameter_section(model: IdentifiedModel) -> Section:
                 "supports no interval for them. What the data does determine about them are "
                 "combinations, which the base parameters below show."
             ),
-            _chart(parameters),
+            parameter_chart(model),
             parameter_table(model),
             *((shares,) if shares is not None else ()),
         ),
@@ -62,7 +60,9 @@ def _interval(parameter: Parameter) -> tuple[float, float]:
     return parameter.value - half, parameter.value + half
 
 
-def _chart(parameters: tuple[Parameter, ...]) -> Figure:
+def parameter_chart(model: IdentifiedModel) -> Figure:
+    """Parameters as their difference from the prior, with intervals."""
+    parameters = [p for p in model.parameters if p.determined_by != "structure"]
     shown = [p for p in parameters if p.prior != 0]
     far = [p for p in shown if abs(_change(p)) > _FAR]
     figure = go.Figure()

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import KinematicsError
 from deltaid.robot.description import RobotDescription
-from deltaid.view.robot_shape import outline
+from deltaid.view.robot_shape import outline_points
 
 # Directions of the rays: one every so many degrees.
 _EVERY = 4
@@ -110,8 +110,7 @@ def reach(robot: AtRest) -> Reach:
 
 def survey(robot: AtRest) -> Survey:
     """Poses spread evenly over the workspace, and along its edges, where extremes are."""
-    edges = outline(robot.robot.workspace)
-    edges = edges[~np.isnan(edges[:, 0])]
+    edges = outline_points(robot.robot.workspace)
     box = np.stack([edges.min(axis=0), edges.max(axis=0)])
     turn = robot.robot.turn
     if robot.dynamics.dof > 3:

@@ -1,4 +1,4 @@
-"""Recordings in memory, as they are."""
+"""Recordings, in memory and surveyed, and mappings of their columns: cards."""
 
 import re
 from typing import TYPE_CHECKING
@@ -6,11 +6,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
-from deltaid.recording.mapping import TIMES
+from deltaid.recording import recording
+from deltaid.recording.log import Log
+from deltaid.recording.mapped_columns import DriveColumn
+from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping, TimeColumn
 from deltaid.recording.memory import FrameTable, Recording
 from deltaid.view.card import Card
+from deltaid.view.models import warned
 from deltaid.view.numbers import number
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -20,9 +24,9 @@ _GROUPS, _POINTS = 5, 4000
 _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
 
-def card(value: Recording) -> Card:
+def recording_card(value: Recording) -> Card:
     """Size, time, and the columns with their ranges."""
-    table = frame(value)
+    table = recording_frame(value)
     facts = [("samples", str(len(table))), ("columns", str(table.width))]
     clock = _clock(table)
     if clock is not None and len(clock) > 1:
@@ -43,7 +47,7 @@ def card(value: Recording) -> Card:
     )
 
 
-def frame(value: Recording) -> pl.DataFrame:
+def recording_frame(value: Recording) -> pl.DataFrame:
     """All that it holds, in the units that it is in."""
     if isinstance(value.table, FrameTable):
         return value.table.frame
@@ -53,14 +57,14 @@ def frame(value: Recording) -> pl.DataFrame:
     return pl.DataFrame(np.concatenate(parts), schema=header)
 
 
-def figure(value: Recording) -> "go.Figure":
+def recording_figure(value: Recording) -> "go.Figure":
     """Columns of numbers over time; those of one name in one plot: q1, q2, …; tau1, …."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     from deltaid.view import style
 
-    table, clock = frame(value), _clock(frame(value))
+    table, clock = recording_frame(value), _clock(recording_frame(value))
     groups = dict[str, list[str]]()
     for name in table.columns:
         if table[name].dtype.is_numeric() and name not in TIMES:
@@ -115,3 +119,54 @@ def _ranges(table: pl.DataFrame) -> Table:
         else:
             rows.append((name, str(column.dtype), ""))
     return Table(("column", "least", "largest"), tuple(rows))
+
+
+def log_card(value: Log | recording.Recording) -> Card:
+    """Size, rate, filter, and what is left out of it."""
+    log = value.log if isinstance(value, recording.Recording) else value
+    facts = [
+        ("samples", str(log.samples)),
+        ("rate", f"{number(log.rate)} Hz"),
+        ("seconds", number(log.samples / log.rate)),
+    ]
+    if isinstance(value, recording.Recording) and value.cutoff:
+        facts.append(("low-pass", f"{number(value.cutoff, 3)} Hz"))
+    if log.masks:
+        facts.append(("stretches left out", str(len(log.masks))))
+    first = next(iter(log.warnings), "nothing about it is doubtful")
+    return Card(
+        f"Recording {log.path.name}, surveyed",
+        (str(first),),
+        "",
+        tuple(facts),
+        more=warned(tuple(str(text) for text in log.warnings)),
+    )
+
+
+def mapping_card(value: ColumnMapping) -> Card:
+    """Which column is what, and in which unit; what is left to the default names is not told."""
+    facts = [("time", _time(value.time))]
+    for quantity in QUANTITIES:
+        columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
+        each = (columns,) if isinstance(columns, AllDrives) else columns or ()
+        facts += [(quantity, ", ".join(_described_column(one) for one in each))] * bool(each)
+    facts += [("sensors", ", ".join(value.sensors))] * bool(value.sensors)
+    facts += [("loads", ", ".join(load.name for load in value.loads))] * bool(value.loads)
+    return Card("Mapping of columns", (), "", tuple(facts), apart=True)
+
+
+def _time(time: TimeColumn) -> str:
+    if time.is_absent:
+        return f"{time.rate:g} Hz"
+    return f"{time.column} [{time.unit if time.rate is None else f'{time.rate:g} / s'}]"
+
+
+def _described_column(one: DriveColumn | AllDrives) -> str:
+    """'tau2 [N m; sign -1]': name, unit, and what else is done to its numbers."""
+    name = one.column or ", ".join(getattr(one, "columns", None) or ())
+    more = [
+        f"{key.replace('_', ' ')} {getattr(one, key)}"
+        for key, usual in (("sign", 1), ("gear", 1.0), ("zero", 0.0), ("torque_constant", None))
+        if getattr(one, key) not in (usual, None)
+    ]
+    return f"{name} [{'; '.join([str(one.unit), *more])}]"

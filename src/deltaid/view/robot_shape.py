@@ -65,6 +65,12 @@ def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
     return _joined(_box(workspace))
 
 
+def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
+    """The same without gaps."""
+    edges = outline(workspace)
+    return edges[~np.isnan(edges[:, 0])]
+
+
 def _joined(lines: list[Line]) -> Line:
     return np.concatenate([part for line in lines for part in (line, _LIFTED)])
 

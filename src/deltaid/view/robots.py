@@ -1,4 +1,4 @@
-"""Robots, and what computes with them."""
+"""Robots, and what computes with them: cards."""
 
 from typing import TYPE_CHECKING
 
@@ -10,14 +10,15 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import yaml_text
+from deltaid.view import style
 from deltaid.view.card import Card
 from deltaid.view.numbers import number
-from deltaid.view.table import Table
+from deltaid.view.page import Table
+from deltaid.view.robot_shape import outline_points
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from deltaid.view.page import Page
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
 _METHODS: dict[type, tuple[str, ...]] = {
@@ -36,7 +37,7 @@ _TITLES: dict[type, str] = {
 }  # fmt: skip
 
 
-def card(value: _Robot) -> Card:
+def robot_card(value: _Robot) -> Card:
     """Kind, drives, bodies, workspace, and what it can do."""
     robot = value if isinstance(value, RobotDescription) else value.robot
     kind = next(one for one in _METHODS if isinstance(value, one))
@@ -83,47 +84,37 @@ def _drives(robot: RobotDescription) -> Table:
     return Table(("drive", "range", "speed", "largest effort"), tuple(rows))
 
 
-def figure(value: _Robot) -> "go.Figure":
-    """The robot at home with its workspace."""
-    return drawn(value if isinstance(value, RobotDescription) else value.robot)
-
-
-def drawn(robot: RobotDescription) -> "go.Figure":
+def robot_figure(value: _Robot) -> "go.Figure":
     """Lines of the robot at its home pose, and the edges of its workspace."""
     import plotly.graph_objects as go
 
     from deltaid.mechanism.skeleton import Skeleton
-    from deltaid.view import style
-    from deltaid.view.animation import CAMERA, fix_scene, robot_lines
-    from deltaid.view.robot_shape import outline
+    from deltaid.view.animation import CAMERA, fix_scene, robot_lines, workspace_line
 
+    robot = value if isinstance(value, RobotDescription) else value.robot
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
-    shape, edges = skeleton.evaluate(robot.home[None])[0], outline(robot.workspace)
-    figure = go.Figure(list(robot_lines(skeleton, shape).values()))
-    figure.add_scatter3d(
-        **dict(zip("xyz", edges.astype(np.float32).T, strict=True)),
-        name="workspace",
-        mode="lines",
-        line={"color": style.PRIOR, "width": 3, "dash": "dot"},
-        hoverinfo="skip",
-    )
-    seen = (shape.reshape(-1, 3), edges[~np.isnan(edges[:, 0])])
-    fix_scene(figure, np.concatenate(seen), height=460, below=0)
+    shape = skeleton.evaluate(robot.home[None])[0]
+    edges = workspace_line(robot.workspace, {"color": style.PRIOR, "width": 3, "dash": "dot"})
+    figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
+    drawn = (shape.reshape(-1, 3), outline_points(robot.workspace))
+    fix_scene(figure, np.concatenate(drawn), height=460, below=0)
     near = {axis: _NEARER * eye for axis, eye in CAMERA["eye"].items()}
-    figure.update_layout(scene_camera_eye=near, margin_t=30)
-    return figure
+    return figure.update_layout(scene_camera_eye=near, margin_t=30)
 
 
-def page(value: RobotDescription) -> "Page":
-    """The page of `deltaid show`."""
+def robot_page(value: RobotDescription) -> "Page":
+    """The page of `deltaid show`.
+
+    Raises:
+        KinematicsError: the robot does not move along x, y and z.
+    """
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
+    from deltaid.view import robot_page
     from deltaid.view.reach import reach, require_space, survey
-    from deltaid.view.robot_page import robot_page
 
     require_space(value)
     model = load(value)
     at_rest = AtRest(model.dynamics, model.p)
-    return robot_page(
-        at_rest, reach(at_rest), survey(at_rest), "Robot at rest, with its prior parameters"
-    )
+    subtitle = "Robot at rest, with its prior parameters"
+    return robot_page.robot_page(at_rest, reach(at_rest), survey(at_rest), subtitle)

@@ -1,4 +1,4 @@
-"""Models drawn from a posterior."""
+"""Models drawn from a posterior: a table, a sentence, a card."""
 
 from typing import TYPE_CHECKING
 
@@ -7,13 +7,49 @@ import polars as pl
 
 from deltaid.model.samples import Samples
 from deltaid.view.card import Card
-from deltaid.view.sample_tables import sample_sentence, sample_table
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Table
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 
-def card(value: Samples) -> Card:
+def sample_table(drawn: Samples) -> Table:
+    """What was identified beside mean and spread of the models, of all parameters that vary."""
+    fitted = dict(zip(drawn.model.layout.names, drawn.model.p.tolist(), strict=True))
+    low, high = np.quantile(drawn.p, [0.025, 0.975], axis=0)
+    rows = tuple(
+        (
+            name,
+            number(fitted[name]) if name in fitted else "",
+            number(float(drawn.p[:, i].mean())),
+            number(float(drawn.p[:, i].std())),
+            f"{number(float(low[i]))} … {number(float(high[i]))}",
+            drawn.units[i],
+        )
+        for i, name in enumerate(drawn.names)
+        if high[i] > low[i]
+    )
+    return Table(
+        ("parameter", "identified", "mean", "std", "95 % of models", "unit"),
+        rows,
+        "",
+        title=f"{len(drawn)} models of {drawn.robot.title or drawn.robot.name}",
+    )
+
+
+def sample_sentence(drawn: Samples) -> str:
+    """Number, effective number, agreement of chains."""
+    scatter = ""
+    if drawn.limb_tolerance:
+        scatter = f", limbs apart by {percent(drawn.limb_tolerance)} (one standard deviation)"
+    return (
+        f"{len(drawn)} models, all consistent, worth {drawn.ess.min():.0f} independent ones or "
+        f"more; chains agree (R̂ at most {drawn.rhat.max():.3f}){scatter}"
+    )
+
+
+def samples_card(value: Samples) -> Card:
     """How many, what they are worth; folded their spread."""
     table = sample_table(value)
     return Card(
@@ -26,12 +62,12 @@ def card(value: Samples) -> Card:
     )
 
 
-def frame(value: Samples) -> pl.DataFrame:
+def samples_frame(value: Samples) -> pl.DataFrame:
     """Parameters, a row a model."""
     return pl.DataFrame(value.p, schema=list(value.names))
 
 
-def figure(value: Samples) -> "go.Figure":
+def samples_figure(value: Samples) -> "go.Figure":
     """Median and the middle 50 and 95 % of every parameter that varies, beside what was fitted."""
     import plotly.graph_objects as go
 

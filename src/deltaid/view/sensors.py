@@ -11,8 +11,9 @@ from deltaid.view import style
 from deltaid.view.corrected import in_words
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import number, percent
-from deltaid.view.page import Block, Fact, Figure, Page, Section, Text
-from deltaid.view.sensor_tables import (
+from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.sensor_plan import (
+    chosen_entries,
     count_table,
     entry_table,
     open_table,
@@ -20,8 +21,6 @@ from deltaid.view.sensor_tables import (
     untold,
     use_table,
 )
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
 
 # Height of one bar and of what is around the bars [px].
 _BAR, _AROUND = 22, 110
@@ -83,6 +82,17 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
     )
 
 
+def plan_page(plan: SensorPlan) -> Page:
+    """The page of `deltaid sensors`, with the entries that it chooses by itself."""
+    return sensors_page(plan, chosen_entries(plan))
+
+
+def plan_figure(plan: SensorPlan) -> go.Figure:
+    """Standard deviation after each step; where nothing is worth buying, of all entries."""
+    blocks = (*_steps(plan), _bars(plan))
+    return next(block.figure for block in blocks if isinstance(block, Figure))
+
+
 def _verdict(plan: SensorPlan, open_now: int) -> Summary:
     """How well the goal is known now, and what would help most."""
     now = plan.described
@@ -92,7 +102,7 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
         f"{plan.goal}, and {in_words(open_now)} {stays} open"
     )
     if not plan.steps:
-        return Summary(Grade.UNTESTED, f"{said}; nothing of the list is worth buying.")
+        return Summary(Trust.UNTESTED, f"{said}; nothing of the list is worth buying.")
     (first, _), (step, last) = plan.steps[0], plan.steps[-1]
     money = plan.offers.currency
     lines = (
@@ -100,7 +110,7 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
         f"costs {step.spent:.0f} {money} and leaves {percent(last.goal)}.",
         "Predicted for a motion, a noise and a prior; nothing has been measured.",
     )
-    return Summary(Grade.UNTESTED, f"{said}.", lines)
+    return Summary(Trust.UNTESTED, f"{said}.", lines)
 
 
 def _entries(plan: SensorPlan) -> tuple[Block, ...]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deltaid.view.page import Page
 
 
-def card(value: Simulation | Comparison) -> Card:
+def simulation_card(value: Simulation | Comparison) -> Card:
     """The errors, and what is not feasible."""
     robot = value.conditions.model.robot
     if isinstance(value, Comparison):
@@ -42,17 +42,17 @@ def card(value: Simulation | Comparison) -> Card:
     )
 
 
-def frame(value: Simulation) -> pl.DataFrame:
+def simulation_frame(value: Simulation) -> pl.DataFrame:
     """Motion and torques over time, as a log."""
     return value.table()
 
 
-def figure(value: Simulation) -> "go.Figure":
+def simulation_figure(value: Simulation) -> "go.Figure":
     """Errors over time."""
     return error_figures([(_title(value), IDENTIFIED, value.tracking)])[0].figure
 
 
-def page(value: Simulation | Comparison) -> "Page":
+def simulation_page(value: Simulation | Comparison) -> "Page":
     """The page of `deltaid simulate` or of `deltaid compare-controllers`."""
     on = value.conditions
     rest = _title(value), on.drives, on.bandwidth, value.problems, value.remarks

@@ -20,6 +20,8 @@ SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b
 
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
 _CLEAR = "rgba(0,0,0,0)"
+# Contrast of 4.5 on white and on the dark pages of notebooks.
+_TEXT, _LINE, _GRID = "#768390", "rgba(128,128,128,.5)", "rgba(128,128,128,.2)"
 
 
 def template(dark: bool) -> go.layout.Template:
@@ -66,3 +68,16 @@ def template(dark: bool) -> go.layout.Template:
 def label(text: str) -> str:
     """Text for a title, a legend or a hover box, where Plotly would take some tags for its own."""
     return html.escape(text, quote=False)
+
+
+def themed(figure: go.Figure) -> go.Figure:
+    """A copy for a notebook, read on light and on dark pages; no wider than its cell."""
+    both = template(False)
+    axis = {"gridcolor": _GRID, "linecolor": _LINE, "zerolinecolor": _LINE}
+    both.layout.update(
+        font={"color": _TEXT},
+        xaxis=axis,
+        yaxis=axis,
+        scene=dict.fromkeys(("xaxis", "yaxis", "zaxis"), axis),
+    )
+    return go.Figure(figure).update_layout(template=both, autosize=True)

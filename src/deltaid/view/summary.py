@@ -2,8 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,9 +11,10 @@ from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
-from deltaid.model.verdict import Grade as CheckGrade
+from deltaid.model.verdict import Grade
 from deltaid.view.corrected import corrected, in_words
 from deltaid.view.numbers import percent
+from deltaid.view.page import Summary, Trust
 
 # Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
 # twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
@@ -25,44 +25,6 @@ _TOLD = 3
 _DOUBT = "Doubtful: "
 _ONLY = "only within"
 _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
-
-
-class Grade(StrEnum):
-    """How far a model may be trusted.
-
-    - good: predicts every drive of a motion that it has not seen within 5 %, and nothing about its
-      recordings or its fit is doubtful;
-    - fair: within 15 %, or within 5 % while something is doubtful;
-    - poor: worse than that, much worse than in the identification, identified with `--force` from
-      what the checks call wrong, or not physically consistent;
-    - untested: no motion that it has not seen is known, and nothing is poor yet. However well a
-      model fits its own recording, that does not make it good.
-    """
-
-    GOOD = "good"
-    FAIR = "fair"
-    POOR = "poor"
-    UNTESTED = "untested"
-
-
-@dataclass(frozen=True)
-class Summary:
-    """A verdict in plain words.
-
-    Attributes:
-        grade: how far the model may be trusted.
-        sentence: the verdict, such as "Good: predicts torques of an unseen motion within 1.2 %.".
-        lines: further sentences: what its numbers come from, what was put right, what is doubtful.
-    """
-
-    grade: Grade
-    sentence: str
-    lines: tuple[str, ...] = ()
-
-    @property
-    def text(self) -> str:
-        """All of it as one paragraph."""
-        return " ".join((self.sentence, *self.lines))
 
 
 def summary(
@@ -82,9 +44,9 @@ def summary(
     known = model.identified
     if known is None:
         return _of_prior(model, error)
-    told = {one.sentence for one in verdicts if one.grade is CheckGrade.CANNOT_TELL}
+    told = {one.sentence for one in verdicts if one.grade is Grade.CANNOT_TELL}
     doubts = [text for text in known.warnings if text not in told]
-    wrong = [one.key for one in verdicts if one.grade is CheckGrade.WRONG]
+    wrong = [one.key for one in verdicts if one.grade is Grade.WRONG]
     wrong += ["a body is not physically consistent"] * (not known.consistent)
     own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
     unseen = None if own else error
@@ -110,14 +72,14 @@ def without_doubts(said: Summary) -> Summary:
     return replace(said, lines=tuple(one for one in said.lines if not one.startswith(_DOUBT)))
 
 
-def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Grade:
-    """The rules of `Grade`."""
+def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Trust:
+    """The rules of `Trust`."""
     worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
     if bad or not worst <= FAIR_WITHIN:
-        return Grade.POOR
+        return Trust.POOR
     if unseen is None:
-        return Grade.UNTESTED
-    return Grade.GOOD if worst <= GOOD_WITHIN and not doubtful else Grade.FAIR
+        return Trust.UNTESTED
+    return Trust.GOOD if worst <= GOOD_WITHIN and not doubtful else Trust.FAIR
 
 
 def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: Sequence[str]) -> str:
@@ -143,10 +105,10 @@ def _of_prior(model: Model, error: TorqueError | None) -> Summary:
     """Of a robot at its prior, of which nothing has been identified."""
     line = ("All numbers are those of the description: nothing has been identified.",)
     if error is None:
-        return Summary(Grade.UNTESTED, "Untested: no recording has been looked at.", line)
+        return Summary(Trust.UNTESTED, "Untested: no recording has been looked at.", line)
     worst = float(np.max(error.nrmse))
-    grade = Grade.POOR if not worst <= FAIR_WITHIN else Grade.FAIR
-    grade = Grade.GOOD if worst <= GOOD_WITHIN else grade
+    grade = Trust.POOR if not worst <= FAIR_WITHIN else Trust.FAIR
+    grade = Trust.GOOD if worst <= GOOD_WITHIN else grade
     said = f"the description alone predicts {_efforts(model)} {_within(model, error.nrmse)}"
     return Summary(grade, f"{grade.capitalize()}: {said}.", line)
 

@@ -10,9 +10,7 @@ from deltaid.control.tracking import Drives, Tracking
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.numbers import number, percent
-from deltaid.view.page import Fact, Page, Section, Text
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
+from deltaid.view.page import Fact, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.tracking_figures import (
     COLOURS,
     NO_MODEL,
@@ -99,10 +97,10 @@ def _followed(result: Tracking, problems: Sequence[MotionProblem]) -> Summary:
     """Whether a simulated motion can be run, and how well it was followed."""
     if problems:
         first, *others = (problem.text for problem in problems)
-        return Summary(Grade.POOR, f"Not feasible: {first}.", tuple(others))
+        return Summary(Trust.POOR, f"Not feasible: {first}.", tuple(others))
     error = result.error
     return Summary(
-        Grade.GOOD,
+        Trust.GOOD,
         f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
         f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
     )
@@ -112,17 +110,17 @@ def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) 
     """What a comparison came to; nothing on a motion that cannot be run."""
     lines = infeasible_lines(problems, runs)
     if problems:
-        return Summary(Grade.POOR, f"Not feasible: {lines[0]}.", lines[1:])
+        return Summary(Trust.POOR, f"Not feasible: {lines[0]}.", lines[1:])
     sound = _sound(runs)
     if not sound:
-        return Summary(Grade.POOR, "Poor: no controller follows this motion.", lines)
+        return Summary(Trust.POOR, "Poor: no controller follows this motion.", lines)
     run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
     model = f"the {run.model} model" if run.model else NO_MODEL
     if run.model == "base parameters":
         model = run.model
     error = tracking.error
     return Summary(
-        Grade.GOOD,
+        Trust.GOOD,
         f"Good: {run.controller} with {model} follows best, within "
         f"{1e3 * error.platform_rms:.3g} mm (rms; {1e3 * error.platform_max:.3g} mm at most).",
         lines,

@@ -7,7 +7,7 @@ from markupsafe import Markup, escape
 
 from deltaid.errors import visible
 from deltaid.robot.body import body_in_words
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number

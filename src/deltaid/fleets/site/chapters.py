@@ -9,8 +9,7 @@ from deltaid.fleets.site.panels import Panel, dots, grid
 from deltaid.fleets.site.parts import NOTHING, deviation_figure, most_spread
 from deltaid.fleets.site.state import Robot
 from deltaid.fleets.site.tables import Tables
-from deltaid.view.page import Chart, Section, Text
-from deltaid.view.table import Table
+from deltaid.view.page import Chart, Section, Table, Text
 
 # Types that have figures on the fleet's page; all have pages.
 _TYPES = 6

@@ -10,9 +10,7 @@ from deltaid.fleets.site.panels import Panel, grid
 from deltaid.fleets.site.parts import NOTHING, WORDS, bounds, share, shown
 from deltaid.fleets.site.state import Robot, Urgency, day
 from deltaid.fleets.site.tables import Tables
-from deltaid.view.page import Block, Chart, Fact, Page, Section
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Trust
 
 # Robots that the verdict tells of, those in the table below it, panels of friction.
 _TOLD, _LISTED, _PANELS = 3, 20, 12
@@ -66,16 +64,16 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
         now = "now" if act == len(urgent) else f", {act} of them now"
-        grade, said = Grade.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
+        grade, said = Trust.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
     elif urgent:
-        grade, said = Grade.FAIR, f"{many} attention."
+        grade, said = Trust.FAIR, f"{many} attention."
     elif tables.absent & {"drift", "recordings"}:
-        grade, said = Grade.UNTESTED, "No robot is known to need attention, but tables are missing."
+        grade, said = Trust.UNTESTED, "No robot is known to need attention, but tables are missing."
     elif 2 * _unknown(robots) > sum(len(one.drives) for one in robots):
         said = "No robot is known to need attention, but there is too little to tell of most."
-        grade = Grade.UNTESTED
+        grade = Trust.UNTESTED
     else:
-        grade, said = Grade.GOOD, f"None of {len(robots)} robots needs attention."
+        grade, said = Trust.GOOD, f"None of {len(robots)} robots needs attention."
     return Summary(grade, said, tuple(lines))
 
 

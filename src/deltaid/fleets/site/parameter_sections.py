@@ -6,8 +6,7 @@ from deltaid.fleets.site.panels import Panel, grid, numbers
 from deltaid.fleets.site.parts import MOST, between, known, shown
 from deltaid.fleets.site.state import ALL, Robot, Row, last_period
 from deltaid.view import style
-from deltaid.view.page import Block, Chart, Section, Text
-from deltaid.view.table import Table
+from deltaid.view.page import Block, Chart, Section, Table, Text
 
 # What says that a value is seen and not taken from elsewhere.
 SEEN = ("data", "sum", "measured", "sensors")

@@ -9,7 +9,7 @@ from deltaid.fleets.site.panels import Data, dots, numbers
 from deltaid.fleets.site.state import Row, Urgency, day
 from deltaid.view import style
 from deltaid.view.numbers import number, percent, span, with_uncertainty
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 NOTHING = "—"
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}

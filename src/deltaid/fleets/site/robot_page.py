@@ -10,11 +10,9 @@ from deltaid.fleets.site.parameter_sections import parameter_section, type_secti
 from deltaid.fleets.site.parts import NOTHING, bounds, count, drive_tables, share, shown
 from deltaid.fleets.site.state import Robot, Urgency, day
 from deltaid.view import style
-from deltaid.view.page import Block, Chart, Fact, Page, Section, Text
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
-_GRADES = {Urgency.ACT: Grade.POOR, Urgency.LOOK: Grade.FAIR, Urgency.NONE: Grade.GOOD}
+_GRADES = {Urgency.ACT: Trust.POOR, Urgency.LOOK: Trust.FAIR, Urgency.NONE: Trust.GOOD}
 # Rows of recordings that a page has at most; those in quarantine come first.
 _RECORDINGS = 500
 
@@ -54,8 +52,8 @@ def _verdict(robot: Robot) -> Summary:
     states = {row["state"] for row in robot.drives}
     if states != {"steady"}:
         lines.append("Whether friction changes cannot be told yet.")
-        return Summary(Grade.UNTESTED, "Nothing speaks for looking at it.", tuple(lines))
-    return Summary(Grade.GOOD, "Nothing speaks for looking at it.", ("All friction is steady.",))
+        return Summary(Trust.UNTESTED, "Nothing speaks for looking at it.", tuple(lines))
+    return Summary(Trust.GOOD, "Nothing speaks for looking at it.", ("All friction is steady.",))
 
 
 def _facts(robot: Robot) -> tuple[Fact, ...]:

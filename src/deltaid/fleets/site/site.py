@@ -19,7 +19,8 @@ from deltaid.fleets.site.robot_page import robot_page
 from deltaid.fleets.site.state import Robot, by_robot, robots_of
 from deltaid.fleets.site.tables import Tables, read_tables
 from deltaid.fleets.site.type_page import type_page
-from deltaid.view.page import Page, contents, environment, part
+from deltaid.view.html import contents, environment, part
+from deltaid.view.page import Page
 
 SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"

@@ -16,9 +16,7 @@ from deltaid.fleets.site.parts import (
     shown,
 )
 from deltaid.fleets.site.state import Robot, Urgency, day
-from deltaid.view.page import Block, Chart, Fact, Page, Section, Text
-from deltaid.view.summary import Grade, Summary
-from deltaid.view.table import Table
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 
 def type_page(
@@ -63,14 +61,14 @@ def type_page(
 
 def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, told: bool) -> Summary:
     if not told:
-        return Summary(Grade.UNTESTED, "Whether its robots are alike is not known.")
+        return Summary(Trust.UNTESTED, "Whether its robots are alike is not known.")
     if not foreign:
-        return Summary(Grade.GOOD, f"All {len(robots)} robots belong to this type.")
+        return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
     names = ", ".join(one.name for one in foreign[:10])
     more = f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
     one = len(foreign) == 1
     said = f"{len(foreign)} of {len(robots)} robots {'does' if one else 'do'} not belong: {names}"
-    return Summary(Grade.FAIR, f"{said}{more}.")
+    return Summary(Trust.FAIR, f"{said}{more}.")
 
 
 def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:

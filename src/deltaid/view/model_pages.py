@@ -1,15 +1,16 @@
-"""The page of `deltaid identify`: the model, how well it predicts, and what it rests on."""
+"""Pages of a model: as it was identified, compared with a recording, and by itself."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
+import plotly.graph_objects as go
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
-from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import remarks
-from deltaid.model.model import load
+from deltaid.identification.sources import left_out, model_filtered
+from deltaid.identification.validation import Validation
+from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.log import Log
@@ -17,33 +18,33 @@ from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.view.animation import animation, recorded_motion
 from deltaid.view.bodies import body_section
-from deltaid.view.check_tables import page_table, short_table, tally
+from deltaid.view.check import page_table, short_table, tally
 from deltaid.view.comparison import Comparison, compare
-from deltaid.view.corrections import put_right_sections
+from deltaid.view.corrections import left_out_table, put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.friction import friction_section
 from deltaid.view.information import information_section
-from deltaid.view.model_tables import error_table
-from deltaid.view.numbers import percent
+from deltaid.view.model_tables import base_table, error_table
+from deltaid.view.models import fit_errors
+from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
-from deltaid.view.parameters import parameter_section
+from deltaid.view.parameters import parameter_chart, parameter_section
 from deltaid.view.provenance import certificate, file_names, provenance_section
+from deltaid.view.robots import robot_figure, robot_page
 from deltaid.view.summary import summary, without_doubts
 from deltaid.view.torques import over_time, residual_blocks, torque_blocks
 
-
-@dataclass(frozen=True)
-class Verification:
-    """A recording that the model has not seen, and the model's torque errors on it."""
-
-    recording: Recording
-    error: TorqueError
+# Height of one drive's two plots in a notebook, and of what is around all of them [px].
+_DRIVE, _AROUND = 170, 90
 
 
-def identification_page(result: Identification, verification: Verification | None = None) -> Page:
-    """Everything about an identified model.
+def identification_page(result: Identification, verification: Validation | None = None) -> Page:
+    """The page of `deltaid identify`: everything about an identified model.
 
     Reads its recordings once more, in constant memory.
+
+    Args:
+        verification: the model compared with a recording that it has not seen.
     """
     model, verdicts = result.model, getattr(result, "verdicts", ())
     dynamics, drives = compiled(model.robot), model.robot.drive_units
@@ -54,9 +55,9 @@ def identification_page(result: Identification, verification: Verification | Non
     warnings = [text for text in model.warnings if text not in told]
     log, error, unseen = None, None, None
     if verification is not None:
-        log, error = verification.recording.log, verification.error
-        unseen = compare(dynamics, model.p, verification.recording)
-        warnings += [f"{log.path.name}: {text}" for text in remarks(model, log, error)]
+        error, log = verification
+        unseen = compare(dynamics, model.p, model_filtered(model, log))
+        warnings += [f"{log.path.name}: {text}" for text in verification.remarks]
     seen = unseen or comparisons[0]
     sections = [
         torque_section(model.robot, one, _title(recording.log, len(recordings)), front=one is seen)
@@ -125,7 +126,7 @@ def _title(log: Log, count: int) -> str:
     return "Torques" if count == 1 else f"Torques: {log.path.name}"
 
 
-def _error_facts(model: IdentifiedModel, verification: Verification | None) -> tuple[Fact, ...]:
+def _error_facts(model: IdentifiedModel, verification: Validation | None) -> tuple[Fact, ...]:
     """The worst drive's errors, on the motion that is unseen and on that of the identification."""
     own = _worst(model.robot, "error on its own recording", model.fit.nrmse)
     if verification is None:
@@ -165,3 +166,97 @@ def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
             f"{len(model.consistency)} bodies, friction positive",
         ),
     )
+
+
+def validation_page(value: Validation) -> Page:
+    """The page of `deltaid validate`: how well a model predicts a recording, and its origin."""
+    model, (error, log) = value.model, value
+    dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
+    comparison = compare(dynamics, model.p, recording)
+    torques = torque_section(model.robot, comparison, "Torques", front=True)
+    missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
+    return Page(
+        title=model.robot.title or model.robot.name,
+        subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
+        verdict=without_doubts(summary(model, error, log)),
+        drawing=drawing(model.robot, dynamics.kinematics),
+        front=(error_table(model, error), over_time(comparison, model.robot.drive_units)),
+        facts=tuple(
+            Fact(
+                f"{drive}, {model.robot.units(drive).effort} error",
+                percent(float(error.nrmse[i])),
+                f"{measured(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms"
+                + (f"; identification {percent(known.fit.nrmse[i])}" if known else ""),
+            )
+            for i, drive in enumerate(model.robot.drives)
+        ),
+        sections=(
+            replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
+            motion_section(dynamics, recording),
+            friction_section(model, (comparison,)),
+            *(_parameter_sections(known) if known else ()),
+            *put_right_sections(model.identified),
+            provenance_section(model, "The model"),
+        ),
+        warnings=(
+            *(f"{log.path.name}: {text}" for text in value.remarks),
+            *(known.warnings if known else ()),
+        ),
+    )
+
+
+def _parameter_sections(model: IdentifiedModel) -> tuple[Section, ...]:
+    """All parameters, and the base parameters, which models of earlier versions do not hold."""
+    parameters = parameter_section(model)
+    if not model.base_parameters:
+        return (parameters,)
+    about = "combinations that the torques determine"
+    return parameters, Section("Base parameters", (base_table(model.base_parameters),), about)
+
+
+def model_page(value: Model | IdentifiedModel) -> Page:
+    """What a model is by itself, without the recordings that it comes from."""
+    model = load(value)
+    known = model.identified
+    if known is None:
+        return robot_page(model.robot)
+    return Page(
+        title=model.robot.title or model.robot.name,
+        subtitle=f"Dynamic model, {model.origin}",
+        verdict=without_doubts(summary(model)),
+        drawing=drawing(model.robot, model.dynamics.kinematics),
+        front=(error_table(model, None),),
+        facts=tuple(Fact(name, share) for name, share in fit_errors(known)),
+        sections=(
+            parameter_section(known),
+            body_section(known, model.dynamics.kinematics),
+            *put_right_sections(known),
+            provenance_section(model, "The model"),
+        ),
+        warnings=known.warnings,
+    )
+
+
+def model_figure(value: Model | IdentifiedModel) -> go.Figure:
+    """Parameters beside their prior, with intervals; of a robot at its prior the robot."""
+    model = load(value)
+    if model.identified is None:
+        return robot_figure(model.robot)
+    return parameter_chart(model.identified).figure
+
+
+def identification_figure(value: Identification) -> go.Figure:
+    """Torques of its first recording, measured and predicted."""
+    return _torques(load(value.model), value.recordings[0])
+
+
+def validation_figure(value: Validation) -> go.Figure:
+    """Torques of a recording, measured and predicted."""
+    return _torques(value.model, model_filtered(value.model, value.log))
+
+
+def _torques(model: Model, recording: Recording) -> go.Figure:
+    """A model's torques along a recording, and the residual, lower than in a report."""
+    compared = compare(model.dynamics, model.p, recording)
+    figure = over_time(compared, model.robot.drive_units).figure
+    return figure.update_layout(height=_DRIVE * len(model.robot.drives) + _AROUND)

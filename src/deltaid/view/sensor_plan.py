@@ -1,13 +1,16 @@
-"""Tables of what sensors and scales would tell, for the terminal and for the page."""
+"""Plans of what to measure: tables for terminal and page, a card."""
 
 from collections.abc import Sequence
 
 import numpy as np
+import polars as pl
 
+from deltaid.sensors.planning.bench import Outlook
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
-from deltaid.sensors.planning.plan import Outlook, SensorPlan
+from deltaid.sensors.planning.plan import SensorPlan
+from deltaid.view.card import Card
 from deltaid.view.numbers import number, percent
-from deltaid.view.table import Table
+from deltaid.view.page import Table
 
 # Entries that are shown of themselves, and what share of its prior an entry is left with that is
 # worth it; one of which nothing is learnt has all of it.
@@ -157,3 +160,41 @@ def open_lines(one: Opening) -> list[str]:
         f"{words}: {entries}\n    parted by {parted}"
         for words, entries, parted in open_table(one).rows
     ]
+
+
+def plan_card(value: SensorPlan) -> Card:
+    """What is known of the goal now and with all bought, and what to buy first."""
+    robot, money = value.model.robot, value.offers.currency
+    facts = [("now", percent(value.described.goal))]
+    lines = [f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."]
+    if value.steps:
+        first = value.steps[0][0]
+        spent = value.steps[-1][0].spent
+        facts.append(("with all bought", f"{percent(value.last.goal)} for {spent:.0f} {money}"))
+        facts.append(("buy first", f"{first.use.name}, {first.cost:.0f} {money}"))
+    else:
+        lines.append("Nothing that is on offer is worth buying.")
+    return Card(
+        f"What to measure of {robot.title or robot.name}",
+        tuple(lines),
+        "",
+        tuple(facts),
+        more=(("what to buy next", step_table(value)), ("what stays open", count_table(value))),
+        methods=(".steps", ".plot()", ".to_frame()", '.report("x.html")'),
+    )
+
+
+def plan_frame(value: SensorPlan) -> pl.DataFrame:
+    """Entries, a row each: prior, and standard deviations as shares of their size."""
+    known = value.unknowns
+    return pl.DataFrame(
+        {
+            "entry": list(known.names),
+            "prior": known.prior,
+            "unit": list(known.units),
+            "spread": known.spread,
+            "torques": value.torques.shares,
+            "described": value.described.shares,
+            "all_bought": value.last.shares,
+        }
+    )
