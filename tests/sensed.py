@@ -13,7 +13,7 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.identification.fit import FittedProblem, fit, with_geometry
 from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.measured_rows import SensorColumns
+from deltaid.identification.measured_rows import SensorAddition
 from deltaid.identification.sensor_stage import with_new_entries
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings
@@ -191,7 +191,7 @@ def identified(
     robot = weighed(of, p, rng)
     dynamics = compiled(robot)
     recordings = open_recordings([recorded(name, of, p, rng)], dynamics.kinematics)
-    sensors = [SensorColumns.of(dynamics, each, spread) for each in robot.sensors]
+    sensors = [SensorAddition.of(dynamics, each, spread) for each in robot.sensors]
     settings = Settings(prior_spread=spread)
     problem = fit(dynamics, recordings, settings, additions=sensors)
     problem = with_geometry(problem, recordings)

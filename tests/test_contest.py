@@ -15,7 +15,7 @@ from deltaid.effects.point import Point
 from deltaid.identification import contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
-from deltaid.identification.setup import Outcome
+from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.study import studied_trace
 from deltaid.robot.load import described
 from drives import case
@@ -138,7 +138,7 @@ def test_a_base_that_nobody_mounts_so_is_a_doubt_and_no_correction(
 ) -> None:
     values = {"tilt": np.array([0.0, angle]), "zero": np.ones(3)}
     robot = described("clavel-delta3")
-    outcome = Outcome(robot, ("tilt", "zero"), values).within_limits()
+    outcome = ContestOutcome(robot, ("tilt", "zero"), values).within_limits()
     assert ("tilt" not in outcome.values) == is_doubted
     assert ("tilt" not in outcome.kept) == is_doubted
     assert "zero" in outcome.kept

@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
-from deltaid.identification.expectation_source import Source
+from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.outstanding import outstanding
 from deltaid.model.record import IdentifiedModel, Settings
@@ -41,7 +41,7 @@ ONE_AFTER_ANOTHER = (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)
 def found(name: str, log: RawRecording) -> tuple[LeftSpan, ...]:
     dynamics = compiled(load_robot(name))
     (recording,) = open_recordings(log, dynamics.kinematics)
-    expected = on_time(Source(dynamics, (), recording))
+    expected = on_time(ExplainedRecording(dynamics, (), recording))
     assert expected is not None
     return events(expected)
 
@@ -178,7 +178,7 @@ def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
     whole = found(CLAVEL, log)
     dynamics = compiled(load_robot(CLAVEL))
     (recording,) = open_recordings(log, dynamics.kinematics)
-    expected = on_time(Source(dynamics, (), recording))
+    expected = on_time(ExplainedRecording(dynamics, (), recording))
     assert expected is not None
     monkeypatch.setattr(windows, "WINDOW", 1100)
     cut = events(expected)

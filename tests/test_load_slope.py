@@ -22,7 +22,7 @@ def test_columns_are_slopes_of_the_torques_and_their_sum_is_these() -> None:
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     x = dynamics.carried(z, qd, qdd, p)
     w = Samples(np.arange(n) / n, z, qd, qdd, 0 * qd, 1 + 0 * qd, np.zeros((n, 0)), 0 * qd)
-    slope = LoadSlope.at(dynamics, p)
+    slope = LoadSlope.about(dynamics, p)
     np.testing.assert_array_equal(slope.shares, [0.05, 0, 0, 0.08])
     factor = slope.factor(w, x)
     sparse = dynamics.sparse_regressor(z, qd, qdd, x)

@@ -13,7 +13,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.additions import extended
 from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import identify
-from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
+from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
 from identified import identified as shared
@@ -246,7 +246,7 @@ def test_torques_that_do_not_count_leave_a_sensor_its_rows() -> None:
     log = recorded("clavel-delta3", of, of.reduction.p_reg, np.random.default_rng(3))
     (recording,) = open_recordings([log], dynamics.kinematics)
     window = next(iter(recording.windows(dynamics.kinematics)))
-    plate = SensorColumns.of(dynamics, "plate", SPREAD)
+    plate = SensorAddition.of(dynamics, "plate", SPREAD)
     (part,) = MeasuredRows(extended(dynamics, [plate])).sensors
     for weights, counted in (([0.0, 1.0, 1.0], 1.0), ([0.0, 0.0, 0.0], 0.0)):
         some = replace(window.wide, weights=np.tile(weights, (len(window.wide.time), 1)))

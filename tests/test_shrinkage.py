@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deltaid.estimation.shrinkage import Block, Group, Shrunk
+from deltaid.estimation.shrinkage import CauseColumns, NoiseBlock, Shrunk
 from deltaid.identification.contest import reduced, rivals
 
 LEAST = 6.0
@@ -19,11 +19,11 @@ def problem(seed: int = 0, size: float = 1.0, mean: float = 0.0) -> Shrunk:
     for noise in (0.1, 0.4):
         A = rng.standard_normal((400, 7))
         b = A @ x + noise * rng.standard_normal(400)
-        blocks.append(Block(A, b, np.repeat(np.arange(40), 10), 5.0))
+        blocks.append(NoiseBlock(A, b, np.repeat(np.arange(40), 10), 5.0))
     D = np.eye(7)[:2] / 10.0
     groups = [
-        Group("cause", np.array([2, 3, 4]), np.full(3, 0.5), np.full(3, mean)),
-        Group("nothing", np.array([5, 6]), np.full(2, 0.5), np.zeros(2)),
+        CauseColumns("cause", np.array([2, 3, 4]), np.full(3, 0.5), np.full(3, mean)),
+        CauseColumns("nothing", np.array([5, 6]), np.full(2, 0.5), np.zeros(2)),
     ]
     return Shrunk.of(blocks, D, np.zeros(2), groups)
 
@@ -89,10 +89,12 @@ def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
     right = rng.standard_normal(800)
     wrong = np.stack([right + 0.2 * rng.standard_normal(800) for _ in range(3)], axis=1)
     A = np.column_stack([right, wrong])
-    block = Block(A, right + 0.05 * rng.standard_normal(800), np.repeat(np.arange(40), 20), 3.0)
+    block = NoiseBlock(
+        A, right + 0.05 * rng.standard_normal(800), np.repeat(np.arange(40), 20), 3.0
+    )
     groups = [
-        Group("right", np.array([0]), np.array([0.1]), np.zeros(1)),
-        Group("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
+        CauseColumns("right", np.array([0]), np.array([0.1]), np.zeros(1)),
+        CauseColumns("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
     ]
     full = Shrunk.of([block], np.zeros((0, 4)), np.zeros(0), groups)
     assert reduced(full, LEAST).candidates == ("right",)
@@ -101,8 +103,8 @@ def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
 def test_slow_errors_count_as_noise() -> None:
     rng = np.random.default_rng(4)
     slow = np.repeat(rng.standard_normal(40), 20)
-    block = Block(rng.standard_normal((800, 1)), slow, np.repeat(np.arange(40), 20), 3.0)
-    group = Group("nothing", np.array([0]), np.ones(1), np.zeros(1))
+    block = NoiseBlock(rng.standard_normal((800, 1)), slow, np.repeat(np.arange(40), 20), 3.0)
+    group = CauseColumns("nothing", np.array([0]), np.ones(1), np.zeros(1))
     full = Shrunk.of([block], np.zeros((0, 1)), np.zeros(0), [group])
     assert full.sigma[0] > 2.0 * np.std(slow)
 

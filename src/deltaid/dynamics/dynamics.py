@@ -50,7 +50,7 @@ class Regressor(Protocol):
 
     @property
     def kinematics(self) -> Kinematics:
-        """The robot's kinematics."""
+        """Kinematics of the robot, with its mechanism."""
         ...
 
     @property
@@ -110,7 +110,7 @@ class Dynamics(WithParameters, Shown, Plotted):
 
     @property
     def kinematics(self) -> Kinematics:
-        """The robot's kinematics."""
+        """Kinematics of the robot, with its mechanism."""
         return self._kinematics
 
     @property

@@ -173,7 +173,7 @@ class _Build:
         return -inverse(A.T) @ Q[:n]
 
     def _differences(self, sums: ca.SX) -> ca.SX:
-        """D_i, step 4."""
+        """Differences D_i of step 4."""
         turns, n = self._turns(), len(self._struts)
         A, work = ca.SX(n, n), ca.SX.zeros(n)
         for j, turn in enumerate(turns):

@@ -95,7 +95,7 @@ def errors_by(
     by = tolerances or robot.tolerances
     lengths, zeros = _of_lengths(robot, by, slopes), _of_zeros(robot, by, slopes)
     found = (*lengths, *zeros, *_of_gravity(robot, by, slopes))
-    return tuple(one for one in found if one.effect.any())
+    return tuple(error for error in found if error.effect.any())
 
 
 @dataclass(frozen=True, eq=False)

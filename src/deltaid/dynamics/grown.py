@@ -12,7 +12,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.composition import build_mechanism
-from deltaid.mechanism.growth import Growth, grown_by
+from deltaid.mechanism.growth import LengthGrowth, grown_by
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.rotation import fixed
@@ -44,7 +44,7 @@ class Places:
         return self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0], grown
 
     def with_zero(self, drive: int) -> Samples:
-        """z."""
+        """z where one drive is `STEP` further."""
         moved = np.zeros_like(self.z)
         moved[:, drive] = 1.0
         return self.with_drives(moved)
@@ -56,7 +56,7 @@ class Places:
 
     @cached_property
     def _described(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
-        """q and J."""
+        """Drive coordinates q and J = ∂q/∂z as described."""
         q, J = self.position(self.z.T, np.zeros(self.symbols))
         dof = self.z.shape[1]
         blocks = np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
@@ -102,7 +102,7 @@ class GrownDynamics(Dynamics):
 
     def __init__(self, robot: RobotDescription) -> None:
         super().__init__(robot)
-        growth = Growth.named(len(robot.limb_geometry))
+        growth = LengthGrowth.named(len(robot.limb_geometry))
         self.growth: ca.SX = growth.symbols
         self.kinematics.mechanism = build_mechanism(robot, growth)
 
@@ -110,7 +110,7 @@ class GrownDynamics(Dynamics):
 @lru_cache(maxsize=4)
 def _grown(description: str) -> GrownTorques:
     robot, gravity = RobotDescription.model_validate_json(description), ca.SX.sym("g", 3)
-    growth = Growth.named(len(robot.limb_geometry))
+    growth = LengthGrowth.named(len(robot.limb_geometry))
     mechanism, symbols = build_mechanism(robot, growth), growth.symbols
     forces, speeds = _Turned(robot, mechanism, gravity), mechanism.speeds
     motion, still = speeds.by_drives(), ca.SX.zeros(mechanism.dof)

@@ -91,4 +91,4 @@ def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | Non
     if not holds_a_model(text):
         return None
     found = parse(text, _Values, where=str(robot))
-    return np.array([one.value for one in found.parameters])
+    return np.array([parameter.value for parameter in found.parameters])

@@ -70,12 +70,12 @@ class ParameterLayout:
 
     @property
     def spring(self) -> slice:
-        """Spring stiffnesses."""
+        """Spring stiffnesses, one for each spring."""
         return self._of("spring")
 
     @property
     def rotor(self) -> slice:
-        """Rotor inertias."""
+        """Rotor inertias, one for each drive with one."""
         return self._of("rotor")
 
     def _of(self, kind: ParameterKind, symbol: str | None = None) -> slice:

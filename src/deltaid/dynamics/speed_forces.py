@@ -81,7 +81,7 @@ class SpeedForces:
         return C
 
     def at_rest(self) -> ca.SX:
-        """Gravity and springs."""
+        """Forces of gravity and springs on u."""
         g = self._sum(self._weight)
         for k, column in self._coefficients():
             joint, x = self.joint(column.joint), ca.SX.sym("x")
@@ -125,7 +125,7 @@ class SpeedForces:
         return total
 
     def joint(self, name: str) -> "Joint":
-        """A joint's motion."""
+        """Motion of a joint and its partial speeds."""
         speeds, at = self.mechanism.speeds, self.mechanism.joints[name]
         if name in self.robot.drives:
             i = self.robot.drives.index(name)
@@ -159,7 +159,7 @@ class SpeedForces:
         return V.T @ found.push + turned.T @ found.swing + W.T @ found.moment
 
     def _sum(self, of: Callable[[MovingBody], Wrench]) -> ca.SX:
-        """Over all bodies."""
+        """Sum over all bodies of forces on u."""
         parts = [body.count * self.on_speeds(body, of(body)) for body in self.mechanism.bodies]
         return sum(parts[1:], parts[0])
 

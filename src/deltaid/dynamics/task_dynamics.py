@@ -62,7 +62,7 @@ class TaskDynamics:
 
 
 def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDynamics:
-    """Derive the equations."""
+    """The equations of a robot, derived from its mechanism."""
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     p, zd, dof = forces.p, speeds.z.u, mechanism.dof
     tau, load = ca.SX.sym("tau", dof), ca.SX.sym("load", dof)

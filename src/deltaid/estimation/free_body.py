@@ -40,7 +40,7 @@ class Block:
         return variables, root @ self.constant @ root.T, slopes
 
     def normalised_at(self, x: Float[np.ndarray, "*points n"]) -> Float[np.ndarray, "*points k k"]:
-        """L⁻¹ M(x) L⁻ᵀ."""
+        """The matrix L⁻¹ M(x) L⁻ᵀ."""
         variables, constant, slopes = self.normalised
         return constant + np.tensordot(x[..., variables], slopes, axes=1)
 

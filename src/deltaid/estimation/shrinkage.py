@@ -37,7 +37,7 @@ _SLOW, _REDDEST = 8, 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class CauseColumns:
     """Columns that one cause has.
 
     Attributes:
@@ -54,14 +54,14 @@ class Group:
     is_candidate: bool = True
     is_positive: bool = False
 
-    def held(self, x: Float[np.ndarray, " n"]) -> "Group":
+    def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
         """With coefficients at zero where physics allows no less than x has."""
         below = self.is_positive & (x[self.columns] < self.mean)
         return replace(self, deviation=np.where(below, _HELD * self.deviation, self.deviation))
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class NoiseBlock:
     """Rows A x = b of one noise level, the stretch of time of each, and the largest measured value
     beside them."""
 
@@ -70,7 +70,7 @@ class Block:
     stretches: Int[np.ndarray, " rows"]
     largest: float
 
-    def over(self, A: Columns, b: Rows) -> "Block":
+    def over(self, A: Columns, b: Rows) -> "NoiseBlock":
         """The same with other columns."""
         return replace(self, A=A, b=b)
 
@@ -105,16 +105,18 @@ class Shrunk:
         given: normal equations, as far as they have been put together for the same noise.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[NoiseBlock, ...]
     D: Columns
     d: Rows
-    groups: tuple[Group, ...]
+    groups: tuple[CauseColumns, ...]
     alpha: Float[np.ndarray, " groups"]
     sigma: Float[np.ndarray, " blocks"]
     given: Normal | None = None
 
     @classmethod
-    def of(cls, blocks: Sequence[Block], D: Columns, d: Rows, groups: Sequence[Group]) -> "Shrunk":
+    def of(
+        cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
+    ) -> "Shrunk":
         """The maximum of evidence, from scales of 1 and the noise of all columns free."""
         sigma = np.ones(len(blocks))
         start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), sigma)
@@ -152,7 +154,7 @@ class Shrunk:
         noise = [_noise_of(block, self.residual(block)) for block in self.blocks]
         return np.maximum(noise, [NOISE_FLOOR * block.largest for block in self.blocks])
 
-    def residual(self, block: Block) -> Rows:
+    def residual(self, block: NoiseBlock) -> Rows:
         return block.b - block.A @ self.x
 
     @cached_property
@@ -195,28 +197,28 @@ class Shrunk:
     def covariance(self) -> Float[np.ndarray, "n n"]:
         return self._root.T @ self._root
 
-    def deviation(self, group: Group) -> Float[np.ndarray, " k"]:
+    def deviation(self, group: CauseColumns) -> Float[np.ndarray, " k"]:
         """Standard deviations of a group's coefficients, by scatter where that is larger."""
         own = np.sqrt(np.diag(self.covariance)[group.columns])
         return own * np.sqrt(self._level(group))
 
-    def price(self, group: Group) -> float:
+    def price(self, group: CauseColumns) -> float:
         """What the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g."""
         own = self.covariance[np.ix_(group.columns, group.columns)]
         x = self.x[group.columns] - group.mean
         return float(x @ np.linalg.solve(own, x))
 
-    def surprise(self, group: Group) -> float:
+    def surprise(self, group: CauseColumns) -> float:
         """Of the price of a group, by the scatter of its rows [decades]."""
         return surprise(self.price(group) / self._level(group), len(group.columns))
 
-    def size(self, group: Group) -> float:
+    def size(self, group: CauseColumns) -> float:
         """RMS of what no other column explains of a group, as a share of the largest value."""
         shares = [s / block.largest for s, block in zip(self.sigma, self.blocks, strict=True)]
         rows = sum(len(block.b) for block in self.blocks)
         return float(np.sqrt(self.price(group) / rows * np.mean(np.square(shares))))
 
-    def _level(self, group: Group) -> float:
+    def _level(self, group: CauseColumns) -> float:
         """Variance of the noise along a group's columns by its scatter between stretches, as a
         multiple of the white noise's, and at least that."""
         scatter = white = 0.0
@@ -252,7 +254,7 @@ class Shrunk:
     def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
         """The same with columns of one more candidate, given for each block."""
         places = np.arange(len(self.x), len(self.x) + len(deviation))
-        group = Group(name, places, deviation, np.zeros(len(deviation)))
+        group = CauseColumns(name, places, deviation, np.zeros(len(deviation)))
         blocks = tuple(
             block.over(np.hstack([block.A, more]), block.b)
             for block, more in zip(self.blocks, columns, strict=True)
@@ -284,7 +286,7 @@ class Shrunk:
         out = [name for name in self.candidates if name not in names]
         return self.without(out)._settled(noise=False)
 
-    def follows(self, groups: Collection[Group]) -> Float[np.ndarray, "n k"]:
+    def follows(self, groups: Collection[CauseColumns]) -> Float[np.ndarray, "n k"]:
         """What x moves by where coefficients of some groups are off as they may be: the columns are
         of independent causes, one standard deviation each."""
         columns = np.concatenate([np.zeros(0, dtype=int), *(group.columns for group in groups)])
@@ -302,7 +304,7 @@ class Shrunk:
         return min((self.surprise(group) for group in candidates), default=np.inf)
 
 
-def _noise_of(block: Block, residual: Rows) -> float:
+def _noise_of(block: NoiseBlock, residual: Rows) -> float:
     """Standard deviation of the noise of a block; slow errors of the model count as noise."""
     count = len(residual) // _SLOW * _SLOW
     variance = float(np.mean(residual**2))

@@ -76,7 +76,7 @@ class ConsistentRanges:
         rows, right, self._cones = zip(*parts, strict=True)
         self._rows, self._right = np.concatenate(rows), np.concatenate(right)
 
-    def of(self, c: Coefficients) -> tuple[float, float]:
+    def ends(self, c: Coefficients) -> tuple[float, float]:
         """Least and largest c·p; infinite where neither recording nor consistency ends it."""
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x

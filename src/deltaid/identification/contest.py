@@ -20,7 +20,7 @@ from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.estimation.drive_rows import POSITION_ERROR, stretch_numbers
 from deltaid.estimation.problem import KNOWN
-from deltaid.estimation.shrinkage import Block, Group, Shrunk
+from deltaid.estimation.shrinkage import CauseColumns, NoiseBlock, Shrunk
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
 
@@ -57,10 +57,10 @@ class Contest:
 
     @property
     def p(self) -> Parameters:
-        """Of the robot."""
+        """Parameters of the robot alone."""
         return self.rows.parameters(self.shrunk.x)[: len(self.rows.dynamics.layout.names)]
 
-    def group(self, name: str) -> Group:
+    def group(self, name: str) -> CauseColumns:
         return next(group for group in self.shrunk.groups if group.name == name)
 
     def unknown(self, name: str) -> UnknownEffect:
@@ -157,7 +157,7 @@ def contest(
         applied: coefficients that recordings and robot have been corrected by.
     """
     parts = [rows.of_trace(point.trace) for point in points]
-    columns, groups, first = [part.A for part in parts], list[Group](), rows.size
+    columns, groups, first = [part.A for part in parts], list[CauseColumns](), rows.size
     for unknown in unknowns:
         own = [unknown.columns(point) for point in points]
         width = own[0].shape[2]
@@ -175,10 +175,10 @@ def contest(
         columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
         places = np.arange(first, first + width)
         kind = {"is_candidate": unknown.is_candidate, "is_positive": unknown.is_positive}
-        groups.append(Group(unknown.name, places, deviation, mean, **kind))
+        groups.append(CauseColumns(unknown.name, places, deviation, mean, **kind))
         first += width
     blocks = [
-        Block(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
+        NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
         for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
     ]  # fmt: skip
     known = rows.problem([replace(part, A=A) for part, A in zip(parts, columns, strict=True)])

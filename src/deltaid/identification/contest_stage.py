@@ -19,7 +19,7 @@ from deltaid.estimation.traces import Trace
 from deltaid.identification.compliance import estimated_anew
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.lag_stage import traced, without_lags
-from deltaid.identification.setup import WIND_UP, Coefficients, Outcome, Progress, Setup
+from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Progress, Setup
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Inseparable, Kind, cause_in_words
 from deltaid.model.verdict import listed, percent
@@ -73,7 +73,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 
 def _swept(
-    now: Setup, before: Outcome, traces: Sequence[Trace], p: Parameters | None, sweep: int
+    now: Setup, before: ContestOutcome, traces: Sequence[Trace], p: Parameters | None, sweep: int
 ) -> Contest:
     """All effects at the recordings as they have been corrected."""
     spread = _WIDER * now.settings.prior_spread
@@ -84,11 +84,11 @@ def _swept(
     return contest(rows, points, unknowns, before.read).with_ripples()
 
 
-def _begun(bare: Setup) -> Outcome:
+def _begun(bare: Setup) -> ContestOutcome:
     """Nothing but gears that wind up, as far as they have been turned back."""
     gears = [r.repairs.gears for r in bare.recordings if r.repairs.gears is not None]
     wound = {WIND_UP: np.array(gears[0].compliance)} if gears else {}
-    return Outcome(bare.robot, values=wound)
+    return ContestOutcome(bare.robot, values=wound)
 
 
 def _bare(setup: Setup) -> Setup:
@@ -122,7 +122,7 @@ def _unknowns(point: Point) -> tuple[UnknownEffect, ...]:
 
 
 def _allowed(
-    unknowns: Sequence[UnknownEffect], before: Outcome, sweep: int
+    unknowns: Sequence[UnknownEffect], before: ContestOutcome, sweep: int
 ) -> tuple[UnknownEffect, ...]:
     """Those that take part: later sweeps only drop, and a geometry that is off is no correction
     beside gears that wind up, since each may stand for what the other's slopes lack; what has been
@@ -138,7 +138,7 @@ def _allowed(
     )  # fmt: skip
 
 
-def _outcome(before: Outcome, last: Contest) -> Outcome:
+def _outcome(before: ContestOutcome, last: Contest) -> ContestOutcome:
     """What is kept, with what had been applied before."""
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
     winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
@@ -153,10 +153,12 @@ def _outcome(before: Outcome, last: Contest) -> Outcome:
         applied = last.shrunk.x[group.columns] - group.mean
         values[unknown.name] = unknown.possible(applied)
         deviations[unknown.name] = last.shrunk.deviation(group)
-    return Outcome(before.described, kept, values, deviations, doubts=before.doubts)
+    return ContestOutcome(before.described, kept, values, deviations, doubts=before.doubts)
 
 
-def _doubted(outcome: Outcome, full: Contest, last: Contest, undecided: Parameters) -> Outcome:
+def _doubted(
+    outcome: ContestOutcome, full: Contest, last: Contest, undecided: Parameters
+) -> ContestOutcome:
     """With what is uncertain about it.
 
     Args:
@@ -182,7 +184,7 @@ def _left(setup: Setup) -> float:
     return max((rest.part for rest in every if rest.is_unexplained), default=0.0)
 
 
-def _refuted(outcome: Outcome, left: float, move: Parameters) -> Outcome:
+def _refuted(outcome: ContestOutcome, left: float, move: Parameters) -> ContestOutcome:
     """Nothing is corrected that would leave too much: something else acts on the robot.
 
     Args:
@@ -197,10 +199,12 @@ def _refuted(outcome: Outcome, left: float, move: Parameters) -> Outcome:
     )
     names = compiled(outcome.described).layout.names
     moves = (*outcome.moves, dict(zip(names, move.tolist(), strict=True)))
-    return Outcome(outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt})
+    return ContestOutcome(
+        outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt}
+    )
 
 
-def _is_settled(before: Outcome, after: Outcome) -> bool:
+def _is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
     same = before.kept == after.kept and before.values.keys() == after.values.keys()
     return same and all(
         np.all(np.abs(values - before.values[name]) <= _SETTLED * after.deviations[name])
@@ -208,17 +212,17 @@ def _is_settled(before: Outcome, after: Outcome) -> bool:
     )
 
 
-def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -> Setup:
+def _read(bare: Setup, outcome: ContestOutcome, largest: Coefficients, p: Parameters) -> Setup:
     """Recordings as links moved and torques acted."""
-    pairs = np.reshape(outcome.of("torque-constant"), (-1, 2)).tolist()
+    pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
     readings = Readings(
-        zero=outcome.of("zero"),
-        ratio=outcome.of("gear-ratio"),
+        zero=outcome.coefficients("zero"),
+        ratio=outcome.coefficients("gear-ratio"),
         falling=falling,
         largest=tuple(largest.tolist()) if falling else (),
     )
-    setup, wound = bare, np.array(outcome.of(WIND_UP))
+    setup, wound = bare, np.array(outcome.coefficients(WIND_UP))
     for recording in bare.recordings:
         gears = None
         if wound.any() and recording.low_pass is not None:
@@ -230,10 +234,12 @@ def _read(bare: Setup, outcome: Outcome, largest: Coefficients, p: Parameters) -
     return setup
 
 
-def _finished(now: Setup, outcome: Outcome, last: Contest) -> Setup:
+def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
     """With the robot as it is, columns of the fit, reports, and studies of what is left."""
-    if outcome.of("length") or outcome.of("tilt"):
-        robot = reshaped(outcome.described, outcome.of("length"), outcome.of("tilt"))
+    if outcome.coefficients("length") or outcome.coefficients("tilt"):
+        robot = reshaped(
+            outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
+        )
         same = {"limbs": robot.limbs, "gravity": robot.gravity}
         now = now.with_robot(now.robot.model_copy(update=same))
     if Structure.name in outcome.kept:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from deltaid.identification.expectation import Expectation, expect
-from deltaid.identification.expectation_source import Source
+from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.outstanding import (
-    Course,
+    JoinedStretches,
     Stretch,
     outstanding,
     stands_out,
@@ -75,7 +75,7 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
         progress(f"looking for contacts in {recording.path}")
         bare, spans = with_events(recording), ()
         recording = recording.repaired(left_out=bare.repairs.left_out)
-        expected = on_time(Source(setup.dynamics, setup.additions, bare))
+        expected = on_time(ExplainedRecording(setup.dynamics, setup.additions, bare))
         if expected and not setup.closely and _is_excerpt_quiet(expected):
             glanced.append((k, expected))
         elif expected:
@@ -121,7 +121,11 @@ def watched(setup: Setup) -> Setup:
         recording, before = setup.recordings[k], expected.source
         same = before.recording.repairs == recording.repairs
         same = same and before.dynamics is setup.dynamics and before.additions == setup.additions
-        now = expected if same else expect(Source(setup.dynamics, setup.additions, recording))
+        now = (
+            expected
+            if same
+            else expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
+        )
         if now is not None:
             setup = setup.with_recording(k, replace(recording, watch=Watch(now)))
     return setup
@@ -173,7 +177,7 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
     lasting = [run for run in outliers.stretches if not _is_friction(run, expected)]
     remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
-    course = Course(_ONE)
+    course = JoinedStretches(_ONE)
     course.join(remaining)
     pushes = _brief(course.reaching, duration)
     jolts = [push for push in pushes if push.sharp > _SHARP]
@@ -198,7 +202,7 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     return tuple(spans)
 
 
-def on_time(source: Source) -> Expectation | None:
+def on_time(source: ExplainedRecording) -> Expectation | None:
     """What is expected, with torques read later by lags that are not known yet.
 
     No lag is allowed for where that leaves a model that does not fit. None without enough data.

@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.identification.expectation_source import (
+    ExplainedRecording,
     Nuisance,
-    Source,
     Torques,
     joint_rates,
     of_torques,
@@ -55,7 +55,7 @@ OfBlocks = Float[np.ndarray, "dof blocks"]
 class Expectation:
     """Torques that a robot's motion asks for, and how far recorded ones scatter about them."""
 
-    source: Source
+    source: ExplainedRecording
     p: Float[np.ndarray, " active"]  # parameters of the source's active columns
     nuisance: Nuisance
     x: Float[np.ndarray, " columns"]  # coefficients of the nuisance columns
@@ -127,7 +127,7 @@ class Expectation:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def expect(source: Source) -> Expectation | None:
+def expect(source: ExplainedRecording) -> Expectation | None:
     """Fit a recording; of a long one its excerpt. None without enough data."""
     recording, size = source.recording, _length(source.recording.log.rate)
     parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, _MOST)]
@@ -167,7 +167,7 @@ class _Blocks:
     counts: Bool[np.ndarray, "dof blocks"]  # which of a drive's blocks do
 
     @classmethod
-    def of(cls, source: Source, parts: Sequence[Samples], size: int) -> "_Blocks":
+    def of(cls, source: ExplainedRecording, parts: Sequence[Samples], size: int) -> "_Blocks":
         """Blocks of so many samples from all parts."""
         kinematics = source.dynamics.kinematics
         large = (
@@ -182,7 +182,7 @@ class _Blocks:
 
     @staticmethod
     def _of_part(
-        source: Source, w: Samples, size: int, stride: int, nuisance: Nuisance
+        source: ExplainedRecording, w: Samples, size: int, stride: int, nuisance: Nuisance
     ) -> tuple[np.ndarray, ...]:
         count = len(w.time) // size
         w = w.part(slice(0, count * size))
@@ -209,7 +209,7 @@ class _Blocks:
         return np.concatenate([self.friction, of_own_drives(of_torque.transpose(0, 2, 1))], axis=2)
 
 
-def _fitted(b: _Blocks, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """p, coefficients of nuisance columns, and scatter, by reweighted least squares."""
     torque, columns = b.nuisance.torque, b.Y.shape[2]
     prior = np.array([parameter.prior for parameter in source.parameters])

@@ -35,7 +35,7 @@ Torques = Float[np.ndarray, "dof samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class ExplainedRecording:
     """A robot with extra columns, and a recording with the repairs that are known."""
 
     dynamics: Dynamics

@@ -28,7 +28,7 @@ from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_rows import (
     FrictionRows,
-    Judged,
+    JudgedColumns,
     Variant,
     friction_rows,
     options,
@@ -102,7 +102,7 @@ class _Step:
     """The variant of an addition that explains most, and what it explains."""
 
     variant: Variant
-    judged: Judged
+    judged: JudgedColumns
 
     @property
     def joint(self) -> str:
@@ -125,7 +125,7 @@ class _Step:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _TermSearch:
     """Columns of variants and torques, both without what has been explained."""
 
     rows: FrictionRows
@@ -133,17 +133,17 @@ class _Search:
     residual: Rows
 
     @classmethod
-    def of(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_Search":
+    def of(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_TermSearch":
         """Beside parameters, additions and lags."""
         columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
         ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
         bare = np.split(rows.span.without(columns / lengths(columns)), ends, axis=1)
         return cls(rows, dict(zip(variants, bare, strict=False)), rows.residual)
 
-    def without(self, U: Columns) -> "_Search":
+    def without(self, U: Columns) -> "_TermSearch":
         """Beside further orthonormal columns."""
         bare = {variant: A - U @ (U.T @ A) for variant, A in self.bare.items()}
-        return _Search(self.rows, bare, self.residual - U @ (U.T @ self.residual))
+        return _TermSearch(self.rows, bare, self.residual - U @ (U.T @ self.residual))
 
     def step(self, option: Sequence[Variant]) -> _Step | None:
         """The variant of an addition that explains most; None where none is identifiable."""
@@ -186,7 +186,7 @@ def choose_friction(
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is significant; and the first round's trials."""
     left = [option for option in options(rows) if option[0].term not in barred]
-    search = _Search.of(rows, [variant for option in left for variant in option])
+    search = _TermSearch.of(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
         trials = [step for option in left if (step := search.step(option))]
@@ -206,7 +206,7 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
     return steps, first
 
 
-def _simplest(both: _Step, useful: Sequence[_Step], search: _Search) -> _Step:
+def _simplest(both: _Step, useful: Sequence[_Step], search: _TermSearch) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
     for offset in useful:
         if offset.variant.term == (both.joint, "offset"):
@@ -263,7 +263,7 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step 
     for step in steps:
         shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)
         forms[step] = replace(step.variant, shapes=shapes, positive=False)
-    search, surprises = _Search.of(rows, list(forms.values())), dict[_Step, float]()
+    search, surprises = _TermSearch.of(rows, list(forms.values())), dict[_Step, float]()
     for step, form in forms.items():
         others = np.hstack([A * (variant is not form) for variant, A in search.bare.items()])
         now = search.without(others @ independent(others)).step([form])

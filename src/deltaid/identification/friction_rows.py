@@ -66,7 +66,7 @@ _SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedColumns:
     """What columns explain of rows, against chance."""
 
     directions: Columns  # the columns, orthonormal
@@ -124,7 +124,7 @@ class FrictionRows:
         of_drives = self.drive_rows.of_drives(residual) / self.largest[:, None]
         return float(np.sqrt(np.mean(of_drives**2)))
 
-    def judged(self, U: Columns, residual: Rows, constants: int) -> Judged:
+    def judged(self, U: Columns, residual: Rows, constants: int) -> JudgedColumns:
         """What orthonormal columns explain of rows, `constants` of them chosen beside.
 
         Chance is the scatter of their scores between stretches of time, or white noise where that
@@ -134,7 +134,7 @@ class FrictionRows:
         after, gain = residual - U @ scores, float(scores @ scores)
         freedom = max(len(residual) - self.span.rank - U.shape[1], 1)
         level = level_along(U, after, self.drive_rows.groups, freedom)
-        return Judged(
+        return JudgedColumns(
             directions=U,
             gain=gain / max(float(residual @ residual), 1e-300),
             times=float(np.sqrt(gain / level)),

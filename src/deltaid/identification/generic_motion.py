@@ -44,9 +44,9 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
         return random_motion_base(dynamics, seed)
     # Slow to load, and seldom needed.
     from deltaid.estimation.additions import extended
-    from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
+    from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
 
-    sensors = [SensorColumns(dynamics, rows, PRIOR_SPREAD) for rows in found]
+    sensors = [SensorAddition(dynamics, rows, PRIOR_SPREAD) for rows in found]
     rows = MeasuredRows(extended(dynamics, sensors), known)
     added = (parameter for sensor in sensors for parameter in sensor.parameters)
     return _base(dynamics, seed, rows, found, known, added)

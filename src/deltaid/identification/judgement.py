@@ -12,7 +12,7 @@ from deltaid.identification.gains import torque_scale
 from deltaid.identification.labels import Labels
 from deltaid.identification.marginal import posterior_record
 from deltaid.identification.sensor_stage import fitted_sensors
-from deltaid.identification.setup import Outcome
+from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import widened_priors
 from deltaid.model.corrections import Correction, FittedEffect
@@ -34,7 +34,7 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
     labels, p_reg, judged = Labels(problem), problem.reduction.p_reg, list[Parameter]()
     moves = ambiguous(problem)
     for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
-        label, value = labels.of(i), float(problem.values[i])
+        label, value = labels.label(i), float(problem.values[i])
         low, high = label.low, label.high
         if label.by != "prior":
             # Ranges are those of the recording alone; where a fit holds what the recording would
@@ -95,7 +95,7 @@ def assembled(
     sources: tuple[Source, ...],
     remarks: Sequence[str],
     choice: FrictionChoice | None = None,
-    outcome: Outcome | None = None,
+    outcome: ContestOutcome | None = None,
 ) -> IdentifiedModel:
     """The model of a fit.
 
@@ -114,7 +114,7 @@ def assembled(
     count, layout, outcome = (
         len(problem.p),
         problem.layout,
-        outcome or Outcome(problem.dynamics.robot),
+        outcome or ContestOutcome(problem.dynamics.robot),
     )
     # What determines the scale of a fit's torques and masses beside torque constants, in words.
     facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)

@@ -63,7 +63,7 @@ class Labels:
             plain = [name not in stated for name in reduction.layout.names[part]]
             self._least_std[part] = np.where(plain, spread * size, 0.0)
 
-    def of(self, i: int) -> Label:
+    def label(self, i: int) -> Label:
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
             added = self._parameters[i].kind in ADDED
@@ -98,7 +98,7 @@ class Labels:
             raised = value > alone + _ROUNDING * abs(alone)
             return self._around_prior(i, "consistency" if raised else "prior", prior_std)
         unit = np.eye(len(self._p))[i]
-        low, high = self._ranges.of(unit)
+        low, high = self._ranges.ends(unit)
         ended, at_edge = np.isfinite(low) and np.isfinite(high), self._at_edge(i)
         around = self._around_prior(i, "prior", prior_std)
         if at_edge and value < _FELL * self._reduction.p_reg[i]:

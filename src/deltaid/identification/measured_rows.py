@@ -36,7 +36,7 @@ PerRow = Float[np.ndarray, "rows samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class SensorColumns(Addition):
+class SensorAddition(Addition):
     """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows."""
 
     dynamics: Dynamics
@@ -52,7 +52,7 @@ class SensorColumns(Addition):
         name: str,
         prior_spread: float,
         known: Mapping[str, float] | None = None,
-    ) -> "SensorColumns":
+    ) -> "SensorAddition":
         """A sensor of a robot by its name in the description; `known` as there."""
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
         columns = cls(dynamics, rows, prior_spread, known or {})
@@ -67,7 +67,7 @@ class SensorColumns(Addition):
         """Whether some columns depend on its expected reading, and so on other parameters."""
         return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
-    def on(self, dynamics: Dynamics) -> "SensorColumns":
+    def on(self, dynamics: Dynamics) -> "SensorAddition":
         same, name = dynamics is self.dynamics, self.rows.name
         return self if same else self.of(dynamics, name, self.prior_spread, self.known)
 
@@ -102,7 +102,7 @@ class SensorColumns(Addition):
 class SensorPart:
     """The rows of one sensor among those of a fit."""
 
-    columns: SensorColumns
+    columns: SensorAddition
     rows: slice  # of its channels among all rows
     first: int  # place of its unknowns among all parameters
     pattern: Pattern  # row and column of each entry, as of the fit; those of loads last
@@ -111,7 +111,7 @@ class SensorPart:
 
     @classmethod
     def of(
-        cls, sensor: SensorColumns, row: int, first: int, loads: Sequence[tuple[LoadColumns, int]]
+        cls, sensor: SensorAddition, row: int, first: int, loads: Sequence[tuple[LoadColumns, int]]
     ) -> "SensorPart":
         """A sensor whose channels are rows from `row` on, and its unknowns columns from `first` on,
         beside loads with their first columns."""
@@ -177,7 +177,7 @@ class LoadSlope:
     carried: Bool[np.ndarray, " entries"]
 
     @classmethod
-    def at(cls, regressor: Regressor | Extended, p: Parameters) -> "LoadSlope":
+    def about(cls, regressor: Regressor | Extended, p: Parameters) -> "LoadSlope":
         """At parameters p of the robot; entries of additions behind its own are not of X."""
         robot = regressor.kinematics.robot
         layout, (drives, columns) = parameter_layout(robot), regressor.regressor_pattern
@@ -222,7 +222,7 @@ class MeasuredRows:
 
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
-        """Columns in weighings."""
+        """Columns that a weighing has."""
         known = [weighing.coefficients != 0 for weighing in self.weighings]
         return np.flatnonzero(np.any(known, axis=0))
 
@@ -248,7 +248,7 @@ class MeasuredRows:
         loads = [(a, k) for a, k in placed if isinstance(a, LoadColumns) and not a.is_fixed]
         row, sensors = self.drives, list[SensorPart]()
         for addition, first in placed:
-            if isinstance(addition, SensorColumns):
+            if isinstance(addition, SensorAddition):
                 sensors.append(SensorPart.of(addition, row, first, loads))
                 row = sensors[-1].rows.stop
         return tuple(sensors)
@@ -259,7 +259,7 @@ class MeasuredRows:
         """All rows in a window, weighted, filtered and thinned alike; `load` as of `gather`."""
         regressor, sensors = self.regressor, self.sensors
         drives, _ = regressor.regressor_pattern
-        slope = LoadSlope.at(regressor, load) if load is not None else None
+        slope = LoadSlope.about(regressor, load) if load is not None else None
 
         def weighted(w: Samples) -> Values:
             x, tau = w.tau + w.carried, w.tau.T

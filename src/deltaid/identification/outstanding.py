@@ -89,7 +89,7 @@ class Outstanding:
 
 
 @dataclass
-class Course:
+class JoinedStretches:
     """Stretches along a recording, those no more than `gap` [s] apart as one.
 
     Of those that fall short of the threshold no more is kept than the number that nearly reach it.
@@ -128,7 +128,7 @@ def stands_out(expected: Expectation, window: Window) -> bool:
 def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outstanding:
     step, inspected = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
-    narrow, wide = Course(_GAP * step), Course(_GAP * step)
+    narrow, wide = JoinedStretches(_GAP * step), JoinedStretches(_GAP * step)
     changes, spikes = list[list[np.ndarray]](), list[LeftSpan]()
     for part in _together(w for w in windows if w is not None and len(w.time)):
         inspected += len(part.time)

@@ -14,7 +14,7 @@ from jaxtyping import Int
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.measured_rows import MeasuredRows, SensorColumns
+from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import FittedChannel, FittedSensor
 from deltaid.model.parameter_record import Parameter
@@ -38,10 +38,10 @@ def sensors_included(setup: Setup, progress: Progress) -> Setup:
         return setup
     if names:
         progress(f"taking in {', '.join(names)}")
-    sensors = [SensorColumns.of(dynamics, name, spread) for name in names]
+    sensors = [SensorAddition.of(dynamics, name, spread) for name in names]
     shown = MeasuredRows(extended(dynamics, sensors), known).active
     setup = setup.changed(robot=with_new_entries(robot, shown, dynamics.regressor_pattern[1]))
-    sensors = tuple(SensorColumns.of(setup.dynamics, name, spread) for name in names)
+    sensors = tuple(SensorAddition.of(setup.dynamics, name, spread) for name in names)
     return setup.changed(additions=(*setup.additions, *sensors))
 
 
@@ -66,7 +66,7 @@ def with_new_entries(
 
 def sensors_settled(setup: Setup, progress: Progress) -> Setup:
     """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
-    sensors = [sensor for sensor in setup.additions if isinstance(sensor, SensorColumns)]
+    sensors = [sensor for sensor in setup.additions if isinstance(sensor, SensorAddition)]
     if not any(sensor.is_bilinear for sensor in sensors):
         return setup
     progress("settling gain and pose of sensors")
@@ -75,14 +75,14 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
         known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
         steps, additions = list[float](), list[Addition]()
         for addition in setup.additions:
-            if isinstance(addition, SensorColumns):
+            if isinstance(addition, SensorAddition):
                 steps += [
                     abs(known[entry.name] - addition.known.get(entry.name, entry.prior))
                     / (addition.prior_spread * entry.scale)
                     for entry in addition.parameters
                 ]
                 name, spread = addition.rows.name, addition.prior_spread
-                addition = SensorColumns.of(setup.dynamics, name, spread, known)
+                addition = SensorAddition.of(setup.dynamics, name, spread, known)
             additions.append(addition)
         setup = setup.changed(additions=tuple(additions))
         if max(steps) < _SETTLED:
@@ -96,7 +96,7 @@ def fitted_sensors(problem: FittedProblem, judged: Sequence[Parameter]) -> tuple
     rows = np.stack([information.rms(problem.values), information.torque_max], axis=1)
     sizes = iter(rows[information.drives.stop :].tolist())
     for sensor, fitted in of_each(problem.additions, judged):
-        if not isinstance(sensor, SensorColumns):
+        if not isinstance(sensor, SensorAddition):
             continue
         channels = tuple(
             FittedChannel(name=c.name, unit=c.unit, stated=c.noise, left=left, largest=largest)

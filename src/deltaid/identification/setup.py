@@ -26,7 +26,7 @@ Coefficients = Float[np.ndarray, " coefficients"]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class ContestOutcome:
     """What won a contest.
 
     Attributes:
@@ -53,7 +53,7 @@ class Outcome:
         robot = [unknown.name for unknown in UNKNOWNS if unknown.corrects == "robot"]
         return {name: values for name, values in self.values.items() if name not in robot}
 
-    def within_limits(self) -> "Outcome":
+    def within_limits(self) -> "ContestOutcome":
         """Without effects that are beyond their limits, and with doubts in their place."""
         beyond = {
             unknown.name: unknown.doubt(self.values[unknown.name])
@@ -70,7 +70,8 @@ class Outcome:
         """Whether rows need gears that wind up beside all else."""
         return WIND_UP in self.values
 
-    def of(self, name: str) -> tuple[float, ...]:
+    def coefficients(self, name: str) -> tuple[float, ...]:
+        """Coefficients of an effect; none if it is not applied."""
         return tuple(self.values.get(name, np.zeros(0)).tolist())
 
 
@@ -97,7 +98,7 @@ class Setup:
     studies: tuple[Study | None, ...] = ()
     # by the names of loads that no mapping declares, the studies that detected them
     detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
-    outcome: Outcome | None = None  # of the contest of causes
+    outcome: ContestOutcome | None = None  # of the contest of causes
 
     def is_disturbed(self, k: int) -> bool:
         """Whether an undeclared load comes and goes in the k-th recording."""

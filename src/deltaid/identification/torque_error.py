@@ -38,7 +38,7 @@ class TorqueError(Shown):
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedTorques:
     """Measured and predicted torques of consecutive samples, and the drives' speeds there.
 
     Those through the filter are of every `Recording.stride`-th sample, from the first one on, and
@@ -63,13 +63,13 @@ class Prediction:
     counted: Float[np.ndarray, "apart torques"]
 
 
-def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[Prediction]:
+def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[PredictedTorques]:
     """Predicted torques along a recording, window by window.
 
     With a filter, its length is lost at either end of the recording.
     """
 
-    def predicted(window: Window) -> Prediction:
+    def predicted(window: Window) -> PredictedTorques:
         own, wide = window.own, window.wide
         tau, n = _predicted(dynamics, p, wide), wide.tau.shape[1]
         drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
@@ -77,7 +77,7 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
         smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
         counted = window.counted(window.stride).T
         unweighted = not n or bool(np.all(counted == 1.0))
-        return Prediction(
+        return PredictedTorques(
             time=own.time,
             speed=own.qd,
             measured=own.tau,
@@ -149,7 +149,9 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
     )
 
 
-def prediction_csv(part: Prediction, gains: Float[np.ndarray, " drives"], *, header: bool) -> str:
+def prediction_csv(
+    part: PredictedTorques, gains: Float[np.ndarray, " drives"], *, header: bool
+) -> str:
     """Torques to be commanded, as lines of CSV: t, tau1, tau2, …
 
     Args:

@@ -51,7 +51,7 @@ class Course:
     # from the first to the last, or of a temperature from the lowest to the highest
     span: float
 
-    def of(self, w: Samples) -> Float[np.ndarray, " samples"]:
+    def values(self, w: Samples) -> Float[np.ndarray, " samples"]:
         if self.constant is None:
             return temperature(self.recording, w) - self.mean
         return np.exp(-(w.time - self.start) / self.constant) - self.mean
@@ -97,7 +97,7 @@ class Warmth(Addition):
         changing = own[self._entries]
         for course in self.courses:
             if course.recording.log.sha256 == recording.log.sha256:
-                return changing * course.of(w)
+                return changing * course.values(w)
         return np.zeros_like(changing)
 
     @property
@@ -185,7 +185,7 @@ def _best(
     columns = []
     for courses in tried:
         g = {recording: np.zeros(len(w.time)) for recording, w in motions.items()}
-        g |= {course.recording: course.of(motions[course.recording]) for course in courses}
+        g |= {course.recording: course.values(motions[course.recording]) for course in courses}
         columns.append(rows.drive_rows.stack(rows.friction * np.concatenate(list(g.values()))))
     bare = rows.span.without(np.stack(columns, axis=1))
     visible = np.linalg.norm(bare, axis=0) > _DEPENDENT * np.sqrt(len(bare))
@@ -216,7 +216,7 @@ def _warming(
 
 
 def temperature(recording: Recording, w: Samples) -> Float[np.ndarray, " samples"]:
-    """As recorded [°C]."""
+    """Temperature as recorded [°C]."""
     columns = recording.log.columns
     channel = columns.temperature
     assert channel is not None

@@ -60,7 +60,7 @@ class _Wider(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evidence:
+class PriorEvidence:
     """A recording's evidence against a prior."""
 
     names: tuple[str, ...]  # of the entries of p whose priors may be widened
@@ -149,8 +149,8 @@ def _cholesky(C: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, "n n"], Fa
     return np.linalg.cholesky(correlations(C)), np.sqrt(np.diag(C))
 
 
-def evidence(problem: FittedProblem) -> Evidence:
-    """Evidence of a fit's recordings against its stated prior."""
+def evidence(problem: FittedProblem) -> PriorEvidence:
+    """PriorEvidence of a fit's recordings against its stated prior."""
     reduction, base, estimate = problem.reduction, problem.base, problem.estimate
     changed = np.flatnonzero(np.any(reduction.A != 0, axis=1)).tolist()
     parameters = reduction.layout.parameters
@@ -167,7 +167,7 @@ def evidence(problem: FittedProblem) -> Evidence:
         if parameter.kind == "inertia":
             for which in ("", "I") if parameter.symbol.startswith("I") else ("",):
                 groups.setdefault((parameter.owner, which), []).append(j)
-    return Evidence(
+    return PriorEvidence(
         tuple(parameters[i].name for i in own),
         tuple(groups.values()),
         A[order] / scale[order][:, None],

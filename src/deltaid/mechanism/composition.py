@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.mechanism.forward import meeting_point
-from deltaid.mechanism.growth import Growth
+from deltaid.mechanism.growth import LengthGrowth
 from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
@@ -21,7 +21,7 @@ from deltaid.robot.platform import H4Platform, RigidPlatform
 _QUARTER, _CLEAR = np.deg2rad(90.0), np.deg2rad(170.0)
 
 
-def build_mechanism(robot: RobotDescription, growth: Growth | None = None) -> Mechanism:
+def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None) -> Mechanism:
     """The mechanism of a described robot.
 
     With `growth`, z, q and the motion of all bodies are those of lengths that exceed the described

@@ -29,7 +29,7 @@ class LimbGrowth:
 
 
 @dataclass(frozen=True)
-class Growth:
+class LengthGrowth:
     """Of all lengths [m].
 
     Attributes:
@@ -43,8 +43,8 @@ class Growth:
     telescope: ca.SX
 
     @classmethod
-    def named(cls, limbs: int) -> "Growth":
-        """Symbols."""
+    def named(cls, limbs: int) -> "LengthGrowth":
+        """New symbols for so many limbs."""
         each = [ca.SX.sym(f"grown{i + 1}", 3) for i in range(limbs)]
         half, telescope = ca.SX.sym("half"), ca.SX.sym("telescope")
         return cls(tuple(LimbGrowth(x[0], x[1], x[2]) for x in each), half, telescope)
@@ -52,7 +52,7 @@ class Growth:
     @property
     def symbols(self) -> ca.SX:
         """All of them, limb by limb."""
-        limbs = [x for one in self.limbs for x in (one.seat, one.arm, one.strut)]
+        limbs = [x for limb in self.limbs for x in (limb.seat, limb.arm, limb.strut)]
         return ca.vertcat(*limbs, self.half, self.telescope)
 
 

@@ -43,7 +43,7 @@ class WithJointStates(ABC):
 
     @abstractmethod
     def forward(self, q: Samples) -> Samples:
-        """Task coordinates z(q)."""
+        """Task coordinates z of drive coordinates q."""
 
     @one_or_many("q", "qd")
     def joint_states(self, q: Samples, qd: Samples | None = None) -> JointStates:

@@ -98,9 +98,9 @@ def _first(out: Any) -> Any:
     if isinstance(out, np.ndarray):
         return out[0]
     if isinstance(out, tuple):
-        return tuple(_first(one) for one in out)
+        return tuple(_first(part) for part in out)
     if is_dataclass(out) and not isinstance(out, type):
-        held = {one.name: getattr(out, one.name) for one in fields(out)}
+        held = {field.name: getattr(out, field.name) for field in fields(out)}
         arrays = {key: np.asarray(x[0]) for key, x in held.items() if isinstance(x, np.ndarray)}
         return replace(out, **arrays)
     return out

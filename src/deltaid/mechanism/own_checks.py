@@ -27,7 +27,7 @@ class Checker:
         self._where, self._z = where, z
 
     def wrong(self, what: str) -> DescriptionError:
-        """What to raise."""
+        """An error that names the file's place."""
         return DescriptionError(what, where=self._where, cure="mend the Python file")
 
     def sequence(self, value: object, name: str) -> None:

@@ -86,7 +86,7 @@ def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.
 
 
 def _towards(joint: ca.SX) -> ca.SX:
-    """u(θ)."""
+    """The direction u(θ) = (cos θ, sin θ, 0)."""
     return ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))
 
 

@@ -33,7 +33,7 @@ class Speed:
 
     @classmethod
     def named(cls, name: str, count: int) -> "Speed":
-        """New symbols."""
+        """Speeds that are new symbols."""
         symbols = ca.SX.sym(name, count), ca.SX.sym(f"{name}_dot", count)
         return cls(*symbols, ca.SX(0, 1), ca.SX(0, 1))
 
@@ -122,12 +122,12 @@ class Speeds:
 
     @property
     def jacobian(self) -> ca.SX:
-        """J = ∂q/∂z."""
+        """The Jacobian J = ∂q/∂z."""
         return self._over_gain @ self.A
 
     @property
     def inverse_jacobian(self) -> ca.SX:
-        """T = ∂z/∂q."""
+        """The inverse Jacobian T = ∂z/∂q."""
         return self._inverse @ self.B
 
     @property
@@ -137,17 +137,17 @@ class Speeds:
 
     @property
     def _over_gain(self) -> ca.SX:
-        """B⁻¹."""
+        """The inverse of B, B⁻¹."""
         return ca.diag(reciprocal(ca.diag(self.B)))
 
     @property
     def drives_to_all(self) -> ca.SX:
-        """N = ∂u/∂q̇."""
+        """The matrix N = ∂u/∂q̇."""
         return self._partial(ca.SX.eye(self.q.u.numel()), self.inverse_jacobian)
 
     @property
     def task_to_all(self) -> ca.SX:
-        """N = ∂u/∂ż."""
+        """The matrix N = ∂u/∂ż."""
         return self._partial(self.jacobian, ca.SX.eye(self.z.u.numel()))
 
     @property

@@ -63,7 +63,7 @@ def use_mechanism(path: str | Path) -> str:
 
 def named_path() -> Path | None:
     """The Python file that the user has named, if there is one."""
-    return next((Path(one.path) for one in _files.values()), None)
+    return next((Path(file.path) for file in _files.values()), None)
 
 
 def named_file(own: OwnMechanism) -> NamedFile:

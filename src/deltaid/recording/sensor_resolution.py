@@ -12,10 +12,10 @@ from deltaid.recording.mapped_columns import SensorColumns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
-from deltaid.robot.sensor_channels import Shown
+from deltaid.robot.sensor_channels import SensorChannel
 
 _Each = TypeVar("_Each")
-Sensors = Mapping[str, tuple[Shown, ...]]
+Sensors = Mapping[str, tuple[SensorChannel, ...]]
 
 
 def sensor_columns(
@@ -60,7 +60,7 @@ def _require_known(name: str, sensors: Sensors, source: str) -> None:
     )
 
 
-def _by_default(table: Table, name: str, shown: tuple[Shown, ...]) -> tuple[Channel, ...]:
+def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tuple[Channel, ...]:
     names = [one.name for one in shown]
     there = [find(table.fields, column) is not None for column in names]
     if not any(there):
@@ -83,7 +83,7 @@ def _by_default(table: Table, name: str, shown: tuple[Shown, ...]) -> tuple[Chan
 
 
 def _declared(
-    table: Table, given: SensorColumns, shown: tuple[Shown, ...], where: str
+    table: Table, given: SensorColumns, shown: tuple[SensorChannel, ...], where: str
 ) -> tuple[Channel, ...]:
     count = len(shown)
     names = given.names(count)
@@ -116,7 +116,7 @@ def _each(given: _Each | tuple[_Each, ...], count: int, where: str) -> tuple[_Ea
     return given
 
 
-def _scale(unit: str | None, column: str, shown: Shown, table: Table, where: str) -> float:
+def _scale(unit: str | None, column: str, shown: SensorChannel, table: Table, where: str) -> float:
     """What a column's numbers are to be multiplied by to become SI."""
     if unit is None:
         where = f"{table.header_place}, unit of {column}"

@@ -26,16 +26,16 @@ def require_sensors_that_fit(robot: "RobotDescription") -> None:
     """
     for name, body in robot.bodies.items():
         _check_spread(name, body)
-        for k, one in enumerate(body.measured):
-            _check_value(f"bodies.{name}.measured[{k + 1}]", one, {name: body})
-    for k, one in enumerate(robot.measured):
+        for k, measured in enumerate(body.measured):
+            _check_value(f"bodies.{name}.measured[{k + 1}]", measured, {name: body})
+    for k, measured in enumerate(robot.measured):
         where = f"measured[{k + 1}]"
-        names = [placed.body for placed in one.placed]
+        names = [placed.body for placed in measured.placed]
         if not names:
             raise ValueError(f"{where}.of names no body")
         for name in names:
             _known(f"{where}.of", "body", name, robot.body_names)
-        _check_value(where, one, {name: robot.bodies[name] for name in names})
+        _check_value(where, measured, {name: robot.bodies[name] for name in names})
     for name, sensor in robot.sensors.items():
         _check_name(robot, name)
         if isinstance(sensor, BaseWrench):
@@ -57,7 +57,7 @@ def _check_spread(name: str, body: Body) -> None:
         )
 
 
-def _check_value(where: str, one: Measured, bodies: Mapping[str, Body]) -> None:
+def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
     """What was measured must be free to follow."""
     if all(not body.free for body in bodies.values()):
         known = f"{'is' if len(bodies) == 1 else 'are'} known (free: [])"
@@ -65,18 +65,18 @@ def _check_value(where: str, one: Measured, bodies: Mapping[str, Body]) -> None:
             f"{where} is of {' and '.join(bodies)}, which {known}, so it would change nothing; "
             "put the value into the prior, or leave free out"
         )
-    if one.quantity not in ("first_moment", "centre") or not one.value or len(bodies) > 1:
+    if measured.quantity not in ("first_moment", "centre") or not measured.value or len(bodies) > 1:
         return
     ((name, body),) = bodies.items()
-    at = getattr(one, "placed", ())
+    at = getattr(measured, "placed", ())
     if any(any(placed.turned_deg) for placed in at):
         return
-    entries = [f"mc{axis}" for axis in _along(one.axis)]
+    entries = [f"mc{axis}" for axis in _along(measured.axis)]
     held = [entry for entry in entries if entry not in body.free]
     if held:
         raise ValueError(
-            f"{where} is along {', '.join(_along(one.axis))}, but bodies.{name}.free leaves out "
-            f"{' and '.join(held)}, which says that it is zero; name it there"
+            f"{where} is along {', '.join(_along(measured.axis))}, but bodies.{name}.free leaves "
+            f"out {' and '.join(held)}, which says that it is zero; name it there"
         )
 
 

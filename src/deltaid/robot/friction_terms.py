@@ -68,7 +68,7 @@ class FrictionTerm(ABC):
         """
 
     def values(self, v: Speeds) -> Speeds:
-        """h(v) without load."""
+        """Friction h(v) without load."""
         return self.h(v, np.sign(v), 0.0)
 
     def slopes(self, v: Speeds) -> dict[str, Speeds]:
@@ -87,7 +87,7 @@ class FrictionTerm(ABC):
 
     @property
     def parameter(self) -> Parameter:
-        """Its coefficient."""
+        """Its coefficient as a parameter."""
         prior = 0.0 if self.low < 0 else self.size
         bounds = (self.low, self.high)
         return Parameter("friction", self.joint, self.kind, self.unit, *bounds, prior, self.size)
@@ -163,7 +163,7 @@ class _CoulombBack(FrictionTerm):
 
 
 class _Offset(FrictionTerm):
-    """1."""
+    """A constant torque, h = 1."""
 
     kind, continuous, low = "offset", True, -float("inf")
 
@@ -179,7 +179,7 @@ class _Offset(FrictionTerm):
 
 
 class _Power(FrictionTerm):
-    """s |v|^exponent."""
+    """A power of speed, s |v|^exponent."""
 
     kind, constants = "power", ("exponent",)
 
@@ -202,7 +202,7 @@ class _Power(FrictionTerm):
 
 
 class _Stribeck(FrictionTerm):
-    """s exp(−(|v|/speed)^exponent)."""
+    """Friction near rest, s exp(−(|v|/speed)^exponent)."""
 
     kind, constants = "stribeck", ("speed", "exponent")
 
@@ -269,7 +269,7 @@ TERMS: tuple[type[FrictionTerm], ...] = (
     _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _HessSoom,
     _Load,
 )  # fmt: skip
-TERM_OF = {one.kind: one for one in TERMS}
+TERM_OF = {term.kind: term for term in TERMS}
 
 
 def _size(v: Any) -> Any:

@@ -118,7 +118,7 @@ class Limbs(Part):
 
     @property
     def count(self) -> int:
-        """Number of limbs."""
+        """Number of limbs, each with a drive."""
         return len(self.azimuth_deg)
 
     @model_validator(mode="after")

@@ -56,7 +56,7 @@ class HasRobot(Protocol):
 
     @property
     def robot(self) -> RobotDescription:
-        """The description."""
+        """The description of the robot."""
         ...
 
 

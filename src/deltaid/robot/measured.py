@@ -90,7 +90,7 @@ class MeasuredTogether(Measured):
 
     @property
     def placed(self) -> tuple[Placed, ...]:
-        """The bodies."""
+        """The bodies, with where each was."""
         if isinstance(self.of, str):
             return (Placed(body=self.of),)
         if isinstance(self.of, dict):

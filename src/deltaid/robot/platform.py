@@ -96,7 +96,7 @@ class H4Platform(_Articulated):
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """h u(θ)."""
+        """From the middle to the first part, h u(θ) [m]."""
         return self.half_length * _direction(psi / self.ratio)
 
     @model_validator(mode="after")
@@ -118,7 +118,7 @@ class Par4Platform(_Articulated):
     length: Length = Field(description="L of the rods, m")
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """½ L u(θ)."""
+        """From the middle to the first part, ½ L u(θ) [m]."""
         return 0.5 * self.length * _direction(psi / self.ratio)
 
 
@@ -136,7 +136,7 @@ class I4Platform(_Articulated):
     )
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """½ s e."""
+        """From the middle to the first part, ½ s e [m]."""
         return 0.5 * psi / self.ratio * _direction(np.deg2rad(self.direction_deg))
 
 

@@ -9,7 +9,7 @@ _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
-class Shown:
+class SensorChannel:
     """One number that a sensor shows.
 
     Attributes:
@@ -21,17 +21,17 @@ class Shown:
     unit: str
 
 
-def sensor_channels(robot: RobotDescription) -> dict[str, tuple[Shown, ...]]:
+def sensor_channels(robot: RobotDescription) -> dict[str, tuple[SensorChannel, ...]]:
     """The channels of each sensor, in the order of its columns."""
-    found: dict[str, tuple[Shown, ...]] = {}
+    found: dict[str, tuple[SensorChannel, ...]] = {}
     for name, sensor in robot.sensors.items():
         if isinstance(sensor, BaseWrench):
             units = ("N", "N", "N", "N m", "N m", "N m")
             channels = zip(_WRENCH, units, strict=True)
-            found[name] = tuple(Shown(f"{name}.{one}", unit) for one, unit in channels)
+            found[name] = tuple(SensorChannel(f"{name}.{axis}", unit) for axis, unit in channels)
         elif isinstance(sensor, JointTorque):
             unit = "N" if robot.is_linear(sensor.drive) else "N m"
-            found[name] = (Shown(name, unit),)
+            found[name] = (SensorChannel(name, unit),)
         else:
-            found[name] = (Shown(name, "N"),)
+            found[name] = (SensorChannel(name, "N"),)
     return found

@@ -87,7 +87,8 @@ class Tolerances(Part):
     def exact(self) -> bool:
         """Whether nothing is off."""
         by_name = (
-            one.values() if isinstance(one, dict) else [one] for one in (self.lengths, self.homing)
+            sizes.values() if isinstance(sizes, dict) else [sizes]
+            for sizes in (self.lengths, self.homing)
         )
         given = [size for sizes in by_name for size in sizes]
         return not (any(given) or self.mounting or self.torque_constants)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.identification.torque_error import Prediction, predict
+from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import Recording
 
 # Points over time that a figure draws quickly and a file holds easily.
@@ -119,7 +119,7 @@ class _Spectrum:
         self._rate, self._length, self._segments = rate, 0, 0
         self._power: np.ndarray = np.zeros(0)
 
-    def add(self, part: Prediction) -> None:
+    def add(self, part: PredictedTorques) -> None:
         """Take in consecutive samples as recorded; a last window too short for a segment is left
         out."""
         samples = len(part.time)
