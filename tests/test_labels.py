@@ -9,7 +9,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.widening import Evidence
+from deltaid.identification.widening import PriorEvidence
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
@@ -209,16 +209,18 @@ def test_a_spread_that_is_stated_is_taken_at_its_word() -> None:
     assert parameter.high / parameter.prior == pytest.approx(1.216, abs=0.002)
 
 
-def random_evidence(rng: np.random.Generator) -> Evidence:
+def random_evidence(rng: np.random.Generator) -> PriorEvidence:
     """Four base parameters of five entries, the third of which is far from its prior."""
     rows = np.vstack([np.eye(5), 0.3 * rng.normal(size=(1, 5))])
     columns = np.eye(4, 5) + 0.2 * rng.normal(size=(4, 5))
     N = 0.01 * np.diag(rng.uniform(1, 2, 4))
     x = np.array([0.5, -0.3, 40.0, 0.1, 0.2])
-    return Evidence(("B.a", "B.b", "C.c", "C.d"), ([0, 1], [2, 3]), rows, columns, columns @ x, N)
+    return PriorEvidence(
+        ("B.a", "B.b", "C.c", "C.d"), ([0, 1], [2, 3]), rows, columns, columns @ x, N
+    )
 
 
-def log_evidence(given: Evidence, s: np.ndarray) -> float:
+def log_evidence(given: PriorEvidence, s: np.ndarray) -> float:
     """Twice the logarithm of N(d; 0, C), but for a constant."""
     scaled = given.rows / s[:, None]
     C = given.N + given.columns @ np.linalg.inv(scaled.T @ scaled) @ given.columns.T
