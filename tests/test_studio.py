@@ -11,8 +11,8 @@ from command import refused, run
 from deltaid.errors import DeltaidError
 from deltaid.model.record import Settings
 from deltaid.robot.load import catalogue_text, load_robot
-from deltaid.studio.cures import difference, own_copy, robot_cured
 from deltaid.studio.decimate import MinMax
+from deltaid.studio.edits import difference, own_copy, robot_cured
 from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
 from deltaid.studio.plan import FILE, Checked, Plan, Store, Used, digest

@@ -98,14 +98,22 @@ class RowsAbout(SensorRows):
     def _of(self, symbol: str) -> Bool[np.ndarray, " entries"]:
         """Which entries are of such unknowns."""
         first = len(self.values) - len(self.parameters)
-        of = [k for k, one in enumerate(self.parameters, first) if one.symbol.startswith(symbol)]
+        of = [
+            k
+            for k, parameter in enumerate(self.parameters, first)
+            if parameter.symbol.startswith(symbol)
+        ]
         return np.isin(self.pattern[1], of)
 
     @property
     def _gain(self) -> float:
         """g₀; zero where the gain is known."""
         first = len(self.values) - len(self.parameters)
-        found = [k for k, one in enumerate(self.parameters, start=first) if one.symbol == "gain"]
+        found = [
+            k
+            for k, parameter in enumerate(self.parameters, start=first)
+            if parameter.symbol == "gain"
+        ]
         return float(self.values[found[0]]) if found else 0.0
 
 

@@ -94,7 +94,7 @@ class BaseWrenchRows(GraphRows):
         columns = ca.jacobian(ca.vertcat(force, moment), forces.p)
         columns[3:, :] += self._rotors()
         accelerations = mechanism.speeds.q.ud
-        spins = [fixed(one.axis) * accelerations[self._index(one.drive)] for one in self._spins]
+        spins = [fixed(spin.axis) * accelerations[self._index(spin.drive)] for spin in self._spins]
         beside = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
         R = fixed(rotation(self.sensor.rotation_deg).T)
         to_sensor = ca.diagcat(R, R)
@@ -104,10 +104,10 @@ class BaseWrenchRows(GraphRows):
     def moving(self) -> tuple[Parameter, ...]:
         """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
         found, robot = [], self.dynamics.robot
-        for one in self._spins:
-            inertia, rail = robot.rotor_inertia[one.drive], robot.is_linear(one.drive)
+        for spin in self._spins:
+            inertia, rail = robot.rotor_inertia[spin.drive], robot.is_linear(spin.drive)
             std = inertia / (2 * np.pi) if rail else inertia
-            found.append(self.unknown(one.symbol, "kg m" if rail else "kg m²", std))
+            found.append(self.unknown(spin.symbol, "kg m" if rail else "kg m²", std))
         return tuple(found)
 
     @property

@@ -57,7 +57,7 @@ def all_sensor_rows(
         DescriptionError: the robot has nothing that one of them could measure.
     """
     sensors = dynamics.robot.sensors.items()
-    return tuple(sensor_rows(dynamics, name, one, prior_spread) for name, one in sensors)
+    return tuple(sensor_rows(dynamics, name, sensor, prior_spread) for name, sensor in sensors)
 
 
 # What a sensor shows stands in its own columns where gain or pose is off: put in so often.
@@ -77,10 +77,10 @@ def drawn_unknowns(rows: SensorRows, seed: int = 0) -> Unknowns:
     """
     rng = np.random.default_rng([seed, zlib.crc32(rows.name.encode())])
     found = []
-    for one in rows.parameters:
-        own = one.symbol.startswith(("spin", "outer"))
+    for parameter in rows.parameters:
+        own = parameter.symbol.startswith(("spin", "outer"))
         size = _AWAY * rng.uniform(-1, 1) if own else rng.standard_normal()
-        found.append(one.prior + one.std * size)
+        found.append(parameter.prior + parameter.std * size)
     return np.array(found)
 
 
@@ -119,7 +119,7 @@ def simulated_sensors(
     for rows in all_sensor_rows(dynamics):
         u = drawn_unknowns(rows)
         if rng is None:
-            u = np.array([one.prior for one in rows.parameters])
+            u = np.array([parameter.prior for parameter in rows.parameters])
         for channel, values in zip(rows.channels, shown_by(rows, p, u, z, qd, qdd), strict=True):
             noise = 0.0 if rng is None else channel.noise * rng.standard_normal(len(values))
             columns[channel.name] = values + noise

@@ -132,7 +132,7 @@ class GraphRows(SensorRows):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (*self.moving, *(one.parameter for one in self.still))
+        return (*self.moving, *(unknown.parameter for unknown in self.still))
 
     @property
     def pattern(self) -> Pattern:
@@ -142,7 +142,9 @@ class GraphRows(SensorRows):
     def _pattern(self) -> Pattern:
         rows, columns = self._compiled[1]
         first = len(self.dynamics.layout.parameters) + len(self.moving)
-        of_still = [(c, first + k) for k, one in enumerate(self.still) for c in one.channels]
+        of_still = [
+            (c, first + k) for k, unknown in enumerate(self.still) for c in unknown.channels
+        ]
         more = np.array(of_still, dtype=int).reshape(-1, 2)
         return np.append(rows, more[:, 0]), np.append(columns, more[:, 1])
 
@@ -150,7 +152,7 @@ class GraphRows(SensorRows):
         self, z: Motion, qd: Motion, qdd: Motion, shown: Shown
     ) -> Float[np.ndarray, "entries samples"]:
         values = self._compiled[0](np.hstack([z, qd, qdd]).T)
-        return np.vstack([values, *(one.column(shown) for one in self.still)])
+        return np.vstack([values, *(unknown.column(shown) for unknown in self.still)])
 
     @cached_property
     def _compiled(self) -> tuple[BatchKernel, Pattern]:
@@ -161,7 +163,7 @@ class GraphRows(SensorRows):
         speeds = self.dynamics.kinematics.mechanism.speeds
         inputs = ca.vertcat(self.dynamics.kinematics.mechanism.z, speeds.q.u, speeds.q.ud)
         turned = ca.sparsify(self.graph).T
-        columns, rows = (np.array(one, dtype=int) for one in turned.sparsity().get_triplet())
+        columns, rows = (np.array(places, dtype=int) for places in turned.sparsity().get_triplet())
         kept = beyond_rounding(self.dynamics.kinematics, inputs, turned.nz[:])
         return BatchKernel(inputs, turned.nz[kept.tolist()]), (rows[kept], columns[kept])
 

@@ -74,7 +74,8 @@ def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
     layout = parameter_layout(robot)
     prior = np.array([parameter.prior for parameter in layout.parameters])
     return tuple(
-        weighing(one, placed, layout, prior, where) for one, placed, where in _declared(robot)
+        weighing(measured, placed, layout, prior, where)
+        for measured, placed, where in _declared(robot)
     )
 
 
@@ -109,11 +110,11 @@ def weighing(
 
 def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed, ...], str]]:
     for name in robot.body_names:
-        for k, one in enumerate(robot.bodies[name].measured):
-            yield one, (Placed(body=name),), f"bodies.{name}.measured[{k + 1}]"
-    for k, one in enumerate(robot.measured):
-        assert isinstance(one, MeasuredTogether)
-        yield one, one.placed, f"measured[{k + 1}]"
+        for k, measured in enumerate(robot.bodies[name].measured):
+            yield measured, (Placed(body=name),), f"bodies.{name}.measured[{k + 1}]"
+    for k, measured in enumerate(robot.measured):
+        assert isinstance(measured, MeasuredTogether)
+        yield measured, measured.placed, f"measured[{k + 1}]"
 
 
 def _coefficients(one: Measured, placed: Placed) -> Ten:

@@ -75,7 +75,7 @@ def torques(
     Raises:
         DeltaidError: recording, mapping or a model cannot be used, or they are of other robots.
     """
-    changed = tuple(stamp(Path(one)) for one in (path, mapping, *models) if one)
+    changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
     found = [_compared(path, mapping, model, changed) for model in models]
     robot = load(models[0]).robot
     lines: list[Line] = []
@@ -142,15 +142,15 @@ def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
     found = [output(folder, run) for run in pair]
     rows: list[tuple[str, ...]] = [
-        ("verdict", *(str(one.get("summary", {}).get("sentence", "–")) for one in found)),
-        ("robot", *(str(one.get("robot", "")) for one in found)),
+        ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in found)),
+        ("robot", *(str(result.get("robot", "")) for result in found)),
         ("recordings", *(", ".join(_logs(run)) for run in pair)),
-        ("error on them", *(_share(one.get("nrmse")) for one in found)),
-        ("error on an unseen motion", *(_share(_verify(one).get("nrmse")) for one in found)),
-        ("torque noise", *(percent(one["noise_level"]) for one in found)),
-        ("base parameters", *(str(one["base_parameters"]) for one in found)),
-        ("corrections", *(str(len(one["corrections"])) for one in found)),
-        ("γ", *(number(one["gamma"], 3) for one in found)),
+        ("error on them", *(_share(result.get("nrmse")) for result in found)),
+        ("error on an unseen motion", *(_share(_verify(result).get("nrmse")) for result in found)),
+        ("torque noise", *(percent(result["noise_level"]) for result in found)),
+        ("base parameters", *(str(result["base_parameters"]) for result in found)),
+        ("corrections", *(str(len(result["corrections"])) for result in found)),
+        ("γ", *(number(result["gamma"], 3) for result in found)),
     ]
     return rows + _parameters(folder, pair)
 
@@ -162,7 +162,9 @@ def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
         return []
     if len(models) != 2 or models[0] is None or models[1] is None:
         return []
-    left, right = ({one.name: one for one in model.parameters} for model in models if model)
+    left, right = (
+        {parameter.name: parameter for parameter in model.parameters} for model in models if model
+    )
     shared = [name for name in left if name in right and left[name].value != right[name].value]
 
     def apart(name: str) -> float:
@@ -173,15 +175,15 @@ def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     return [
         (
             f"{name} [{left[name].unit}]",
-            *(f"{one[name].value:.4g} ({one[name].low:.3g} … {one[name].high:.3g})"
-              for one in (left, right)),
+            *(f"{side[name].value:.4g} ({side[name].low:.3g} … {side[name].high:.3g})"
+              for side in (left, right)),
         )
         for name in sorted(shared, key=apart)[:_SHOWN]
     ]  # fmt: skip
 
 
 def _logs(run: Run) -> list[str]:
-    return [one.file for one in run.record.inputs if not one.file.endswith((".yaml", ".yml"))]
+    return [read.file for read in run.record.inputs if not read.file.endswith((".yaml", ".yml"))]
 
 
 def _verify(found: dict[str, Any]) -> dict[str, Any]:

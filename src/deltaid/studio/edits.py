@@ -1,12 +1,24 @@
-"""A mapping as a form edits it: plain data in, plain data out; what is not edited stays."""
+"""Changes of files: a mapping as a form edits it, and what verdicts propose.
+
+Plain data in, plain data out; what is not edited stays. Proposals go into files only when they are
+asked for, and are shown before.
+"""
 
 import copy
-from collections.abc import Sequence
+import difflib
+import io
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from deltaid.checks.verdicts import mended
+from deltaid.errors import DescriptionError
 from deltaid.recording.mapped_columns import AllDrives
 from deltaid.recording.mapping import ColumnMapping, Quantity
-from deltaid.robot.load import parse, plain_data, yaml_text
+from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
+from deltaid.studio.folder import Folder
 
 Data = dict[str, Any]
 
@@ -51,8 +63,8 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
     given = data.get(quantity)
     if isinstance(given, dict):
         listed = AllDrives.model_validate(_tuples(given)).entries(dof, quantity)
-        return [one.model_dump(mode="json", exclude_unset=True) for one in listed]
-    found = [dict(one) for one in given or ()]
+        return [entry.model_dump(mode="json", exclude_unset=True) for entry in listed]
+    found = [dict(entry) for entry in given or ()]
     return found + [{} for _ in range(dof - len(found))]
 
 
@@ -131,3 +143,49 @@ def incomplete(data: Data, dof: int) -> str:
 
 def _tuples(given: Data) -> Data:
     return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+
+
+def difference(name: str, before: str, after: str) -> str:
+    """What changes in a file, as a unified diff."""
+    lines = difflib.unified_diff(
+        before.splitlines(), after.splitlines(), f"{name} (now)", f"{name} (then)", lineterm="", n=1
+    )
+    return "\n".join(lines)
+
+
+def wanted(verdict: Mapping[str, Any], file: str) -> list[tuple[str, object]]:
+    """What a verdict, as JSON has it, proposes for one file."""
+    proposals = [proposal for proposal in verdict["proposals"] if proposal["file"] == file]
+    return [(key, value) for proposal in proposals for key, value in proposal["changes"].items()]
+
+
+def robot_cured(text: str, changes: Sequence[tuple[str, object]], where: str) -> str:
+    """A robot file with values replaced; comments and all else stay as they are.
+
+    Raises:
+        DescriptionError: the text is no description, or what comes out is none.
+    """
+    yaml = YAML()
+    yaml.width = 100
+    yaml.preserve_quotes = True
+    try:
+        data = yaml.load(text)
+    except YAMLError as error:
+        raise DescriptionError("is no YAML", where=where, cure=str(error)) from None
+    written = io.StringIO()
+    yaml.dump(mended(data, dict(changes)), written)
+    described_in(written.getvalue(), where)
+    return written.getvalue()
+
+
+def own_copy(folder: Folder, robot: str) -> str:
+    """The file of a robot that may be edited: a catalogue robot's is written into the folder.
+
+    Raises:
+        DeltaidError: it cannot be written.
+    """
+    if robot not in catalogue():
+        return robot
+    name = folder.free_name(f"{robot}.yaml")
+    folder.write(name, catalogue_text(robot))
+    return name

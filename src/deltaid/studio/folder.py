@@ -156,7 +156,7 @@ class Folder:
 
     def recordings(self) -> list[str]:
         """Files that may be recordings, by their names."""
-        endings = {suffix for one in FORMATS for suffix in one.suffixes} | {".csv", ".txt"}
+        endings = {suffix for form in FORMATS for suffix in form.suffixes} | {".csv", ".txt"}
         packed = tuple(f"{ending}{pack}" for ending in endings for pack in _PACKED)
         kinds = (*(endings - set(_TEXT)), *packed)
         return [path.name for path in self.files() if path.name.lower().endswith(kinds)]

@@ -123,7 +123,7 @@ def preview(
     asked = names if columns.time.is_absent else [columns.time.column, *names]
     seen = MinMax(len(curves), points, span)
     for rows in table.rows(asked):
-        numbers = np.column_stack([np.asarray(one, dtype=float) for one in rows.numbers])
+        numbers = np.column_stack([np.asarray(column, dtype=float) for column in rows.numbers])
         counted = np.arange(seen.rows, seen.rows + len(numbers), dtype=float)
         own = counted if columns.time.is_absent else numbers[:, 0]
         seen.add(_si(columns.time, own), numbers[:, 0 if columns.time.is_absent else 1 :])

@@ -48,12 +48,12 @@ class Plan(Part):
     @property
     def fitted(self) -> tuple[Used, ...]:
         """Recordings that a model is fitted to."""
-        return tuple(one for one in self.recordings if one.use == "fit")
+        return tuple(recording for recording in self.recordings if recording.use == "fit")
 
     @property
     def verified(self) -> Used | None:
         """The recording that it is tested on."""
-        return next((one for one in self.recordings if one.use == "verify"), None)
+        return next((recording for recording in self.recordings if recording.use == "verify"), None)
 
     @property
     def used(self) -> tuple[Used, ...]:
@@ -62,17 +62,17 @@ class Plan(Part):
 
     def recording(self, file: str) -> Used | None:
         """One recording by its file."""
-        return next((one for one in self.recordings if one.file == file), None)
+        return next((recording for recording in self.recordings if recording.file == file), None)
 
     def with_recording(self, used: Used) -> "Plan":
         """The same with a recording, new or in place of itself; at most one verifies."""
         others = [
-            one.changed(use="fit") if used.use == one.use == "verify" else one
-            for one in self.recordings
+            recording.changed(use="fit") if used.use == recording.use == "verify" else recording
+            for recording in self.recordings
         ]
         if self.recording(used.file) is None:
             return self.changed(recordings=(*others, used))
-        placed = (used if one.file == used.file else one for one in others)
+        placed = (used if recording.file == used.file else recording for recording in others)
         return self.changed(recordings=tuple(placed))
 
     def without_recording(self, file: str) -> "Plan":
@@ -164,7 +164,7 @@ def _parsed(text: str) -> Plan:
 
 def digest(folder: Folder, plan: Plan) -> str:
     """Digest of all that `deltaid check` is given."""
-    used = [(one.file, one.mapping) for one in plan.used]
+    used = [(recording.file, recording.mapping) for recording in plan.used]
     seen: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
     robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []
     texts = (*robot, *(mapping for _, mapping in used if mapping))

@@ -258,9 +258,10 @@ def standing(session: Session) -> dict[str, str]:
 def unmapped(session: Session) -> list[str]:
     """Recordings in use that are not there, or of which no column has been named yet."""
     return [
-        one.file
-        for one in session.plan.recordings
-        if one.use != "aside" and not (session.folder.has(one.file) and one.mapping is not None)
+        recording.file
+        for recording in session.plan.recordings
+        if recording.use != "aside"
+        and not (session.folder.has(recording.file) and recording.mapping is not None)
     ]
 
 

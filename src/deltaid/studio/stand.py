@@ -89,9 +89,9 @@ def stage(robot: str, changed: str) -> Stage:
     shown = [known[segment.body] for segment in skeleton.segments]
     return Stage(
         axes=_axes(rest, lines),
-        colors=tuple(one.color for one in shown),
-        radii=tuple(_THICK * size * one.width for one in shown),
-        legend={one.label: one.color for one in known.values()},
+        colors=tuple(member.color for member in shown),
+        radii=tuple(_THICK * size * member.width for member in shown),
+        legend={member.label: member.color for member in known.values()},
         edges=pairs[~np.isnan(pairs).any(axis=(1, 2))],
         size=size,
         home=tuple((rest.home * _units(rest)).tolist()),

@@ -52,7 +52,7 @@ def check_step(plan: Plan, folder: str) -> Step:
     """All checks of the robot and of the recordings that are fitted and tested on."""
     robot, used, report = _robot(plan), plan.used, f"{folder}/check.html"
     asked = _given(Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all))
-    files = [one.file for one in used]
+    files = [recording.file for recording in used]
     arguments = ("check", robot, *files, *_columns(used), *_options(asked), "--report", report)
     logs = (repr(files),) if files else ()
     python = f"""\
@@ -69,7 +69,7 @@ def fit_step(plan: Plan, folder: str) -> Step:
     """A model from the recordings, tested on the one that verifies."""
     robot, used, verify = _robot(plan), plan.fitted, plan.verified
     model, report = f"{folder}/model.yaml", f"{folder}/report.html"
-    asked, files = _given(plan.settings), [one.file for one in used]
+    asked, files = _given(plan.settings), [recording.file for recording in used]
     options = {"verify": verify.file if verify else None, **asked, "force": plan.force}
     arguments = (
         "identify", robot, *files, *_columns(plan.used), *_options(options),
@@ -203,7 +203,7 @@ def _robot(plan: Plan) -> str:
 
 def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
     """Mappings as Python takes them: none, one for all, or one each."""
-    names = [one.mapping for one in used]
+    names = [recording.mapping for recording in used]
     return names if len(set(names)) > 1 else names[0] if names else None
 
 
@@ -219,7 +219,9 @@ def _present(*names: str | None) -> tuple[str, ...]:
 
 
 def _reads(plan: Plan, used: Sequence[Used]) -> tuple[str, ...]:
-    names = _present(_robot(plan), *(name for one in used for name in (one.file, one.mapping)))
+    names = _present(
+        _robot(plan), *(name for recording in used for name in (recording.file, recording.mapping))
+    )
     return tuple(dict.fromkeys(names))
 
 

@@ -130,9 +130,9 @@ class Bench:
     def outlook(self, some: Sequence[Use]) -> Outlook:
         """What is known after some uses together."""
         known = self.start
-        for one in some:
-            known = known.and_rows(one.likely @ self.entries.W)
-        name, title = " + ".join(one.name for one in some), " + ".join(one.title for one in some)
+        for use in some:
+            known = known.and_rows(use.likely @ self.entries.W)
+        name, title = " + ".join(use.name for use in some), " + ".join(use.title for use in some)
         return _outlook(name, title, known, self.start, self.goal, self.entries, cost_of(some))
 
     def find(self, names: Sequence[str], offers: Offers) -> list[Use]:
@@ -141,7 +141,7 @@ class Bench:
         Raises:
             DeltaidError: there is none of a name.
         """
-        by_name = {one.name: one for one in self.uses}
+        by_name = {use.name: use for use in self.uses}
         missing = [name for name in names if name not in by_name]
         if missing and tuple(names) in offers.combinations:
             return []

@@ -46,7 +46,7 @@ def exchanges(
     Args:
         found: the bodies along a generic motion, the base last.
     """
-    by_name = {name: [one for one in found if one.name == name] for name in robot.body_names}
+    by_name = {name: [body for body in found if body.name == name] for name in robot.body_names}
     base = found[-1]
     proposed = list[Exchange]()
     for a, b in combinations(robot.body_names, 2):
@@ -54,7 +54,7 @@ def exchanges(
     for a, b in combinations(robot.body_names, 2):
         proposed += _alike(layout, by_name[a], by_name[b])
     resting = {name: _resting(layout, some, base) for name, some in by_name.items()}
-    for a, b in combinations([name for name, one in resting.items() if one], 2):
+    for a, b in combinations([name for name, moments in resting.items() if moments], 2):
         proposed += _both_resting(resting[a], resting[b], a, b)
     for name, some in resting.items():
         what = f"{body_in_words(name)}'s" if some else ""
@@ -86,7 +86,7 @@ def _between(
     """Exchanges of two bodies at the points that they share, or that move alike."""
     if len(some) < len(others):
         some, others = others, some
-    pairs = [_partner(one, others, partner) for one in some]
+    pairs = [_partner(body, others, partner) for body in some]
     met = [pair for pair in pairs if pair is not None]
     if len(met) < len(pairs):
         return
@@ -98,8 +98,8 @@ def _between(
     a, b = some[0].name, others[0].name
     moments = _moments([pair.a for pair in met], [pair.along for pair in met])
     counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
-    counts = np.array([one.count for one in some], dtype=float)
-    all_b = sum(one.count for one in others)
+    counts = np.array([body.count for body in some], dtype=float)
+    all_b = sum(body.count for body in others)
     first, second = sorted((a, b), key=layout.bodies.index)
     place = _place(first, second) if partner is shared else "by points that move alike"
     for (what, gives), (_, takes) in zip(moments, counter, strict=True):
@@ -154,12 +154,12 @@ def _resting(
     layout: ParameterLayout, some: Sequence[Instance], base: Instance
 ) -> list[tuple[str, np.ndarray]]:
     """What of a body is at rest: mass and moments at points that never move, per kg of them."""
-    found = [shared(one, base) for one in some]
-    met = [one for one in found if one is not None]
-    if len(met) < len(found) or np.ptp([one.a for one in met], axis=0).max() > 1e-7:
+    found = [shared(body, base) for body in some]
+    met = [point for point in found if point is not None]
+    if len(met) < len(found) or np.ptp([point.a for point in met], axis=0).max() > 1e-7:
         return []
     moments = _moments([met[0].a], [met[0].along])
-    total, result = sum(one.count for one in some), []
+    total, result = sum(body.count for body in some), []
     for what, ten in moments:
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(some[0].name)] = ten[0] / total

@@ -89,7 +89,7 @@ def null_space(
     exchanges: Sequence[Exchange],
 ) -> NullSpace:
     """All that rows over p do not tell of the parameters that they see."""
-    scale = np.array([one.scale for one in layout.parameters])
+    scale = np.array([parameter.scale for parameter in layout.parameters])
     scaled = rows * scale
     norms = np.linalg.norm(scaled, axis=0)
     seen = norms > _ZERO * norms.max(initial=0.0)
@@ -98,8 +98,8 @@ def null_space(
     rank = int(np.sum(_ZERO * S[0] < S))
     to_p = scale[seen] / norms[seen]
     chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
-    for one in (*exchanges, *_together(unit, to_p, seen, exchanges)):
-        d = one.direction[seen] / to_p
+    for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
+        d = exchange.direction[seen] / to_p
         length = np.linalg.norm(d)
         if length == 0 or np.linalg.norm(unit @ d) > _UNSEEN * length:
             continue
@@ -108,8 +108,8 @@ def null_space(
         if np.linalg.norm(rest) > _NEW:
             rest = rest - basis @ (basis.T @ rest)
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-            chosen.append(_open(one.words, one.direction, seen, layout))
-    named = [one.direction[seen] / to_p for one in chosen]
+            chosen.append(_open(exchange.words, exchange.direction, seen, layout))
+    named = [free.direction[seen] / to_p for free in chosen]
     for d in _left(Vt[rank:], np.array(named).reshape(-1, int(seen.sum()))):
         direction = np.zeros(len(scale))
         direction[seen] = d * to_p
@@ -127,24 +127,24 @@ def _together(
 ) -> Iterator[Exchange]:
     """Two exchanges that rows see one by one, in the proportion in which they do not see them."""
     open_ = list[tuple[Exchange, np.ndarray, float]]()
-    for one in exchanges:
-        d = one.direction[seen] / to_p
+    for exchange in exchanges:
+        d = exchange.direction[seen] / to_p
         length = float(np.linalg.norm(d))
         if length > 0 and np.linalg.norm(unit @ d) > _UNSEEN * length:
-            open_.append((one, unit @ d / length, length))
-    for (one, a, long), (other, b, wide) in combinations(open_, 2):
+            open_.append((exchange, unit @ d / length, length))
+    for (exchange, a, long), (other, b, wide) in combinations(open_, 2):
         share = float(a @ b) / float(b @ b)
         if np.linalg.norm(a - share * b) > _UNSEEN * np.linalg.norm(a):
             continue
-        direction = one.direction / long - share * other.direction / wide
-        yield Exchange(f"{one.words} together with: {other.words}", direction)
+        direction = exchange.direction / long - share * other.direction / wide
+        yield Exchange(f"{exchange.words} together with: {other.words}", direction)
 
 
 def whole_null_space(
     rows: Float[np.ndarray, "rows parameters"], layout: ParameterLayout
 ) -> Float[np.ndarray, "parameters dimension"]:
     """A basis of all that rows do not see, whether by sums or at all, in units of the scales."""
-    scaled = rows * np.array([one.scale for one in layout.parameters])
+    scaled = rows * np.array([parameter.scale for parameter in layout.parameters])
     norms = np.linalg.norm(scaled, axis=0)
     norms[norms <= _ZERO * norms.max(initial=0.0)] = np.inf
     _, S, Vt = np.linalg.svd(scaled / norms)
@@ -156,7 +156,7 @@ def _open(
     words: str, direction: Direction, seen: Bool[np.ndarray, " parameters"], layout: ParameterLayout
 ) -> Open:
     d = np.where(seen, direction, 0.0)
-    share = np.abs(d) / np.array([one.scale for one in layout.parameters])
+    share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
     at = np.flatnonzero(share > _SMALL * share.max())
     names = tuple(layout.names[k] for k in at)
     return Open(words or f"a combination of {', '.join(names)}", names, d)
@@ -226,22 +226,22 @@ def openings(
     proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[::step]))
     known = np.vstack([torque, described])
     wholes = {
-        one.name: whole_null_space(np.vstack([known, one.sure])[:, :n], layout) for one in uses
+        use.name: whole_null_space(np.vstack([known, use.sure])[:, :n], layout) for use in uses
     }
 
     def of(name: str, title: str, rows: Extended) -> Opening:
         null = null_space(rows[:, :n], layout, proposed)
         parted = tuple(
-            tuple(key for key, basis in wholes.items() if not one.stays(null, basis))
-            for one in null.directions
+            tuple(key for key, basis in wholes.items() if not direction.stays(null, basis))
+            for direction in null.directions
         )
         return Opening(name, title, null, parted)
 
     found = [of(TORQUES, "torques alone", torque)]
     if len(described):
         found.append(of(DESCRIBED, "with what the description has", known))
-    found += [of(one.name, one.title, np.vstack([known, one.sure])) for one in uses]
+    found += [of(use.name, use.title, np.vstack([known, use.sure])) for use in uses]
     if bought:
-        every = np.vstack([known, *(one.sure for one in bought)])
+        every = np.vstack([known, *(use.sure for use in bought)])
         found.append(of(PLAN, "with all that is bought", every))
     return tuple(found)

@@ -156,12 +156,12 @@ def _planned(
         unknowns=entries,
         torques=work.torques,
         described=work.described,
-        uses=tuple(work.outlook([one]) for one in work.uses),
+        uses=tuple(work.outlook([use]) for use in work.uses),
         combinations=tuple(
             work.outlook(some) for some in (work.find(names, offers) for names in named) if some
         ),
         steps=tuple(
-            (step, work.outlook([one.use for one in steps[: k + 1]]))
+            (step, work.outlook([bought.use for bought in steps[: k + 1]]))
             for k, step in enumerate(steps)
         ),
         openings=openings(

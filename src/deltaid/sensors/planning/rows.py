@@ -151,9 +151,9 @@ def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
     noise = np.array([channel.noise for channel in sensor.channels])
     dense *= (np.sqrt(scene.count) / noise)[None, :, None]
     flat = dense.reshape(-1, dense.shape[2])
-    stds = np.array([one.std for one in own]).reshape(-1)
+    stds = np.array([parameter.std for parameter in own]).reshape(-1)
     flat = compressed(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
-    open_ = np.array([_is_open(one, sensor) for one in own], dtype=bool)
+    open_ = np.array([_is_open(parameter, sensor) for parameter in own], dtype=bool)
     parts = []
     for known in (np.ones(len(own)), ~open_):
         prior = np.eye(len(own), flat.shape[1]) * known[:, None]

@@ -61,7 +61,7 @@ def instances(mechanism: Mechanism, z: Float[np.ndarray, "samples dof"]) -> tupl
         for body in mechanism.bodies
     ]
     values = ca.Function("poses", [mechanism.z], [ca.horzcat(*poses)])
-    rows = np.stack([np.array(values(one)) for one in z])
+    rows = np.stack([np.array(values(pose)) for pose in z])
     found = [
         Instance(body.name, body.count, rows[:, :, 4 * i : 4 * i + 3], rows[:, :, 4 * i + 3])
         for i, body in enumerate(mechanism.bodies)
@@ -93,7 +93,7 @@ def move_alike(a: Instance, b: Instance) -> Shared | None:
 
     Of a body that only translates all points do, and its origin is taken.
     """
-    free = [one.R for one in (a, b) if np.abs(one.R - one.R[0]).max() > _APART]
+    free = [body.R for body in (a, b) if np.abs(body.R - body.R[0]).max() > _APART]
     still = np.broadcast_to(np.eye(3), (len(a.o), 3, 3))
     signs = [1.0 if R is a.R else -1.0 for R in free]
     M = np.concatenate([s * R for s, R in zip(signs, free, strict=True)] + [-still], axis=2)
@@ -102,7 +102,7 @@ def move_alike(a: Instance, b: Instance) -> Shared | None:
     if np.abs(M @ r - apart).max() > _APART:
         return None
     points = iter(np.split(r, len(free) + 1))
-    r_a, r_b = (next(points) if any(one.R is R for R in free) else np.zeros(3) for one in (a, b))
+    r_a, r_b = (next(points) if any(body.R is R for R in free) else np.zeros(3) for body in (a, b))
     return Shared(r_a, r_b, np.zeros((0, 3)), np.zeros((0, 3)))
 
 

@@ -64,7 +64,7 @@ def goal(name: str, unknowns: Unknowns, scene: Scene, enough: float) -> Goal:
     if name == BODIES:
         return Goal(name, "all bodies", every[unknowns.of_bodies()], 1.0, enough)
     if name == GAINS:
-        at = [k for k, one in enumerate(unknowns.names) if one.startswith("gain.")]
+        at = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
         return Goal(name, "gains of the drives", every[at], 1.0, enough)
     if name == FORCES:
         rows = _forces(unknowns, scene)
@@ -127,16 +127,16 @@ def shopping(
         budget: most that all may cost; None for no bound.
         most: number of steps.
     """
-    rows = [one.likely @ W for one in uses]
+    rows = [use.likely @ W for use in uses]
     steps, spent, done = list[Step](), 0.0, set[int]()
     owned = dict[str, str]()  # by group
     least = _LEAST * len(goal.rows) * goal.weight
     while len(steps) < most:
         before, best, ratio = goal.left(known), None, 0.0
-        for k, one in enumerate(uses):
-            has = owned.get(one.group, one.offer)
-            cost = one.work + (0.0 if one.group in owned else one.price)
-            if k in done or has != one.offer or (budget is not None and spent + cost > budget):
+        for k, use in enumerate(uses):
+            has = owned.get(use.group, use.offer)
+            cost = use.work + (0.0 if use.group in owned else use.price)
+            if k in done or has != use.offer or (budget is not None and spent + cost > budget):
                 continue
             gain = before - goal.left(known.and_rows(rows[k]))
             if gain >= least and gain / max(cost, _NOTHING) > ratio:
@@ -153,5 +153,5 @@ def shopping(
 
 def cost_of(some: Sequence[Use]) -> float:
     """Of several uses together, each offer paid once."""
-    prices = {one.offer: one.price for one in some}
-    return sum(prices.values()) + sum(one.work for one in some)
+    prices = {use.offer: use.price for use in some}
+    return sum(prices.values()) + sum(use.work for use in some)

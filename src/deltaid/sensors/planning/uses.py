@@ -65,7 +65,7 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
 
 def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
     """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
-    rows = [weighing_row(scene, one) for one in weighed]
+    rows = [weighing_row(scene, row) for row in weighed]
     likely, sure = list(rows), list(rows)
     for sensor in all_sensor_rows(scene.dynamics):
         said = sensor_rows(scene, sensor)
@@ -80,11 +80,11 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
     layout = scene.dynamics.layout
     if offer.measured:
         rows = [
-            weighing_row(scene, weighing(one, one.placed, layout, scene.p))
-            for one in offer.measured
+            weighing_row(scene, weighing(measured, measured.placed, layout, scene.p))
+            for measured in offer.measured
         ]
-        for one in offer.measured:
-            _require_bodies(scene.dynamics.robot, one.placed, key)
+        for measured in offer.measured:
+            _require_bodies(scene.dynamics.robot, measured.placed, key)
         yield Use(key, offer.title, key, group, offer.price, work, np.vstack(rows), np.vstack(rows))
         return
     names = list[str]()
@@ -132,7 +132,7 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
 
 def _nothing(key: str, placed: Sequence[Placed]) -> DescriptionError:
     return DescriptionError(
-        f"a share of {' + '.join(one.body for one in placed)}'s value is no standard deviation: "
+        f"a share of {' + '.join(part.body for part in placed)}'s value is no standard deviation: "
         "the value is zero at the prior",
         where=f"offers.{key}.weigh",
         cure="give std as well",
@@ -174,10 +174,10 @@ def _placed(robot: RobotDescription, weigh: Weigh) -> Iterator[tuple[Placed, ...
 
 
 def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str) -> None:
-    for one in placed:
-        if one.body not in robot.body_names:
+    for part in placed:
+        if part.body not in robot.body_names:
             raise DescriptionError(
-                f"{robot.name} has no body '{one.body}'; it has {', '.join(robot.body_names)}",
+                f"{robot.name} has no body '{part.body}'; it has {', '.join(robot.body_names)}",
                 where=f"offers.{key}",
                 cure=f"name one of these, {EACH} or {LIMB}",
             )
@@ -185,18 +185,19 @@ def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str)
 
 def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
     fitted = [
-        (name, one)
+        (name, single)
         for given, sensor in offer.sensors.items()
-        for name, one in _each(scene.dynamics.robot, given, sensor)
+        for name, single in _each(scene.dynamics.robot, given, sensor)
     ]
     if not fitted:
         raise DescriptionError(
             "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
         )
     count = len(fitted) / len(offer.sensors)
-    said = [sensor_rows(scene, rows_of(scene.dynamics, name, one)) for name, one in fitted]
+    said = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
     likely, sure = (
-        compressed(np.vstack([getattr(one, which) for one in said])) for which in ("likely", "sure")
+        compressed(np.vstack([getattr(rows, which) for rows in said]))
+        for which in ("likely", "sure")
     )
     work = count * offer.hours * offers.hourly
     return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
@@ -218,8 +219,8 @@ def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[
 def _is_general(offer: Offer) -> bool:
     """Whether an offer names nothing of a certain robot."""
     return all(
-        isinstance(one, BaseWrench)
-        or (isinstance(one, StrutForce) and one.strut == EACH)
-        or (isinstance(one, JointTorque) and one.drive == EACH)
-        for one in offer.sensors.values()
+        isinstance(sensor, BaseWrench)
+        or (isinstance(sensor, StrutForce) and sensor.strut == EACH)
+        or (isinstance(sensor, JointTorque) and sensor.drive == EACH)
+        for sensor in offer.sensors.values()
     )

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import catalogue, catalogue_text
-from deltaid.studio.cures import difference, own_copy, robot_cured, wanted
+from deltaid.studio.edits import difference, own_copy, robot_cured, wanted
 from deltaid.studio.look import Problem, mapping_cured
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
@@ -38,7 +38,7 @@ async def body(session: Session) -> None:
 def _begin(session: Session) -> None:
     plan = session.plan
     with parts.panel():
-        names = ", ".join(one.file for one in plan.used)
+        names = ", ".join(recording.file for recording in plan.used)
         of = f"{plan.robot} with {names}" if names else f"{plan.robot}, the description only"
         ui.label(f"Of {of}")
         ready = parts.all_mapped(session)
@@ -68,11 +68,12 @@ def _verdicts(session: Session, run: Run) -> None:
     if not session.store.is_checked:
         ui.label("These verdicts are of what was there before the last change.").classes("dim")
     poor = sorted(
-        (one for one in verdicts if one["grade"] != "good"), key=lambda v: _ORDER.index(v["grade"])
+        (verdict for verdict in verdicts if verdict["grade"] != "good"),
+        key=lambda v: _ORDER.index(v["grade"]),
     )
     for verdict in poor:
         _card(session, verdict)
-    good = [one for one in verdicts if one["grade"] == "good"]
+    good = [verdict for verdict in verdicts if verdict["grade"] == "good"]
     if good:
         with ui.expansion(f"{len(good)} checks found nothing").classes("w-full"):
             for verdict in good:
@@ -149,9 +150,9 @@ def _robot_change(
 def _used(session: Session, verdict: dict[str, Any]) -> Used:
     """The recording that a verdict is on: of several it names its own."""
     used = session.plan.used
-    for one in used:
-        if len(used) == 1 or str(verdict["subject"]).startswith(one.file):
-            return one
+    for recording in used:
+        if len(used) == 1 or str(verdict["subject"]).startswith(recording.file):
+            return recording
     raise DeltaidError(
         "is of no single recording", where=str(verdict["key"]), cure="change the mappings by hand"
     )

@@ -26,23 +26,23 @@ _HEIGHT = 190
 
 def curves(seen: Preview) -> Options:
     """Curves of all drives, one row a quantity, over one time axis."""
-    quantities = list(dict.fromkeys(one.quantity for one in seen.curves))
+    quantities = list(dict.fromkeys(curve.quantity for curve in seen.curves))
     plot = make_subplots(rows=len(quantities), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    for one in seen.curves:
-        row = quantities.index(one.quantity) + 1
+    for curve in seen.curves:
+        row = quantities.index(curve.quantity) + 1
         plot.add_trace(
             go.Scatter(
-                x=one.time,
-                y=one.values,
-                name=f"drive {one.drive + 1}",
-                legendgroup=str(one.drive),
+                x=curve.time,
+                y=curve.values,
+                name=f"drive {curve.drive + 1}",
+                legendgroup=str(curve.drive),
                 showlegend=row == 1,
-                line={"color": _COLOURS[one.drive % len(_COLOURS)], "width": 1},
+                line={"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
             ),
             row=row,
             col=1,
         )
-        plot.update_yaxes(title_text=f"{one.quantity} [{one.unit}]", row=row, col=1)
+        plot.update_yaxes(title_text=f"{curve.quantity} [{curve.unit}]", row=row, col=1)
     return _dressed(plot, len(quantities))
 
 

@@ -49,7 +49,7 @@ async def body(session: Session) -> None:
         parts.note("Pick a robot and a recording first.")
         return
     with parts.panel():
-        names = ", ".join(one.file for one in plan.fitted)
+        names = ", ".join(recording.file for recording in plan.fitted)
         verify = f", tested on {plan.verified.file}" if plan.verified else ""
         ui.label(f"{plan.robot} from {names}{verify}")
         if not plan.verified:
@@ -166,7 +166,7 @@ def _reset(session: Session) -> None:
 
 
 def _lag_text(lag: Any) -> str:
-    return lag if isinstance(lag, str) else ",".join(f"{1e3 * one:.10g}" for one in lag)
+    return lag if isinstance(lag, str) else ",".join(f"{1e3 * seconds:.10g}" for seconds in lag)
 
 
 def _lag(text: str) -> Any:
@@ -175,7 +175,7 @@ def _lag(text: str) -> Any:
     if text in ("estimate", "none"):
         return text
     try:
-        return tuple(1e-3 * float(one) for one in text.split(","))
+        return tuple(1e-3 * float(number) for number in text.split(","))
     except ValueError:
         raise DeltaidError(
             f"'{text}' is no lag",

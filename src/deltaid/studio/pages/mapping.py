@@ -81,7 +81,7 @@ def form(
         "dim"
     )
     state = _Form(session, used, data, len(robot.drives))
-    columns, data = [one.address for one in contents.columns], state.data
+    columns, data = [column.address for column in contents.columns], state.data
     if session.drafts.get(state.name) is not None:
         state.take(data)
     _time(state, columns)

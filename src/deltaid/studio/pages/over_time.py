@@ -18,7 +18,7 @@ _SHOWN = ["torques", "errors"]
 
 def over_time(session: Session, models: list[Run], chosen: Run) -> None:
     """A panel with everything of some models along one recording."""
-    known = {one.file: one for one in session.plan.recordings if session.folder.has(one.file)}
+    known = {used.file: used for used in session.plan.recordings if session.folder.has(used.file)}
     if not known:
         return
     verified = session.plan.verified

@@ -205,7 +205,7 @@ def report(session: Session, name: str, label: str) -> None:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A plain table that scrolls by itself if it is too wide."""
-    head = "".join(f"<th scope=col>{escape(one)}</th>" for one in columns)
+    head = "".join(f"<th scope=col>{escape(title)}</th>" for title in columns)
     lines = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )

@@ -39,7 +39,7 @@ def _files(session: Session) -> None:
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
-        known = {one.file: one for one in session.plan.recordings}
+        known = {recording.file: recording for recording in session.plan.recordings}
         for name in dict.fromkeys((*known, *session.folder.recordings())):
             with ui.row().classes("items-center w-full"):
                 ui.label(name).classes("grow long")
@@ -130,8 +130,8 @@ def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDesc
     parts.note("Proposed, and not used yet:\n" + "\n".join(lines))
     fitting = _fitting(session, contents, len(robot.drives))
     with ui.row():
-        for one, of in fitting.items():
-            ui.button(f"Use {one}{of}", on_click=partial(_point, session, used, one)).props(
+        for mapping, of in fitting.items():
+            ui.button(f"Use {mapping}{of}", on_click=partial(_point, session, used, mapping)).props(
                 "no-caps"
             )
         ui.button(
@@ -149,7 +149,9 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
         except DeltaidError:  # no mapping, or not of these drives
             continue
         if names and names <= there:
-            of = [one.file for one in session.plan.recordings if one.mapping == name]
+            of = [
+                recording.file for recording in session.plan.recordings if recording.mapping == name
+            ]
             found[name] = f", as {', '.join(of)} does" if of else ""
     return found
 
@@ -157,9 +159,9 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
 def _another(session: Session, used: Used) -> None:
     """Who shares the mapping, and the way to another one."""
     others = [
-        one.file
-        for one in session.plan.recordings
-        if one.mapping == used.mapping and one.file != used.file
+        recording.file
+        for recording in session.plan.recordings
+        if recording.mapping == used.mapping and recording.file != used.file
     ]
     with ui.row().classes("items-center"):
         if others:

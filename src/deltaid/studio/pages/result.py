@@ -46,7 +46,7 @@ def _commands(run: Run) -> None:
 
 def _validate(session: Session, run: Run) -> None:
     """A model beside any recording of the folder."""
-    known = {one.file: one for one in session.plan.recordings}
+    known = {recording.file: recording for recording in session.plan.recordings}
     if not known:
         return
     with parts.panel("Test this model on a recording"), ui.row().classes("items-center"):
@@ -86,7 +86,7 @@ def _line(session: Session, run: Run, chosen: Run) -> None:
 
 def _provenance(session: Session, run: Run) -> None:
     record = run.record
-    rows = [(one.file, one.sha256[:16]) for one in record.inputs]
+    rows = [(read.file, read.sha256[:16]) for read in record.inputs]
     parts.table(("made from", "SHA-256, first 16 digits"), [*rows, ("deltaid", record.version)])
     _commands(run)
     name = ui.input("Name of this run", value=session.plan.names.get(run.folder, ""))

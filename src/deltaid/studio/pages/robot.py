@@ -8,10 +8,10 @@ from nicegui import ui
 
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text, read_text
-from deltaid.studio.cures import own_copy
 from deltaid.studio.describe import drafted, new_step
 from deltaid.studio.drafting.kinds import KINDS
 from deltaid.studio.drafting.questions import Question, asked
+from deltaid.studio.edits import own_copy
 from deltaid.studio.look import Problem, try_look
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.editor import editor

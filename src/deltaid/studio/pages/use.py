@@ -75,7 +75,7 @@ def _motions(session: Session) -> list[str]:
         for name in (run.file("motion.csv"),)
         if session.folder.has(name)
     ]
-    return [*planned, *(one.file for one in session.plan.recordings)]
+    return [*planned, *(recording.file for recording in session.plan.recordings)]
 
 
 def _begin(session: Session, kind: str, make: Callable[[str], Step]) -> None:
@@ -121,7 +121,7 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
         if not motions:
             parts.note("There is no motion yet: take one from above, or add a recording.")
             return
-        used = {one.file: one.mapping for one in session.plan.recordings}
+        used = {recording.file: recording.mapping for recording in session.plan.recordings}
         with ui.row().classes("items-center"):
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
