@@ -10,7 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import with_filter
-from deltaid.recording.time.words import told_of_holes
+from deltaid.recording.time.clock_doubts import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
 SEMICOLONS = text(recorded(ROWS), ";")
@@ -153,7 +153,7 @@ def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
         assert f"row {bad}: column q2 is 'x'" in refusal(opened, path)
     path = write(path, "# a\n# b\n" + without_rows(150, 152).replace("\n0.1,", "\n# c\n0.1,"))
     log = opened(path)
-    (told,) = told_of_holes(log.clock, log.table, 3, 20)
+    (told,) = doubts_about_holes(log.clock, log.table, 3, 20)
     assert "3 rows are missing in 1 place (1 % of the recording), the first before row 153" in told
 
 

@@ -33,7 +33,7 @@ def waves(rate: float, late: np.ndarray, seconds: float = 2.0) -> np.ndarray:
 def put_right(rows: np.ndarray, late: np.ndarray, rate: float, cuts: list[int]) -> np.ndarray:
     blocks = iter(np.split(rows, cuts))
     kinds = columns(len(late), velocity=True)
-    return np.vstack([*delayed(blocks, kinds, Shift.of(late.tolist(), rate), rate)])
+    return np.vstack([*delayed(blocks, kinds, Shift.of_delays(late.tolist(), rate), rate)])
 
 
 @pytest.mark.parametrize("rate", [100.0, 1000.0, 10_000.0])
@@ -74,7 +74,7 @@ def test_a_common_lag_leaves_every_torque_as_it_was_recorded() -> None:
 
 
 def test_of_drives_that_differ_as_few_as_can_be_are_interpolated() -> None:
-    shift = Shift.of([2.4e-3, -0.6e-3, 2.4e-3, 1.0e-3], 1000.0)
+    shift = Shift.of_delays([2.4e-3, -0.6e-3, 2.4e-3, 1.0e-3], 1000.0)
     assert shift.whole == (2, -1, 2, 1)
     np.testing.assert_allclose(shift.common, 0.4)
     np.testing.assert_allclose(shift.rest, [0, 0, 0, -0.4], atol=1e-9)
@@ -103,4 +103,4 @@ def test_a_segment_shorter_than_the_lag_counts_for_nothing() -> None:
     out = put_right(rows, np.full(2, 9.5e-3), 1000.0, [1])
     assert len(out) == 4
     assert np.all(out[:, -2:] == 0)
-    assert [*delayed(iter([]), columns(2), Shift.of((1e-3, 1e-3), 1000.0), 1000.0)] == []
+    assert [*delayed(iter([]), columns(2), Shift.of_delays((1e-3, 1e-3), 1000.0), 1000.0)] == []

@@ -27,7 +27,7 @@ def test_weights_of_any_rows() -> None:
     expected[10:31, 1] = expected[40, 1] = 0
     weights = Weights(masks, 2)
     for row, count in ((0, 50), (12, 5), (19, 3), (31, 9), (30, 11), (40, 1), (41, 9)):
-        np.testing.assert_array_equal(weights.of(row, count), expected[row : row + count])
+        np.testing.assert_array_equal(weights.of_rows(row, count), expected[row : row + count])
     np.testing.assert_allclose(kept(masks, 2, 50), expected.mean(axis=0))
 
 

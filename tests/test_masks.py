@@ -109,7 +109,7 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     tau[:, 2] = np.round(np.clip(tau[:, 2], -np.inf, 0.6 * high[2]), 2)
     found = searched(replace(one, tau=tau))
     assert {mask.reason for mask in found} == {"saturated torque"}
-    weights = Weights(found, 3).of(0, len(tau))
+    weights = Weights(found, 3).of_rows(0, len(tau))
     at_end = np.zeros_like(tau, dtype=bool)
     at_end[:, 0] = (tau[:, 0] == tau[:, 0].max()) | (tau[:, 0] == tau[:, 0].min())
     at_end[:, 2] = tau[:, 2] == tau[:, 2].max()

@@ -49,7 +49,7 @@ def updated(every: float) -> np.ndarray:
 def test_filters_and_clocks_are_undone_exactly(
     delay: tuple[float, ...], constants: tuple[float, ...], growth: Growth | None
 ) -> None:
-    shift = Shift.of(delay, RATE, constants, growth)
+    shift = Shift.of_delays(delay, RATE, constants, growth)
     found, again = (
         np.vstack([*delayed(blocks(rows(wave(TIME)), size), COLUMNS, shift, RATE)])
         for size in (777, 5000)

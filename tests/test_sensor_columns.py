@@ -208,7 +208,7 @@ def test_columns_in_which_nothing_was_recorded_are_refused(change: pl.Expr, word
 def test_mappings_that_do_not_fit_are_refused(
     sensors: dict[str, SensorColumns | None], words: str
 ) -> None:
-    assert words in refusal(opened, table(), ColumnMapping(sensors=sensors).of("map.yaml"))
+    assert words in refusal(opened, table(), ColumnMapping(sensors=sensors).known_as("map.yaml"))
 
 
 def test_a_wrench_of_which_columns_are_missing_is_refused() -> None:

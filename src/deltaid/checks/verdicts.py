@@ -119,7 +119,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
             DeltaidError: there is not one recording, whose mapping could be meant.
         """
         text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
-        return parse(text, ColumnMapping, where="cured mapping").of("cured mapping")
+        return parse(text, ColumnMapping, where="cured mapping").known_as("cured mapping")
 
     def cured_robot(self) -> RobotDescription:
         """The description with all that is proposed.

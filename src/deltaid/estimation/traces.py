@@ -135,7 +135,7 @@ class Trace:
         `constants` of filters that torques passed [s] and a growth of delays with time."""
         rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
         parts = (
-            _shifted(run, Shift.of(delay.tolist(), rate, filters, growth), rate)
+            _shifted(run, Shift.of_delays(delay.tolist(), rate, filters, growth), rate)
             for run in self.stretches
         )
         long = tuple(run for run in parts if _outputs(self.low_pass, len(run.time)) > 0)

@@ -155,9 +155,9 @@ def _found(
     fields: Sequence[Field], addresses: Sequence[str], where: str, cure: str
 ) -> list[tuple[Field, str]]:
     found = [(address, find(fields, address)) for address in addresses]
-    missing = [address for address, one in found if one is None]
+    missing = [address for address, match in found if match is None]
     if missing:
-        meant = [one[0].name for _, one in found if one is not None and not one[1]]
+        meant = [match[0].name for _, match in found if match is not None and not match[1]]
         guess = near([field for field in fields if field.name not in meant], missing[0])
         opaque = [field.cure for field in fields if field.is_opaque]
         cure = opaque[0] if opaque else cure
@@ -166,7 +166,7 @@ def _found(
             where=where,
             cure=f"did you mean {guess}? Otherwise {cure}" if guess else cure,
         )
-    known = [one for _, one in found if one is not None]
+    known = [match for _, match in found if match is not None]
     for field, _ in known:
         if field.holds:
             raise RecordingError(

@@ -183,7 +183,7 @@ def mapping_of(
                 cure="give one for all, or one a drive",
             )
         columns[_QUANTITY[key]] = tuple(
-            DriveColumn(column=f"{key}{i + 1}", unit=one) for i, one in enumerate(each)
+            DriveColumn(column=f"{key}{i + 1}", unit=unit) for i, unit in enumerate(each)
         )
     if not columns and unit_t is None:
         return None
@@ -193,4 +193,4 @@ def mapping_of(
         velocity=columns.get("velocity"),
         acceleration=columns.get("acceleration"),
         torque=columns.get("torque"),
-    ).of(name)
+    ).known_as(name)

@@ -41,7 +41,7 @@ class Burden:
     pulls: tuple[Pull, ...] = ()
 
     @classmethod
-    def of(
+    def of_loads(
         cls,
         robot: RobotDescription,
         columns: Columns,

@@ -102,7 +102,7 @@ class Columns:
     def sensor_places(self) -> slice:
         """Where the channels of sensors stand in `all`."""
         start = self.extra_places.start
-        return slice(start, start + sum(len(one.channels) for one in self.sensors))
+        return slice(start, start + sum(len(sensor.channels) for sensor in self.sensors))
 
     @property
     def states(self) -> int:
@@ -118,7 +118,7 @@ class Columns:
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors that the log has."""
-        return tuple(one.name for one in self.sensors)
+        return tuple(sensor.name for sensor in self.sensors)
 
     def shown(
         self, extra: Float[np.ndarray, "samples extra"]

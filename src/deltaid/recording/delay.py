@@ -25,6 +25,7 @@ from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.table import recut
+from deltaid.recording.time.resampling import weights_at
 
 # Samples on either side that a torque, one with its slope, and a motion are interpolated from.
 _TORQUE, _SLOPE, _MOTION = 2, 3, 4
@@ -75,7 +76,7 @@ class Shift:
     grown: int = 0
 
     @classmethod
-    def of(
+    def of_delays(
         cls,
         delay: Sequence[float],
         rate: float,
@@ -92,7 +93,8 @@ class Shift:
         count = max(len(delay), len(constants))
         samples = np.asarray(delay if len(delay) else np.zeros(count), dtype=float) * rate
         parts = samples - np.round(samples)
-        alike = np.abs(_to_nearest(samples[:, None] - samples[None, :])) < _NONE
+        apart = samples[:, None] - samples[None, :]
+        alike = np.abs(apart - np.round(apart)) < _NONE
         common = float(parts[np.argmax(alike.sum(axis=1))]) if parts.size and not growth else 0.0
         whole = np.round(samples - common)
         rest = samples - common - whole
@@ -235,11 +237,6 @@ def _padded(segment: Iterable[Rows], before: int, after: int, columns: Columns) 
     yield beyond(last[-1:], after)
 
 
-def _to_nearest(x: np.ndarray) -> np.ndarray:
-    """How far numbers are from whole ones."""
-    return x - np.round(x)
-
-
 def around(place: float, half: int) -> list[tuple[int, float]]:
     """Samples about a place and their shares of the value there, by Lagrange's polynomial.
 
@@ -252,8 +249,8 @@ def around(place: float, half: int) -> list[tuple[int, float]]:
     if s == 0.0:
         return [(whole, 1.0)]
     points = np.arange(1 - half, half + 1)
-    shares = [np.prod([(s - m) / (k - m) for m in points if m != k]) for k in points]
-    return [(whole + int(k), float(share)) for k, share in zip(points, shares, strict=True)]
+    shares = weights_at(points[None].astype(float), np.array([s]))[0]
+    return list(zip((whole + points).tolist(), shares.tolist(), strict=True))
 
 
 def _taps(place: float, constant: float) -> list[tuple[int, float]]:
@@ -263,7 +260,7 @@ def _taps(place: float, constant: float) -> list[tuple[int, float]]:
     whole = int(np.floor(place))
     points = np.arange((0 if place == whole else 1) - _SLOPE, _SLOPE + 1)
     shares = _shares(np.array([place - whole]), points, constant)[0]
-    return [(whole + int(k), float(share)) for k, share in zip(points, shares, strict=True)]
+    return list(zip((whole + points).tolist(), shares.tolist(), strict=True))
 
 
 def _read(

@@ -74,7 +74,7 @@ def excerpt(
     count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
     length = -(-wanted // count) + lost
     if samples <= _WHOLE * count * length:
-        parts = (list(one) for one in segments)
+        parts = (list(segment) for segment in segments)
         return Excerpt(columns, tuple(np.concatenate(x) for x in parts if x), whole=True)
     starts = np.linspace(0, samples - length, count).astype(int)
     return Excerpt(columns, tuple(_cut(segments, starts.tolist(), length)), whole=False)
@@ -137,5 +137,5 @@ class Kept:
 
 def places_among(columns: Columns, some: Columns) -> np.ndarray | None:
     """Where channels of some columns stand among others; None if they are all of them."""
-    places = [columns.all.index(one) for one in some.all]
+    places = [columns.all.index(channel) for channel in some.all]
     return None if len(places) == len(columns.all) else np.array(places)

@@ -86,7 +86,7 @@ class Gears:
         wound = [self.compliance * convolved(taps, tau)
                  for taps in (low_pass.level, low_pass.first, low_pass.second)]  # fmt: skip
         recorded = (columns.position, columns.velocity, columns.acceleration)
-        kept = [by for by, one in zip(wound, recorded, strict=True) if one]
+        kept = [by for by, channels in zip(wound, recorded, strict=True) if channels]
         out[:, columns.motion_places] -= np.hstack(kept)
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])

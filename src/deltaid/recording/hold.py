@@ -24,6 +24,7 @@ from scipy.stats import chi2
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.table import recut
+from deltaid.recording.time.resampling import weights_at
 
 # Updates on either side that a value is interpolated from; rows put right at once.
 _HALF, _AT_ONCE = 2, 8000
@@ -82,18 +83,18 @@ def filled(
         hold: of each drive.
         rate: rows per second.
     """
-    margin, drives = 2 * max(one.spread for one in hold) + 1, len(hold)
+    margin, drives = 2 * max(own.spread for own in hold) + 1, len(hold)
     marked = _padded(_marked(segment, columns, hold, rate), margin, drives)
     for wide in recut(marked, _AT_ONCE, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
-        for i, one in enumerate(hold):
-            if one:
+        for i, own in enumerate(hold):
+            if own:
                 place, weight = columns.torque_places.start + i, out.shape[1] - drives + i
                 knots, tau = np.flatnonzero(wide[:, i - drives] > 0), wide[:, place]
-                if one.phase is not None:  # means of an update's rows
+                if own.phase is not None:  # means of an update's rows
                     sums = np.append(0.0, np.cumsum(tau))
-                    ends = np.minimum(np.arange(len(tau)) + round(one.rows), len(tau))
+                    ends = np.minimum(np.arange(len(tau)) + round(own.rows), len(tau))
                     tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
                 out[:, place], least = _between(tau, wide[:, weight], knots, inner)
                 out[:, weight] = np.minimum(out[:, weight], least)
@@ -108,12 +109,7 @@ def _between(
     inside = (first >= 0) & (first + 2 * _HALF <= len(knots))
     value, least = tau[rows], np.where(inside, weight[rows], 0.0)
     own = knots[first[inside, None] + np.arange(2 * _HALF)]
-    s = rows[inside, None] - own.astype(float)
-    shares = np.ones(own.shape)
-    for k in range(2 * _HALF):
-        for m in range(2 * _HALF):
-            if m != k:
-                shares[:, k] *= s[:, m] / (own[:, k] - own[:, m])
+    shares = weights_at(own.astype(float), rows[inside].astype(float))
     value[inside] = np.sum(shares * tau[own], axis=1)
     used = np.where(shares != 0.0, weight[own], np.inf)
     least[inside] = np.min(used, axis=1)
@@ -125,7 +121,7 @@ def _marked(
 ) -> Iterator[Rows]:
     """Rows with a further column a drive: 1 where its torque has been updated."""
     before, since = None, np.full(len(hold), _NEVER)
-    longest = np.array([max(1, int(np.ceil(one.rows))) for one in hold])
+    longest = np.array([max(1, int(np.ceil(own.rows))) for own in hold])
     for rows in segment:
         if not len(rows):
             continue
@@ -135,9 +131,9 @@ def _marked(
         number = np.arange(len(rows))[:, None]
         last = np.maximum.accumulate(np.where(changed, number, since), axis=0)
         marks = ((number - last) % longest == 0) & (last > _NEVER // 2)
-        for i, one in enumerate(hold):
-            if one.phase is not None:
-                marks[:, i] = row_numbers(rows, rate) % round(one.rows) == one.phase
+        for i, own in enumerate(hold):
+            if own.phase is not None:
+                marks[:, i] = row_numbers(rows, rate) % round(own.rows) == own.phase
         yield np.hstack([rows, marks])
         before, since = tau[-1:], np.where(last[-1] > _NEVER // 2, last[-1] - len(rows), _NEVER)
 

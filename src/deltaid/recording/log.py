@@ -16,8 +16,8 @@ from deltaid.recording.masks.stale import bridged
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch, read_batches
 from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.clock_doubts import doubts_about_holes
 from deltaid.recording.time.segments import longest_hole, segments
-from deltaid.recording.time.words import told_of_holes
 from deltaid.shown import Shown
 
 # The longest stretch of stale rows in whose place a motion is put [s].
@@ -128,9 +128,9 @@ class Log(Shown):
         stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, self.columns.motion_places
         for batch in bridged(self._read(), stale, motion):
-            values = np.hstack([batch.values, weights.of(row, len(batch.values))])
+            values = np.hstack([batch.values, weights.of_rows(row, len(batch.values))])
             if sensors.start < sensors.stop:
-                values[untold.of(row, len(values))[:, 0] == 0.0, sensors] = np.nan
+                values[untold.of_rows(row, len(values))[:, 0] == 0.0, sensors] = np.nan
             yield Batch(batch.row, values)
             row += len(batch.values)
 
@@ -166,6 +166,6 @@ class Log(Shown):
         """
         if self.laid.steady:
             return self
-        told = told_of_holes(self.laid, self.table, self.bridged(cutoff), shortest)
-        told = [text for text in told if text not in self.warnings]
-        return replace(self, warnings=(*self.warnings, *told))
+        doubts = doubts_about_holes(self.laid, self.table, self.bridged(cutoff), shortest)
+        doubts = [doubt for doubt in doubts if doubt not in self.warnings]
+        return replace(self, warnings=(*self.warnings, *doubts))

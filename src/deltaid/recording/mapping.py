@@ -67,7 +67,7 @@ class ColumnMapping(Shown, Part):
         """The file it comes from, for messages."""
         return self._source
 
-    def of(self, source: str) -> "ColumnMapping":
+    def known_as(self, source: str) -> "ColumnMapping":
         """The same, known by the file that it comes from."""
         mapping = self.model_copy()
         mapping._source = source
@@ -115,7 +115,7 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
     """
     if not isinstance(columns, Sequence) or isinstance(columns, str):
         return [as_mapping(columns)] * recordings
-    columns = [as_mapping(one) for one in columns]
+    columns = [as_mapping(mapping) for mapping in columns]
     if len(columns) == 1:
         return [columns[0]] * recordings
     if len(columns) not in (0, recordings):
@@ -140,7 +140,7 @@ def as_mapping(columns: object) -> ColumnMapping | None:
     if isinstance(columns, str | Path):
         return load_mapping(columns)
     if isinstance(columns, Mapping):
-        return ColumnMapping.from_dict(columns, "columns").of("columns")
+        return ColumnMapping.from_dict(columns, "columns").known_as("columns")
     raise RecordingError(
         f"a {type(columns).__name__} is no mapping of columns",
         where="columns",
@@ -155,4 +155,4 @@ def load_mapping(path: str | Path) -> ColumnMapping:
     Raises:
         DescriptionError: the file does not fit.
     """
-    return load_yaml(Path(path), ColumnMapping).of(str(path))
+    return load_yaml(Path(path), ColumnMapping).known_as(str(path))

@@ -198,7 +198,7 @@ def as_sources(given: object) -> list[Path | Recording]:
     if not isinstance(given, Sequence) or isinstance(given, str):
         return [as_source(given)]
     several = len(given) > 1
-    return [as_source(one, f"table {i + 1}" if several else "table") for i, one in enumerate(given)]
+    return [as_source(log, f"table {i + 1}" if several else "table") for i, log in enumerate(given)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,11 +268,11 @@ def _series(key: str, column: Any) -> pl.Series:
         return pl.Series(key, column.to_numpy(dtype="timedelta64[ns]"))
     if kind == "O" and len(column) and isinstance(column.iloc[0], list | tuple | np.ndarray):
         try:
-            return pl.Series(key, np.stack([numbers_of(one, key) for one in column]))
+            return pl.Series(key, np.stack([numbers_of(row, key) for row in column]))
         except (RecordingError, ValueError):
             pass  # no numbers, or not as many in each row
     elif kind == "O" and len(column) and isinstance(column.iloc[0], str):
-        texts = [one if isinstance(one, str) else None for one in column]
+        texts = [text if isinstance(text, str) else None for text in column]
         return pl.Series(key, texts, dtype=pl.String)
     return pl.repeat(None, len(column), dtype=pl.String, eager=True)
 

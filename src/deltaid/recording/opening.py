@@ -79,12 +79,12 @@ def open_log(
             )
         )
     with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(table.checksum, [one.column for one in columns.recorded])
+        digest = beside.submit(table.checksum, [channel.column for channel in columns.recorded])
         unwrapping, kept = Unwrapping(columns), Kept(columns)
         batches = kept.taking(read_batches(table, columns, unwrapping))
         for seen in ordered(survey.look, batches):
             survey.add(seen)
-        survey.warnings += unwrapping.told(table)
+        survey.warnings += unwrapping.doubts(table)
         clock = _clock(survey)
         survey.finish(clock)
     masks = _masks(survey, clock) if not keep_all else ()

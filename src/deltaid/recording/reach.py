@@ -100,7 +100,7 @@ class ReachCheck:
             self.first_outside = f"row {row + i} at [{x:.3f}, {y:.3f}, {height:.3f}] m"
         self.outside += outside.size
 
-    def told(self, samples: int) -> list[Doubt]:
+    def doubts(self, samples: int) -> list[Doubt]:
         """What is doubtful of so many samples: outside of the workspace, or near a singularity."""
         doubts: list[Doubt] = []
         if self.outside:

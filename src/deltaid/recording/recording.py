@@ -127,10 +127,10 @@ class Recording(Shown):
         directions = None if log.keep_all else self._directions
         burden = None
         if (repairs := self.repairs).loads or repairs.pulls:
-            burden = Burden.of(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
+            burden = Burden.of_loads(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
         for rows in log.segments(self.motion_cutoff):
             timed = in_time(rows, log.columns, log.rate)
-            repaired = self.repairs.of(timed, log.columns, log.rate)
+            repaired = self.repairs.apply(timed, log.columns, log.rate)
             for uncut in cut(repaired, log.columns, kinematics, self.low_pass, directions, burden):
                 if uncut.samples:
                     yield replace(uncut, start=start)
@@ -163,9 +163,9 @@ class Recording(Shown):
         Gaps cut windows short, and it takes more of them then.
         """
         every, rows = list[Uncut](), 0
-        for one in self._uncut(kinematics):
-            every.append(one)
-            rows += one.samples
+        for uncut in self._uncut(kinematics):
+            every.append(uncut)
+            rows += uncut.samples
             if rows >= _FEW * WINDOW:
                 break
         count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))

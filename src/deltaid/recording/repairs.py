@@ -96,7 +96,7 @@ class Repairs:
     loads: tuple[tuple[float, ...], ...] = ()
     pulls: tuple[Pull, ...] = ()
 
-    def of(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
+    def apply(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
         """The rows of one segment, put right.
 
         Args:
@@ -128,7 +128,7 @@ class Repairs:
 
     def shift(self, rate: float) -> Shift:
         """Delays, filters and clocks at a sampling rate [Hz]."""
-        return Shift.of(self.delay, rate, self.constants, self.growth)
+        return Shift.of_delays(self.delay, rate, self.constants, self.growth)
 
     @property
     def lag(self) -> tuple[float, ...]:

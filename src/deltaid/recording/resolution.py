@@ -101,9 +101,9 @@ def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
     if rate is not None and mapping.time.is_absent:
         return TimeChannel("time", 1 / rate, 0.0, is_absent=True)
     if "column" not in declared:
-        name = next((one for one in TIMES if find(table.fields, one)), name)
+        name = next((default for default in TIMES if find(table.fields, default)), name)
     found = find(table.fields, name)
-    positions = (any(find(table.fields, one) for one in names) for names in mapping.needed[1:])
+    positions = (any(find(table.fields, name) for name in names) for names in mapping.needed[1:])
     if found is None and "column" not in declared and all(positions):
         raise RecordingError(
             f"has no time: no column {' or '.join(TIMES)}; its columns are {listing(table.fields)}",

@@ -61,14 +61,14 @@ def _require_known(name: str, sensors: Sensors, source: str) -> None:
 
 
 def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tuple[Channel, ...]:
-    names = [one.name for one in shown]
+    names = [number.name for number in shown]
     there = [find(table.fields, column) is not None for column in names]
     if not any(there):
         names = [f"{name}[{i}]" for i in range(len(shown))]
         if not find(table.fields, names[0]):
             return ()
     elif not all(there):
-        missing = [one for one, is_there in zip(names, there, strict=True) if not is_there]
+        missing = [column for column, is_there in zip(names, there, strict=True) if not is_there]
         raise RecordingError(
             f"has some columns of sensor {name}, but no {', '.join(missing)}",
             where=table.header_place,
@@ -77,8 +77,8 @@ def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tu
             f"or leave it out of this recording by `sensors: {{{name}: null}}`",
         )
     return tuple(
-        Channel(column, _scale(None, column, one, table, ""), 0.0)
-        for column, one in zip(names, shown, strict=True)
+        Channel(column, _scale(None, column, number, table, ""), 0.0)
+        for column, number in zip(names, shown, strict=True)
     )
 
 
@@ -90,7 +90,8 @@ def _declared(
     if len(names) != count:
         raise RecordingError(
             f"lists {len(names)} column{'s' if len(names) != 1 else ''}, but the sensor shows "
-            f"{count} number{'s' if count > 1 else ''}: {', '.join(one.name for one in shown)}",
+            f"{count} number{'s' if count > 1 else ''}: "
+            f"{', '.join(number.name for number in shown)}",
             where=f"{where}.columns",
             cure="list one a number, in this order",
         )
@@ -98,8 +99,8 @@ def _declared(
     signs = _each(given.sign, count, f"{where}.sign")
     zeros = _each(given.zero, count, f"{where}.zero")
     return tuple(
-        Channel(name, sign * _scale(unit, name, one, table, f"{where}.unit"), zero)
-        for name, one, unit, sign, zero in zip(names, shown, units, signs, zeros, strict=True)
+        Channel(name, sign * _scale(unit, name, number, table, f"{where}.unit"), zero)
+        for name, number, unit, sign, zero in zip(names, shown, units, signs, zeros, strict=True)
     )
 
 

@@ -60,7 +60,7 @@ class Table(ABC):
     @property
     def header(self) -> tuple[str, ...]:
         """Names of what it holds."""
-        return tuple(one.name for one in self.fields)
+        return tuple(entry.name for entry in self.fields)
 
     @property
     def header_place(self) -> str:
@@ -98,6 +98,10 @@ class Table(ABC):
     def row_place(self, row: int) -> str:
         """One row, for messages."""
         return f"{self.path}, row {row}"
+
+    def row_name(self, row: int) -> str:
+        """One row without the file, for a message that names the file already."""
+        return self.row_place(row).removeprefix(f"{self.path}, ")
 
     @property
     def cure_of_missing(self) -> str:

@@ -16,7 +16,7 @@ from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import Batch, recut
 from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
-from deltaid.recording.time.words import told_of_stamps
+from deltaid.recording.time.clock_doubts import doubts_about_stamps
 
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.
@@ -147,9 +147,9 @@ class Survey:
         self._check_constant()
         self.sensors.require()
         self.warnings += self.derivatives.warnings(where)
-        self.warnings += self.reach.told(self.samples)
-        self.warnings += self.loads.told() + self.sensors.told()
-        self.warnings += told_of_stamps(clock, self.table, self.columns.time.column)
+        self.warnings += self.reach.doubts(self.samples)
+        self.warnings += self.loads.doubts() + self.sensors.doubts()
+        self.warnings += doubts_about_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 
     def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:

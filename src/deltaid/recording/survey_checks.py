@@ -152,7 +152,7 @@ def _stated(robot: RobotDescription, drive: str) -> tuple[float | None, ...]:
 
 @dataclass
 class SensorCheck:
-    """Running check; `add` all rows, then `require` and ask what is `told`."""
+    """Running check; `add` all rows, then `require` and ask for `doubts`."""
 
     table: Table
     columns: Columns
@@ -200,14 +200,14 @@ class SensorCheck:
                 f"this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
             )
 
-    def told(self) -> list[Doubt]:
-        """Rows without a number."""
+    def doubts(self) -> list[Doubt]:
+        """Rows in which a sensor has no number."""
         named = self._named()
         return [
             Doubt(
                 f"column {named[k][1]} of sensor {named[k][0]} holds no number in "
                 f"{self._empty[k]} of {self._rows} rows, the first "
-                f"{self.table.row_place(row).removeprefix(f'{self.table.path}, ')}",
+                f"{self.table.row_name(row)}",
                 cause="the sensor is read less often than the drives, or lost its connection",
                 cure="such rows do not count for the sensor; all others do",
             )
@@ -216,4 +216,4 @@ class SensorCheck:
 
     def _named(self) -> list[tuple[str, str]]:
         """Sensor and column of each channel."""
-        return [(one.name, c.column) for one in self.columns.sensors for c in one.channels]
+        return [(sensor.name, c.column) for sensor in self.columns.sensors for c in sensor.channels]

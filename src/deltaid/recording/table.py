@@ -56,13 +56,13 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
             start = file.read(_START)
         if not start:
             raise RecordingError("is empty", where=str(path), cure="copy or export it again")
-    found = next((one for one in FORMATS if one.claims(start, path)), None)
+    found = next((kind for kind in FORMATS if kind.claims(start, path)), None)
     if found and not found.unpacks and (packing := packed_by(path)):
         raise RecordingError(f"is {found.name} inside {packing}", where=str(path), cure="unpack it")
     if found is None:
         _require_known(start, path)
         suffix = path.suffix.lower()
-        found = next((one for one in FORMATS if suffix in one.suffixes), FORMATS[-1])
+        found = next((kind for kind in FORMATS if suffix in kind.suffixes), FORMATS[-1])
     return found.open(path, mapping or ColumnMapping())
 
 
@@ -143,7 +143,7 @@ def to_si(
         for k, (channel, numbers) in enumerate(zip(channels, rows.numbers, strict=True)):
             # A null becomes NaN.
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
-            if unwrapper := unwrapping.of(k):
+            if unwrapper := unwrapping.unwrapper(k):
                 array = unwrapper.add(np.asarray(array, dtype=np.float64), row)
             if k >= columns.sensor_places.stop:
                 array = _states(array, rows.written[k])

@@ -49,7 +49,7 @@ class Samples:
 
     def part(self, which: slice) -> "Samples":
         """Some of them."""
-        return Samples(*(getattr(self, one.name)[which] for one in fields(self)))
+        return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels (channels, samples) times the weights of the drives that they belong to.

@@ -51,16 +51,17 @@ class Bag:
         Raises:
             RecordingError: the bag is damaged.
         """
-        with _told(self.path):
+        with _reporting(self.path):
             wanted = [
-                one
-                for one in self._reader.connections
-                if one.topic in topics and one.msgtype == self.topics[one.topic]
+                connection
+                for connection in self._reader.connections
+                if connection.topic in topics
+                and connection.msgtype == self.topics[connection.topic]
             ]
             # Without any, rosbags would give the messages of all topics.
             found: Iterator[Any] = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
-            with _told(self.path):
+            with _reporting(self.path):
                 chunk = [_typed(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
                 if chunk and chunk[0][2].startswith(_ZSTD):
                     chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
@@ -93,10 +94,10 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
     rosbag1, rosbag2 = (library(f"rosbags.rosbag{k}", "a ROS bag", path) for k in (1, 2))
     with ExitStack() as stack:
         place = stack.enter_context(_as_rosbags_knows_it(path))
-        with _told(path):
+        with _reporting(path):
             cdr = place.suffix != ".bag"
             reader = stack.enter_context((rosbag2 if cdr else rosbag1).Reader(place))
-            topics = {one.topic: one.msgtype for one in reader.connections}
+            topics = {connection.topic: connection.msgtype for connection in reader.connections}
         yield Bag(path, topics, cdr, reader)
 
 
@@ -132,11 +133,11 @@ def _as_rosbags_knows_it(path: Path) -> Generator[Path, None, None]:
 def storage(folder: Path) -> list[Path]:
     """The files of messages in a folder."""
     ends = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-    return sorted(one for one in folder.iterdir() if one.name.endswith(ends))
+    return sorted(path for path in folder.iterdir() if path.name.endswith(ends))
 
 
 @contextmanager
-def _told(path: Path) -> Generator[None, None, None]:
+def _reporting(path: Path) -> Generator[None, None, None]:
     """Turn whatever comes out of the libraries that unpack a bag into one message.
 
     Over damaged bytes they fail with assertions, lookups, wrong types, struct and codec errors, too

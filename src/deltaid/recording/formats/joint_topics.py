@@ -110,7 +110,9 @@ def in_order(joints: Sequence[str]) -> list[str] | None:
 
 def mapping_lines(topics: Sequence[Topic]) -> str:
     """A mapping with all joints of the topic of positions, to be put into the order of q."""
-    topic = _main(topics) or next((one for one in topics if "position" in one.joints), topics[0])
+    topic = _main(topics) or next(
+        (topic for topic in topics if "position" in topic.joints), topics[0]
+    )
     joints = _by_number(topic.joints.get("position") or next(iter(topic.joints.values()), ()))
     lines: list[str] = []
     for quantity, (key, unit, _) in _QUANTITIES.items():
@@ -125,15 +127,15 @@ def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> To
     able = [topic for topic in topics if set(joints) <= set(topic.joints.get(quantity, ()))]
     plain = [topic for topic in able if topic.type == _JOINT_STATE]
     main = [topic for topic in able if topic is _main(topics)]
-    return next((one[0] for one in (main, plain, able) if len(one) == 1), None)
+    return next((tellers[0] for tellers in (main, plain, able) if len(tellers) == 1), None)
 
 
 def _main(topics: Sequence[Topic]) -> Topic | None:
     """The one topic of positions; JointState goes before the same as DynamicJointState."""
     told = [topic for topic in topics if "position" in topic.joints]
     plain = [topic for topic in told if topic.type == _JOINT_STATE]
-    one = plain or told
-    return one[0] if len(one) == 1 else None
+    tellers = plain or told
+    return tellers[0] if len(tellers) == 1 else None
 
 
 def _topic(bag: Bag, name: str) -> Topic | None:

@@ -54,7 +54,7 @@ class RosBag:
             cause="their names end in numbers, and no mapping says more",
             cure="if the order is another, name the joints in a mapping",
         )
-        arrays = [one for topic in topics for one in topic.fields]
+        arrays = [array for topic in topics for array in topic.fields]
         return BagTable(
             path,
             (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
@@ -125,7 +125,7 @@ class BagTable(Table):
                     f"{found[0].name} holds {found[0].holds}, so nothing is recorded there",
                     where=str(self.path),
                     cure="let the driver publish it and record again, or map what holds it: "
-                    + listing([one for one in self.fields if one.labels]),
+                    + listing([field for field in self.fields if field.labels]),
                 )
         return super().picks(columns)
 

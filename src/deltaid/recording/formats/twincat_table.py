@@ -190,7 +190,7 @@ class ScopeTable(Table):
                     cure="give a whole recording, or leave the channel out of the mapping",
                 )
             time, values = block[:, 0], block[:, 1:]
-            same = [k for k, one in enumerate(signals) if np.array_equal(one.time, time)]
+            same = [k for k, signal in enumerate(signals) if np.array_equal(signal.time, time)]
             if same:
                 signals[same[0]] = Signal(time, np.hstack([signals[same[0]].values, values]))
                 order[same[0]] += groups[start]
@@ -271,8 +271,8 @@ def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
 
 def _scaled(trace: Trace) -> list[Doubt]:
     """What is to be said of a channel that Scope scales."""
-    scales = {word: _number(trace.scales.get(word), one) for word, one in _NEUTRAL.items()}
-    said = [f"{word} {scales[word]:g}" for word, one in _NEUTRAL.items() if scales[word] != one]
+    scales = {word: _number(trace.scales.get(word), usual) for word, usual in _NEUTRAL.items()}
+    said = [f"{word} {scales[word]:g}" for word, usual in _NEUTRAL.items() if scales[word] != usual]
     if not said:
         return []
     factor, offset = scales["ScaleFactor"], scales["Offset"]

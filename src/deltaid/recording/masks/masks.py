@@ -68,8 +68,8 @@ class Weights:
             spans = sorted((mask.first, mask.last) for mask in masks if i in mask.drives)
             self.spans.append(joined(np.array(spans, dtype=np.int64).reshape(-1, 2)))
 
-    def of(self, row: int, count: int) -> Float[np.ndarray, "rows drives"]:
-        """Of consecutive rows."""
+    def of_rows(self, row: int, count: int) -> Float[np.ndarray, "rows drives"]:
+        """Weights of consecutive rows."""
         weights = np.ones((count, len(self.spans)))
         for i, spans in enumerate(self.spans):
             near = slice(

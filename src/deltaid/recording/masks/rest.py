@@ -112,7 +112,7 @@ class RestSearch:
         rests = []
         for rest in self._rests:
             slow = [rest] if self._slow(rest) else filter(self._slow, rest.parts)
-            rests += [(one.first, one.last) for one in slow]
+            rests += [(part.first, part.last) for part in slow]
         return joined(np.array(rests, dtype=np.int64).reshape(-1, 2))
 
     @property

@@ -105,12 +105,12 @@ class MaskSearch:
             saturated = np.concatenate([joined(e.runs(largest), between) for e in ends])
             ordered = saturated[np.argsort(saturated[:, 0])]
             found.append(("saturated torque", (i,), without(ordered, on_brakes)))
-        return [one for one in found if len(one[2])]
+        return [part for part in found if len(part[2])]
 
 
 @dataclass
 class LoadSearch:
-    """Running search; `add` consecutive rows, then ask for `masks` and `told`."""
+    """Running search; `add` consecutive rows, then ask for `masks` and `doubts`."""
 
     table: Table
     columns: Columns
@@ -149,7 +149,7 @@ class LoadSearch:
         drives = tuple(range(len(self.columns.torque)))
         return timed([(LOAD_CHANGES, drives, runs)] if drives else [], clock)
 
-    def told(self) -> list[Doubt]:
+    def doubts(self) -> list[Doubt]:
         """Spans in which nothing was recorded."""
         if self._ever is None:
             return []

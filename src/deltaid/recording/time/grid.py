@@ -67,11 +67,12 @@ def place(time: Times) -> Grid:
     breaks = far_steps(time, period, sharing)
     pieces = np.split(np.arange(len(time)), breaks)
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
-    rates = np.array([[len(one.kept), one.period] for one in placed if len(one.kept) >= _FEWEST])
+    enough = [piece for piece in placed if len(piece.kept) >= _FEWEST]
+    rates = np.array([[len(piece.kept), piece.period] for piece in enough])
     if len(rates):
         period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
-    lost = [one.lost for one in placed]
-    kept = [rows[one.kept] for rows, one in zip(pieces, placed, strict=True)]
+    lost = [piece.lost for piece in placed]
+    kept = [rows[piece.kept] for rows, piece in zip(pieces, placed, strict=True)]
     for here in range(1, len(placed)):
         step = time[kept[here][0]] - time[kept[here - 1][-1]]
         off = period * (placed[here].off[0] - placed[here - 1].off[-1])

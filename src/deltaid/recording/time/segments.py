@@ -57,7 +57,7 @@ def segments(
         yield iter(batches)
         return
     parts = _parts(batches, clock, _Run(clock, longest, drives, held, sensors))
-    for _, part in groupby(parts, key=lambda one: one[0]):
+    for _, part in groupby(parts, key=lambda part: part[0]):
         yield (rows for _, rows in part)
 
 

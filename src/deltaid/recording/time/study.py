@@ -19,6 +19,7 @@ from deltaid.recording.time.grid import (
     usual_step,
 )
 from deltaid.recording.time.hole_places import revised
+from deltaid.recording.time.resampling import weights_at
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
 _SIZE, _EDGE = 1 << 16, 1024
@@ -262,12 +263,11 @@ def _rough(
 ) -> Float[np.ndarray, "inner dof"]:
     """What the cubic through two rows before and two after each row misses it by."""
     count = len(x) - 4
-    nodes = np.stack([x[k : k + count] for k in (0, 1, 3, 4)])
-    middle = x[2:-2]
+    beside = (0, 1, 3, 4)
+    nodes = np.column_stack([x[k : k + count] for k in beside])
     missed = q[2:-2].copy()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for j, k in enumerate((0, 1, 3, 4)):
-            others = np.delete(nodes, j, axis=0)
-            weight = ((middle - others) / (nodes[j] - others)).prod(axis=0)
+        weights = weights_at(nodes, x[2:-2])
+        for k, weight in zip(beside, weights.T, strict=True):
             missed -= weight[:, None] * q[k : k + count]
     return missed

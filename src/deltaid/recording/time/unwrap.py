@@ -110,29 +110,30 @@ class Unwrapping:
         self._columns = columns
         self._time = Unwrapper((), _CYCLES, rising=True)
         self._positions = [
-            Unwrapper((one.turn,) if one.turn else (), _OVERFLOWS) for one in columns.position
+            Unwrapper((channel.turn,) if channel.turn else (), _OVERFLOWS)
+            for channel in columns.position
         ]
 
-    def of(self, channel: int) -> Unwrapper | None:
+    def unwrapper(self, channel: int) -> Unwrapper | None:
         """What a channel of `Columns.all` takes; None if it never starts again."""
         if not channel:
             return self._time
         return self._positions[channel - 1] if channel <= len(self._positions) else None
 
-    def told(self, table: Table) -> list[Doubt]:
-        """What was made to go on."""
+    def doubts(self, table: Table) -> list[Doubt]:
+        """Columns that were made to go on."""
         names = [channel.column for channel in self._columns.all]
         found: Sequence[Unwrapper] = (self._time, *self._positions)
         return [
             Doubt(
-                f"column {name} starts again after {_numbers(one.period)} in {one.count} "
-                f"row{'s' if one.count > 1 else ''}, the first "
-                f"{table.row_place(one.first).removeprefix(f'{table.path}, ')}: taken to go on",
-                cause=_why(one.period),
+                f"column {name} starts again after {_numbers(unwrapper.period)} in "
+                f"{unwrapper.count} row{'s' if unwrapper.count > 1 else ''}, the first "
+                f"{table.row_name(unwrapper.first)}: taken to go on",
+                cause=_why(unwrapper.period),
                 cure="nothing is to be done, unless it was set anew there: then split the log",
             )
-            for name, one in zip(names, found, strict=False)
-            if one.count
+            for name, unwrapper in zip(names, found, strict=False)
+            if unwrapper.count
         ]
 
 

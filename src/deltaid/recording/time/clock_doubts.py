@@ -13,13 +13,13 @@ _WORTH = 0.01
 _MOST_WILD = 0.2
 
 
-def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
+def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
     """Stamps that are none, jitter, uneven sampling, rows that are left out.
 
     Raises:
         RecordingError: too many stamps are none.
     """
-    told: list[Doubt] = []
+    doubts: list[Doubt] = []
     if clock.wild > _MOST_WILD * clock.rows:
         raise RecordingError(
             f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
@@ -29,7 +29,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
             "or give the sampling rate in its place (time: {rate: 1000})",
         )
     if clock.wild:
-        told.append(
+        doubts.append(
             Doubt(
                 f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
                 f"in {_row(table, np.array([clock.first_wild]))}: left out",
@@ -41,7 +41,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
     share = clock.jitter * clock.rate
     off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
     if clock.even is False:
-        told.append(
+        doubts.append(
             Doubt(
                 f"samples were taken at uneven times, off by {off}: positions follow the stamps of "
                 f"{column}, so all is interpolated at {clock.rate:.6g} Hz",
@@ -52,7 +52,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
         )
     elif share > _WORTH:
         why = "positions are even" if clock.even else "positions do not show which is right"
-        told.append(
+        doubts.append(
             Doubt(
                 f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "
                 f"{clock.rate:.6g} Hz",
@@ -63,7 +63,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
             )
         )
     if clock.doubled:
-        told.append(
+        doubts.append(
             Doubt(
                 f"{_rows(clock.doubled)} there twice and left out once, the first in "
                 f"{_row(table, clock.extra)}",
@@ -73,7 +73,7 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
             )
         )
     if others := clock.late:
-        told.append(
+        doubts.append(
             Doubt(
                 f"{_rows(others)} late or stamped like another one, and left out"
                 + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
@@ -82,10 +82,10 @@ def told_of_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
                 key="clock",
             )
         )
-    return told
+    return doubts
 
 
-def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> list[Doubt]:
+def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) -> list[Doubt]:
     """Holes that are bridged, gaps that cut, and what is too short between them.
 
     Args:
@@ -95,12 +95,12 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
     Raises:
         RecordingError: no segment has so many.
     """
-    told: list[Doubt] = []
+    doubts: list[Doubt] = []
     cuts = clock.cuts(longest)
     bridged = clock.lost[~cuts]
     if bridged.size:
         first = clock.holes[~cuts]
-        told.append(
+        doubts.append(
             Doubt(
                 f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
                 f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
@@ -114,7 +114,7 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
     restarts = clock.lost < 0
     if restarts.any():
         where = _row(table, clock.holes[restarts])
-        told.append(
+        doubts.append(
             Doubt(
                 f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
                 "segment begins there",
@@ -128,7 +128,7 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
         length = (clock.until - clock.since)[gaps]
         spans = [f"{a:.6g} to {b:.6g} s" for a, b in zip(clock.since, clock.until, strict=True)]
         shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
-        told.append(
+        doubts.append(
             Doubt(
                 f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "
                 f"{1e3 * length.max():.4g} ms ({shown}): no filter reaches across",
@@ -149,7 +149,7 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
             "higher --cutoff needs shorter stretches",
         )
     if short.size:
-        told.append(
+        doubts.append(
             Doubt(
                 f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
                 f"{shortest} samples that the filter needs, and left out: "
@@ -159,13 +159,12 @@ def told_of_holes(clock: Clock, table: Table, longest: int, shortest: int) -> li
                 key="clock",
             )
         )
-    return told
+    return doubts
 
 
 def _row(table: Table, rows: Int[np.ndarray, " rows"]) -> str:
     """The first of some rows, counted from 0, as a user counts it."""
-    place = table.row_place(table.first_row + int(rows[0]))
-    return place.removeprefix(f"{table.path}, ")
+    return table.row_name(table.first_row + int(rows[0]))
 
 
 def _rows(count: int) -> str:
