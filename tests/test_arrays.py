@@ -154,6 +154,7 @@ SHAPES = {
     "text": ({"tau": [["low"] * 3] * 1500}, "arrays, tau: holds <U3, not numbers"),
     "complex": ({"q": np.zeros((1500, 3)) * 1j}, "arrays, q: holds complex128, not numbers"),
     "ragged": ({"q": [[1.0, 2.0], [1.0]]}, "arrays, q: rows differ in length"),
+    "ragged extra": ({"extra": {"grip": [[1.0], []]}}, "arrays, extra grip: rows differ in length"),
     "masked": (
         {"q": np.ma.masked_less(np.tile([-1.0, 1.0, 1.0], (1500, 1)), 0)},
         "arrays, q: has masked values",
@@ -203,6 +204,8 @@ def test_what_is_no_recording(frame: pl.DataFrame) -> None:
         message = refusal(call, frame.to_numpy())
         assert message.startswith("table: an array of shape (1500, 7) has no names of columns")
         assert "a dictionary of arrays" in message
+    ragged = refusal(as_source, {"t": [0.0, 1.0], "q": [[1.0, 2.0], [1.0]]})
+    assert ragged.startswith("table, q: rows differ in length")
     assert "no log was given" in refusal(open_recordings, [], KINEMATICS)
     assert [str(source) for source in as_sources(("a.csv", frame))] == ["a.csv", "table 2"]
 

@@ -86,7 +86,7 @@ def test_wild_stamps_are_left_out_and_told(clavel: Dynamics) -> None:
     }  # fmt: skip
     assert log.rate == pytest.approx(1000)
     assert log.clock.jitter < 1e-9
-    told = "t of 3 rows are far off the stamps before and after, the first in row 31: left out; "
+    told = "t of 3 rows are far off the stamps before and after, the first in row 31: excluded; "
     assert log.warnings[0].startswith(told)
     assert with_filter(log, 30.0).clock.segments == 1
     assert with_filter(log, 30.0).clock.out_of_place == 0

@@ -197,7 +197,7 @@ def test_stretches_that_are_too_short_are_told(clavel: Dynamics) -> None:
     told = with_filter(opened(rows, clavel), 30.0).log.warnings
     assert "2 gaps of up to 100 ms (2 to 2.1 s, 2.15 to 2.25 s): no filter" in told[0]
     assert "1 of 3 stretches between gaps are shorter than the 429 samples" in told[1]
-    assert "and left out: 0.88 % of the recording; likeliest cause: gaps follow" in told[1]
+    assert "and excluded: 0.88 % of the recording; likeliest cause: gaps follow" in told[1]
 
 
 def test_what_was_done_is_told_in_numbers(clavel: Dynamics) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from damage import complaint, damaged, outcome
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.recording.formats.mat5 import DamagedError, Numbers
+from deltaid.recording.formats.mat5 import DamagedMatError, Numbers
 from kinds_of_files import KINDS, ROWS
 
 COUNT = 6
@@ -34,5 +34,5 @@ def test_damaged_files(tmp_path: Path, clavel: Dynamics, kind: str) -> None:
 def test_an_array_of_a_mat_file_that_ends_behind_its_variable_is_refused() -> None:
     data = memoryview(np.arange(6.0).tobytes())
     np.testing.assert_array_equal(Numbers(8, "<f8", (5,)).array(data), np.arange(1.0, 6.0))
-    with pytest.raises(DamagedError, match="6 numbers ends behind the end of its variable"):
+    with pytest.raises(DamagedMatError, match="6 numbers ends behind the end of its variable"):
         Numbers(8, "<f8", (6,)).array(data)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from deltaid.recording.delay import Growth, Shift, delayed
+from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
 from test_delay import columns
 
@@ -42,12 +42,12 @@ def updated(every: float) -> np.ndarray:
     [
         ((0.0, 0.0), (5e-3, 2e-3), None),
         ((1.3e-3, 2e-3), (5e-3, 0.0), None),
-        ((1e-3, -2e-3), (0.0, 0.0), Growth(5e-4, 6.0, 6.0)),
-        ((1e-3, -2e-3), (4e-3, 0.0), Growth(-5e-4, 6.0, 6.0)),
+        ((1e-3, -2e-3), (0.0, 0.0), LagGrowth(5e-4, 6.0, 6.0)),
+        ((1e-3, -2e-3), (4e-3, 0.0), LagGrowth(-5e-4, 6.0, 6.0)),
     ],
 )
 def test_filters_and_clocks_are_undone_exactly(
-    delay: tuple[float, ...], constants: tuple[float, ...], growth: Growth | None
+    delay: tuple[float, ...], constants: tuple[float, ...], growth: LagGrowth | None
 ) -> None:
     shift = Shift.of_delays(delay, RATE, constants, growth)
     found, again = (

@@ -20,7 +20,7 @@ from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.delay import Growth
+from deltaid.recording.delay import LagGrowth
 from deltaid.recording.windows import Samples
 
 # Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
@@ -70,14 +70,14 @@ class Timing:
         """Standard deviations of time constants [s]."""
         return np.sqrt(np.diag(self.covariance)[len(self.lags) : -1])
 
-    def growth(self, trace: Trace) -> Growth | None:
+    def growth(self, trace: Trace) -> LagGrowth | None:
         """Of lags in all of a trace's recording."""
         if not self.rate:
             return None
         ends = [run.time[k] for run in trace.stretches for k in (0, -1)]
         log = trace.recording.log
         reach = max(abs(end - self.about) for end in ends) + log.samples / log.rate
-        return Growth(self.rate, self.about, float(reach))
+        return LagGrowth(self.rate, self.about, float(reach))
 
     def beside(self, trace: Trace) -> Trace:
         """A trace as it came with torques beside their motion, the model's filtered as they are."""

@@ -14,7 +14,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.convolution import apply
-from deltaid.recording.delay import Growth, Shift
+from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.runs import least_about
 from deltaid.recording.recording import Recording
@@ -129,7 +129,7 @@ class Trace:
         return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
 
     def shifted(
-        self, delay: Delay, constants: Delay | None = None, growth: Growth | None = None
+        self, delay: Delay, constants: Delay | None = None, growth: LagGrowth | None = None
     ) -> "Trace":
         """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it, with
         `constants` of filters that torques passed [s] and a growth of delays with time."""

@@ -13,7 +13,7 @@ from deltaid.effects.windings import motors_of
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.sources import Event, LeftOut, Source, Span
-from deltaid.recording.delay import Growth
+from deltaid.recording.delay import LagGrowth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask
@@ -93,7 +93,7 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
         hold=hold if any(hold) else (),
         delay=dead if any(dead) else (),
         constants=tuple(filters.tolist()) if np.any(filters) else (),
-        growth=Growth(*same[0].growth) if same and same[0].growth else None,
+        growth=LagGrowth(*same[0].growth) if same and same[0].growth else None,
         left_out=spans_left_out(same[0], model.robot.drives) if same else (),
         gears=gears,
         readings=identified.readings,

@@ -25,13 +25,19 @@ def copied(values: np.ndarray) -> np.ndarray:
     return np.array(values, dtype=np.float64, order="C", copy=True)
 
 
-def numbers_of(value: ArrayLike, where: str) -> np.ndarray:
-    """Something array-like as real numbers; `where` for messages."""
+def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndarray:
+    """Something array-like as real numbers; `where` for messages.
+
+    Args:
+        truths: whether truth values are taken too, as 1 and 0.
+    """
     cure = "give an array of real numbers, one sample a row"
     try:
         array = np.asarray(value)
     except ValueError:
         raise RecordingError("rows differ in length", where=where, cure=cure) from None
+    if truths and array.dtype == bool:
+        return array.astype(float)
     if array.dtype.kind not in "iuf":
         raise RecordingError(f"holds {array.dtype}, not numbers", where=where, cure=cure)
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
@@ -109,18 +115,14 @@ def beside(
                 f"{key} is the name of a drive's column, or of the time", where=where,
                 cure="give it another name",
             )  # fmt: skip
-        states = np.asarray(value)
-        array = states.astype(float) if states.dtype == bool else numbers_of(value, where)
+        array = numbers_of(value, where, truths=True)
         if array.ndim not in (1, 2) or len(array) != samples:
             raise RecordingError(
                 f"has shape {array.shape}, but q has {samples} rows",
                 where=where,
                 cure="give one number a sample, or of a sensor one row a sample",
             )
-        if array.ndim == 1:
-            columns[key] = copied(array)
-        else:
-            columns |= {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
+        columns |= _named_columns(key, array)
     return columns
 
 
@@ -143,8 +145,7 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
     columns, samples = dict[str, np.ndarray](), -1
     for key, value in table.items():
         where = f"{name}, {key}"
-        given = np.asarray(value)
-        array = given.astype(float) if given.dtype == bool else numbers_of(value, where)
+        array = numbers_of(value, where, truths=True)
         if array.ndim not in (1, 2) or samples not in (-1, len(array)):
             turned = array.ndim == 2 and array.shape[1] == samples
             raise RecordingError(
@@ -154,11 +155,15 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
                 + (f"{key}.T" if turned else "(samples,) or (samples, drives)"),
             )
         samples = len(array)
-        if array.ndim == 1:
-            columns[str(key)] = copied(array)
-        else:
-            columns |= {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
+        columns |= _named_columns(str(key), array)
     return columns
+
+
+def _named_columns(key: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """A column under its name; those of an array of several as `key[0]`, `key[1]`, …"""
+    if array.ndim == 1:
+        return {key: copied(array)}
+    return {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
 
 
 def mapping_of(

@@ -36,7 +36,7 @@ Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)
-class Growth:
+class LagGrowth:
     """How lags grow with time, by ρ (t − t_0).
 
     Attributes:
@@ -72,7 +72,7 @@ class Shift:
     whole: tuple[int, ...]
     rest: tuple[float, ...]
     constants: tuple[float, ...] = ()
-    growth: Growth | None = None
+    growth: LagGrowth | None = None
     grown: int = 0
 
     @classmethod
@@ -81,7 +81,7 @@ class Shift:
         delay: Sequence[float],
         rate: float,
         constants: Sequence[float] = (),
-        growth: Growth | None = None,
+        growth: LagGrowth | None = None,
     ) -> "Shift":
         """The shift of delays [s] at a sampling rate [Hz], with as few parts of samples as can be.
 

@@ -34,7 +34,8 @@ _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, 
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 # Above a tenth of the sampling rate the differences are no longer exact to 1e-4.
 _LOWEST, HIGHEST = 1e-6, 0.1
-LOWEST_CUTOFF = 2.0  # Hz, of those that are chosen by rule
+# Lowest of the cut-offs that are chosen by rule [Hz].
+LOWEST_CUTOFF = 2.0
 # The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
 # attenuation [dB] of the filter that leads there.
 _BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0

@@ -11,6 +11,7 @@ from deltaid.recording.time.seconds import is_clock
 
 # One of polars; the run-time check of types cannot read the name of its class.
 _DataType = Any
+# Ticks a second of the units of dates.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 

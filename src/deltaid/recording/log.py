@@ -72,7 +72,7 @@ class Log(Shown):
 
     @property
     def rate(self) -> float:
-        """Sampling rate [Hz]."""
+        """The sampling rate [Hz]."""
         return self.clock.rate
 
     @property

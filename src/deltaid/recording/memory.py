@@ -27,6 +27,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Rows, Table
 from deltaid.shown import Plotted, Shown, Tabled
 
+# Rows that are handed out at a time.
 _SLICE_ROWS = 1 << 16
 
 
@@ -208,7 +209,7 @@ class FrameTable(Table):
     frame: pl.DataFrame = field(repr=False)
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`."""
+        """Rows of some columns, as in `Table.rows`."""
         picks, origins = self.picks(columns), dict[str, int]()
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(_SLICE_ROWS):
             yield rows_of(part, picks, origins)

@@ -203,7 +203,6 @@ class _Stretch:
         )
 
     def last(self, count: int) -> "_Stretch":
-        """The last samples."""
         regular = Regularity(*(values[-count:] for values in self.fields))
         return _Stretch(self.time[-count:], self.q[-count:], self.z[-count:], regular)
 

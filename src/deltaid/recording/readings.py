@@ -21,7 +21,8 @@ Torque = Float[np.ndarray, "samples dof"]
 
 # By what share of the torque for little current a motor's torque grows at least.
 LEAST_SLOPE = 0.1
-_ROUNDS = 12  # of Newton's method
+# Steps of Newton's method.
+_ROUNDS = 12
 
 
 class Readings(Part):

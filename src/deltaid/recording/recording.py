@@ -54,7 +54,7 @@ class Recording(Shown):
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Where the recording is."""
         return self.log.path
 
     @property
@@ -209,7 +209,7 @@ def _require_new(log: Log, before: Sequence[Recording]) -> None:
     same = [other.path for other in before if other.log.sha256 == log.sha256]
     if same:
         raise RecordingError(
-            f"is the same recording as {same[0]}; a copy tells nothing new, but would narrow "
+            f"is the same recording as {same[0]}; a copy adds nothing new, but would narrow "
             "every interval",
             where=str(log.path),
             cure="give each recording once",

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.recording.burden import Pull
 from deltaid.recording.columns import Columns
-from deltaid.recording.delay import Growth, Shift, delayed
+from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.gears import Gears
 from deltaid.recording.hold import Hold, filled
 from deltaid.recording.masks.runs import joined_times
@@ -90,7 +90,7 @@ class Repairs:
     hold: tuple[Hold, ...] = ()
     delay: tuple[float, ...] = ()
     constants: tuple[float, ...] = ()
-    growth: Growth | None = None
+    growth: LagGrowth | None = None
     left_out: tuple[LeftSpan, ...] = ()
     gears: Gears | None = None
     loads: tuple[tuple[float, ...], ...] = ()

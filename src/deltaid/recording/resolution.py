@@ -12,6 +12,7 @@ from deltaid.recording.sensor_resolution import Sensors, sensor_columns
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
 
+# Default names without their numbers, and SI units of drives that turn and that slide.
 _SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
@@ -68,8 +69,7 @@ def resolve_columns(
         names += _default_names("position", len(linear))
     _require_once(names, table, mapping.source)
     picks = table.picks(names)[not time.is_absent :]
-    _require_no_dates(picks, str(table.path))
-    _require_no_truths(picks[: len(picks) - columns.states], str(table.path))
+    _require_numbers(picks, columns.states, str(table.path))
     return columns
 
 
@@ -201,19 +201,16 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
     return Channel(column.column, column.sign * factor, column.zero, turn)
 
 
-def _require_no_dates(picks: list[Pick], where: str) -> None:
-    for pick in picks:
+def _require_numbers(picks: list[Pick], states: int, where: str) -> None:
+    """Refuse dates, and truth values anywhere but in the last columns, which are states."""
+    for k, pick in enumerate(picks):
         if pick.field.is_clock:
             raise RecordingError(
                 f"column {pick.field.name} holds dates or times of day, which no drive measures",
                 where=where,
                 cure="map another column",
             )
-
-
-def _require_no_truths(picks: list[Pick], where: str) -> None:
-    for pick in picks:
-        if pick.field.is_truth:
+        if pick.field.is_truth and k < len(picks) - states:
             raise RecordingError(
                 f"column {pick.field.name} holds truth values, not numbers",
                 where=where,

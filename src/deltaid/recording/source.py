@@ -33,7 +33,7 @@ class Rows:
 
     @property
     def size(self) -> int:
-        """How many rows."""
+        """How many rows there are."""
         return len(self.numbers[0])
 
 

@@ -70,7 +70,7 @@ class Survey:
 
     @property
     def samples(self) -> int:
-        """Rows so far."""
+        """How many rows were added so far."""
         return self.clock.samples
 
     @property

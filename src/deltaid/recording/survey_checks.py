@@ -33,6 +33,7 @@ _STRETCH = 0.02
 # Columns that go together this well (squared correlation) must agree in scale; below the other
 # value they hardly belong to the same drive.
 _TOGETHER, _APART = 0.9, 0.3
+# Ratios of scales that pass for equal.
 _SCALE = (0.8, 1.25)
 # Rms of Δq below which a drive counts as resting [rad, rad/s].
 _SLIGHT = 1e-3

@@ -48,7 +48,7 @@ class Samples:
     carried: Float[np.ndarray, "samples dof"]
 
     def part(self, which: slice) -> "Samples":
-        """Some of them."""
+        """Some of the samples."""
         return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:

@@ -11,13 +11,14 @@ import numpy as np
 from deltaid.recording.address import Field, Pick
 from deltaid.recording.source import Rows, Table
 
+# Samples that are read at a time.
 BATCH_ROWS = 1 << 16
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
 
 
 @runtime_checkable
-class Cut(Protocol):
+class Sliceable(Protocol):
     """An array of which parts are read, in the order of its samples."""
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray: ...
@@ -28,19 +29,19 @@ class ArrayTable(Table):
     """A file of arrays, read in steps along the samples."""
 
     @abstractmethod
-    def arrays(self, picks: Sequence[Pick]) -> AbstractContextManager[Mapping[str, Cut]]:
+    def arrays(self, picks: Sequence[Pick]) -> AbstractContextManager[Mapping[str, Sliceable]]:
         """The arrays of these columns by their names, readable while the context lasts.
 
         Raises:
             RecordingError: the file is damaged.
         """
 
-    def step(self, arrays: Mapping[str, Cut], picks: Sequence[Pick]) -> int:
+    def step(self, arrays: Mapping[str, Sliceable], picks: Sequence[Pick]) -> int:
         """How many samples are read at a time."""
         return BATCH_ROWS
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`."""
+        """Rows of some columns, as in `Table.rows`."""
         picks = self.picks(columns)
         samples = picks[0].samples or 0
         clocks = {pick.field.name: _Clock() for pick in picks if pick.field.is_clock}
@@ -98,7 +99,7 @@ def entries_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _cut(
-    arrays: Mapping[str, Cut], picks: Sequence[Pick], start: int, stop: int
+    arrays: Mapping[str, Sliceable], picks: Sequence[Pick], start: int, stop: int
 ) -> Iterable[np.ndarray]:
     """Columns from one sample to another; each array is read once."""
     together: dict[tuple[str, int], list[Pick]] = {}

@@ -19,12 +19,13 @@ from deltaid.recording.source import first_line, library, opened
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}
-_MENDS = {
-    ".bag": "copy it again; if its recording was cut off, `rosbag reindex FILE` mends it",
-    ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` mends it",
+_CURES = {
+    ".bag": "copy it again; if its recording was cut off, `rosbag reindex FILE` repairs it",
+    ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
-_MENDS_FOLDER = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` mends it"
+_FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
 _ZSTD = b"\x28\xb5\x2f\xfd"
+# Messages that are in memory at a time.
 _CHUNK = 4096
 
 # When it was received [ns], and its bytes.
@@ -153,5 +154,5 @@ def _reporting(path: Path) -> Generator[None, None, None]:
         raise RecordingError(
             f"cannot be read as a ROS bag: {said}",
             where=str(path),
-            cure=_MENDS.get(path.suffix, _MENDS_FOLDER),
+            cure=_CURES.get(path.suffix, _FOLDER_CURE),
         ) from None

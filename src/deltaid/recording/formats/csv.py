@@ -34,7 +34,7 @@ _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 
 @dataclass(frozen=True)
-class _Header:
+class _NameLine:
     """The line of column names, or without one the first line of numbers."""
 
     row: int
@@ -95,7 +95,7 @@ class Csv:
         if end.tag:
             warnings.append(
                 Doubt(
-                    f"ends with text after its data ('{end.tag}'), which is left out",
+                    f"ends with text after its data ('{end.tag}'), which is ignored",
                     cause="the logger marks the end of its file",
                     cure="nothing is to be done; if data follows it, make a file of each part",
                 )
@@ -115,7 +115,7 @@ class Csv:
         )
 
 
-def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Header, list[Doubt]]:
+def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_NameLine, list[Doubt]]:
     given = bool({"header_row", "data_row"} & mapping.model_fields_set)
     needed = mapping.needed
     numbered = all(name.isdecimal() for names in needed for name in names)
@@ -146,12 +146,12 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Head
     if skipped and not given:
         warnings.append(
             Doubt(
-                f"row {row} is taken for the column names; what stands above it is left out",
+                f"row {row} is taken for the column names; the lines above it are ignored",
                 cause="the logger writes a preamble",
                 cure="if the names stand elsewhere, say so with `header_row:` in a mapping",
             )
         )
-    return _Header(row, separator, names, holds_numbers), warnings
+    return _NameLine(row, separator, names, holds_numbers), warnings
 
 
 def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int | None:
@@ -186,7 +186,7 @@ def _after_comments(lines: HeadLines, row: int) -> int:
     return row
 
 
-def _units(line: bytes, header: _Header, mapping: ColumnMapping) -> dict[str, str]:
+def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, str]:
     """The unit of each column that may be used, if the line under the names is a row of units."""
     try:
         cells = cells_of(as_text(line), header.separator)

@@ -133,7 +133,7 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
         raise RecordingError(
             f"is not a row of column names: {error}",
             where=place,
-            cure="mend it, or say with --columns MAPPING.yaml (header_row) where the names are",
+            cure="fix it, or say with --columns MAPPING.yaml (header_row) where the names are",
         ) from None
 
 

@@ -83,7 +83,7 @@ class CsvTable(Table):
         if self.marked:
             doubts.append(
                 Doubt(
-                    f"lines that begin with a comment mark are left out, but {len(self.marked)} of "
+                    f"lines that begin with a comment mark are ignored, but {len(self.marked)} of "
                     "them hold a number for every other column, the first in row "
                     f"{self.marked[0]}",
                     cause="rows were commented out by hand",

@@ -11,7 +11,13 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.formats.arrays import BATCH_ROWS, ArrayTable, Cut, entries_of_type, fields_of
+from deltaid.recording.formats.arrays import (
+    BATCH_ROWS,
+    ArrayTable,
+    Sliceable,
+    entries_of_type,
+    fields_of,
+)
 from deltaid.recording.formats.mat5 import matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, first_line, library, readable
@@ -42,14 +48,14 @@ _PLAIN = (
 
 @dataclass(frozen=True)
 class Hdf5:
-    """The format."""
+    """The format of HDF5 files."""
 
     name = "an HDF5 file"
     suffixes = (".h5", ".hdf5", ".hdf", ".he5", ".nc")
     unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
-        """By its signature."""
+        """Whether the signature of HDF5 stands where one may."""
         return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
 
     def open(self, path: Path, mapping: ColumnMapping) -> Table:
@@ -80,15 +86,15 @@ class Hdf5Table(ArrayTable):
     by_matlab: bool
 
     @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
-        """As in `ArrayTable.arrays`."""
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
+        """Datasets of these columns, as in `ArrayTable.arrays`."""
         with _opened(self.path) as file:
             yield {
                 name: _Dataset(file, self.places[name], self.by_matlab, f"{self.path}, {name}")
                 for name in {pick.field.name for pick in picks}
             }
 
-    def step(self, arrays: Mapping[str, Cut], picks: Sequence[Pick]) -> int:
+    def step(self, arrays: Mapping[str, Sliceable], picks: Sequence[Pick]) -> int:
         """Whole chunks, so that each is unpacked once, as long as they fit into memory."""
         step = row = 0
         for name, axis in {(pick.field.name, pick.axis) for pick in picks}:

@@ -13,6 +13,7 @@ import numpy as np
 
 from deltaid.recording.address import Field
 
+# Bytes before the first element, as the format has it; types of elements that are variables.
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 # Types of elements that hold numbers.
@@ -31,17 +32,18 @@ _TYPES = {
 # Classes of matrices: those of numbers are 6 to 15.
 _CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
+# The flag of a matrix that has an imaginary part.
 _COMPLEX = 0x800
 # Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
 _DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
 
 
-class DamagedError(Exception):
+class DamagedMatError(Exception):
     """A file does not hold what its headers say."""
 
 
 @dataclass(frozen=True)
-class Variable:
+class MatVariable:
     """Where a variable is in the file [bytes], and whether compressed."""
 
     start: int
@@ -53,7 +55,7 @@ class Variable:
         """Its element with the tag, or as much of it from its beginning.
 
         Raises:
-            DamagedError: what is compressed is broken.
+            DamagedMatError: what is compressed is broken.
         """
         held = data[self.start : self.start + self.size]
         if not self.is_compressed:
@@ -62,14 +64,14 @@ class Variable:
             start = zlib.decompressobj().decompress(held, 8)
             size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
             if size > _HEAD + 1100 * len(held):  # no more than deflate can do
-                raise DamagedError(f"the variable at byte {self.start} claims {size} bytes")
+                raise DamagedMatError(f"the variable at byte {self.start} claims {size} bytes")
             whole = zlib.decompressobj().decompress(held, min(size, most or size))
         except (zlib.error, ValueError) as error:
-            raise DamagedError(
+            raise DamagedMatError(
                 f"the variable at byte {self.start} does not unpack: {error}"
             ) from None
         if len(whole) < min(size, most or size):
-            raise DamagedError(f"the variable at byte {self.start} is cut off")
+            raise DamagedMatError(f"the variable at byte {self.start} is cut off")
         return memoryview(whole)
 
 
@@ -85,43 +87,45 @@ class Numbers:
         """The array, in the memory of the variable.
 
         Raises:
-            DamagedError: it does not fit into the variable.
+            DamagedMatError: it does not fit into the variable.
         """
         count = math.prod(self.shape)
         if self.offset + count * np.dtype(self.dtype).itemsize > len(data):
-            raise DamagedError(f"an array of {count} numbers ends behind the end of its variable")
+            raise DamagedMatError(
+                f"an array of {count} numbers ends behind the end of its variable"
+            )
         flat = np.frombuffer(data, self.dtype, count, self.offset)
         return flat.reshape(self.shape, order="F")
 
 
-def variables(data: memoryview) -> Iterator[Variable]:
+def variables(data: memoryview) -> Iterator[MatVariable]:
     """All variables of a file.
 
     Raises:
-        DamagedError: it ends within one, or its header is none.
+        DamagedMatError: it ends within one, or its header is none.
     """
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
     if order is None:
-        raise DamagedError("its header of 128 bytes does not say the byte order")
+        raise DamagedMatError("its header of 128 bytes does not say the byte order")
     at = _HEADER
     while at + 8 <= len(data):
         kind, size = (int(n) for n in np.frombuffer(data, f"{order}u4", 2, at))
         if kind not in (_MATRIX, _COMPRESSED):
-            raise DamagedError(f"there is no variable at byte {at}")
+            raise DamagedMatError(f"there is no variable at byte {at}")
         if at + 8 + size > len(data):
-            raise DamagedError(f"the variable at byte {at} ends behind the end of the file")
+            raise DamagedMatError(f"the variable at byte {at} ends behind the end of the file")
         if kind == _COMPRESSED:
-            yield Variable(at + 8, size, True, order)
+            yield MatVariable(at + 8, size, True, order)
         else:
-            yield Variable(at, 8 + size, False, order)
+            yield MatVariable(at, 8 + size, False, order)
         at += 8 + size + (-size % 8 if kind == _MATRIX else 0)
 
 
-def contents(data: memoryview, variable: Variable) -> Iterator[tuple[str, Numbers | Field]]:
+def contents(data: memoryview, variable: MatVariable) -> Iterator[tuple[str, Numbers | Field]]:
     """What a variable holds, with the addresses: arrays, and what are none.
 
     Raises:
-        DamagedError: its headers contradict one another.
+        DamagedMatError: its headers contradict one another.
     """
     head = _Reader(variable.unpacked(data, _HEAD), variable)
     if head.next_class() in (_CELL, _STRUCT, _OBJECT):
@@ -139,7 +143,7 @@ class _Element:
 class _Reader:
     """Elements one after another."""
 
-    def __init__(self, data: memoryview, variable: Variable) -> None:
+    def __init__(self, data: memoryview, variable: MatVariable) -> None:
         self._data, self._order = data, variable.order
         self._where = f"the variable at byte {variable.start}"
         self._at = 0
@@ -157,7 +161,7 @@ class _Reader:
         whole = self._element()
         end = whole.start + whole.size
         if whole.kind != _MATRIX:
-            raise DamagedError(f"{self._where} has no matrix at its byte {whole.start}")
+            raise DamagedMatError(f"{self._where} has no matrix at its byte {whole.start}")
         if not whole.size:
             yield name, Field(name, (0, 0))
             return
@@ -173,7 +177,7 @@ class _Reader:
         own = self._text(self._element())
         name = name or own
         if min(shape, default=0) < 0 or len(shape) < 2:
-            raise DamagedError(f"{self._where} has the size {shape}")
+            raise DamagedMatError(f"{self._where} has the size {shape}")
         if kind in _HOLDS or flags & _COMPLEX:
             holds = _HOLDS.get(kind, "complex numbers")
             yield name, Field(name, tuple(shape), holds=holds)
@@ -200,7 +204,7 @@ class _Reader:
         (length,) = self._integers(self._element(), "i4", 1)
         table = bytes(self._bytes(self._element()))
         if length < 1:
-            raise DamagedError(f"{self._where} has names of fields of length {length}")
+            raise DamagedMatError(f"{self._where} has names of fields of length {length}")
         rows = [table[i : i + length] for i in range(0, len(table), length)]
         names = [row.partition(b"\0")[0].decode("utf-8", "replace") for row in rows]
         self._require_room(count * len(names), end, depth)
@@ -211,14 +215,14 @@ class _Reader:
 
     def _require_room(self, count: int, end: int, depth: int) -> None:
         if count * 8 > end - self._at or depth > _DEEPEST:
-            raise DamagedError(f"{self._where} claims {count} entries at level {depth}")
+            raise DamagedMatError(f"{self._where} claims {count} entries at level {depth}")
 
     def _numbers(self, element: _Element, shape: tuple[int, ...]) -> Numbers:
         kind = _TYPES.get(element.kind)
         if kind is None:
-            raise DamagedError(f"{self._where} holds elements of type {element.kind}")
+            raise DamagedMatError(f"{self._where} holds elements of type {element.kind}")
         if math.prod(shape) * int(kind[1]) != element.size:
-            raise DamagedError(
+            raise DamagedMatError(
                 f"{self._where} is of size {shape}, but holds {element.size} bytes of {kind}"
             )
         return Numbers(element.start, self._order + kind, shape)
@@ -226,7 +230,7 @@ class _Reader:
     def _element(self) -> _Element:
         """The tag that comes next; what follows it is skipped."""
         if self._at + 8 > len(self._data):
-            raise DamagedError(f"{self._where} ends within a header")
+            raise DamagedMatError(f"{self._where} ends within a header")
         kind, size = (int(n) for n in np.frombuffer(self._data, f"{self._order}u4", 2, self._at))
         if kind >> 16:  # up to four bytes stand in the tag itself
             element = _Element(kind & 0xFFFF, self._at + 4, min(kind >> 16, 4))
@@ -239,13 +243,13 @@ class _Reader:
     def _bytes(self, element: _Element) -> memoryview:
         held = self._data[element.start : element.start + element.size]
         if len(held) < element.size:
-            raise DamagedError(f"{self._where} ends within a header")
+            raise DamagedMatError(f"{self._where} ends within a header")
         return held
 
     def _integers(self, element: _Element, kind: str, most: int) -> list[int]:
         held = self._bytes(element)
         if not int(kind[1]) <= len(held) <= 8 * most or len(held) % int(kind[1]):
-            raise DamagedError(f"{self._where} has a header of {len(held)} bytes")
+            raise DamagedMatError(f"{self._where} has a header of {len(held)} bytes")
         return [int(n) for n in np.frombuffer(held, self._order + kind)]
 
     def _text(self, element: _Element) -> str:

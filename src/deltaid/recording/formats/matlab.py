@@ -12,28 +12,34 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.formats.arrays import ArrayTable, Cut
-from deltaid.recording.formats.mat5 import DamagedError, Numbers, Variable, contents, variables
+from deltaid.recording.formats.arrays import ArrayTable, Sliceable
+from deltaid.recording.formats.mat5 import (
+    DamagedMatError,
+    MatVariable,
+    Numbers,
+    contents,
+    variables,
+)
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, opened
 
 
 @dataclass(frozen=True)
 class Matlab:
-    """The format."""
+    """The format of MATLAB files before 7.3."""
 
     name = "a MATLAB file"
     suffixes = (".mat",)
     unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
-        """By its signature."""
+        """Whether its header is one of MATLAB."""
         return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
 
     def open(self, path: Path, mapping: ColumnMapping) -> Table:
         """Its variables, and what structs and cells hold."""
         fields: list[Field] = []
-        places: dict[str, tuple[Variable, Numbers]] = {}
+        places: dict[str, tuple[MatVariable, Numbers]] = {}
         with _mapped(path) as data:
             for variable in variables(data):
                 for name, held in contents(data, variable):
@@ -49,11 +55,11 @@ class Matlab:
 class MatlabTable(ArrayTable):
     """An open MATLAB file: compressed variables are in memory, others in the file."""
 
-    places: dict[str, tuple[Variable, Numbers]]
+    places: dict[str, tuple[MatVariable, Numbers]]
 
     @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
-        """As in `ArrayTable.arrays`."""
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
+        """Variables of these columns, as in `ArrayTable.arrays`."""
         names = {pick.field.name for pick in picks}
         used = {self.places[name][0] for name in names}
         with _mapped(self.path) as data:
@@ -77,7 +83,7 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
         try:
             yield data
-        except DamagedError as error:
+        except DamagedMatError as error:
             raise RecordingError(
                 f"is a damaged MATLAB file: {error}",
                 where=str(path),

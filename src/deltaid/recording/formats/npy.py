@@ -15,7 +15,7 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.formats.arrays import ArrayTable, Cut, entries_of, fields_of
+from deltaid.recording.formats.arrays import ArrayTable, Sliceable, entries_of, fields_of
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, first_line, opened
 
@@ -39,7 +39,7 @@ class Npy:
     unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
-        """By its signature."""
+        """Whether it begins with the signature of NumPy."""
         return start.startswith(b"\x93NUMPY")
 
     def open(self, path: Path, mapping: ColumnMapping) -> Table:
@@ -57,8 +57,8 @@ class NpyTable(ArrayTable):
     """An open .npy file, which stays on the disk."""
 
     @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
-        """As in `ArrayTable.arrays`."""
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
+        """Arrays of these columns, as in `ArrayTable.arrays`."""
         with _damage(self.path):
             array = np.load(self.path, mmap_mode="r", allow_pickle=False)
         parts = entries_of("" if array.dtype.names else _ONLY, array)
@@ -95,29 +95,30 @@ class NpzTable(ArrayTable):
     """An open archive: arrays with a sample a row are streamed, others are in memory."""
 
     @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Cut], None, None]:
-        """As in `ArrayTable.arrays`."""
+    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
+        """Arrays of these columns, as in `ArrayTable.arrays`."""
         axes: dict[str, set[int]] = {}
         for pick in picks:
             axes.setdefault(pick.field.name, set()).add(pick.axis)
         with _archive(self.path) as archive, ExitStack() as members:
-            found: dict[str, Cut] = {}
+            found: dict[str, Sliceable] = {}
             for member in _arrays_of(archive):
                 base = member.filename.removesuffix(_END)
                 used = [name for name in axes if f"{name}.".startswith(f"{base}.")]
                 if not used:
                     continue
-                file = members.enter_context(archive.open(member))
-                stream = _Stream(file)
+                stream = _Stream(members.enter_context(archive.open(member)))
                 if axes.get(base) == {0} and stream.is_by_rows:
                     found.setdefault(base, stream)
-                else:
-                    found = entries_of(base, stream.whole()) | found
+                    continue
+                with archive.open(member) as file:
+                    array = np.lib.format.read_array(file, allow_pickle=False)
+                found = entries_of(base, array) | found
             yield found
 
 
 @dataclass(frozen=True)
-class _Header:
+class _ArrayHeader:
     """What stands before the numbers of an array."""
 
     shape: tuple[int, ...]
@@ -126,7 +127,7 @@ class _Header:
 
     @property
     def bytes(self) -> int:
-        """Of the numbers."""
+        """How many bytes the numbers take."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     def fields(self, name: str) -> list[Field]:
@@ -146,22 +147,13 @@ class _Stream:
         rows = index[0]
         assert rows.start == self._row, "rows come in order"
         self._row = rows.stop
-        part = self._read((rows.stop - rows.start, *self._header.shape[1:]))
-        return part[(slice(None), *index[1:])]
-
-    def whole(self) -> np.ndarray:
-        """All of it."""
-        shape = self._header.shape
-        if not self._header.by_columns:
-            return self._read(shape)
-        return self._read(shape[::-1]).T
-
-    def _read(self, shape: tuple[int, ...]) -> np.ndarray:
+        shape = (rows.stop - rows.start, *self._header.shape[1:])
         size = math.prod(shape) * self._header.dtype.itemsize
         data = self._file.read(size)
         if len(data) < size:
             raise EOFError("an array is cut off")
-        return np.frombuffer(data, self._header.dtype).reshape(shape)
+        part = np.frombuffer(data, self._header.dtype).reshape(shape)
+        return part[(slice(None), *index[1:])]
 
 
 def _arrays_of(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
@@ -187,7 +179,7 @@ def _damage(path: Path) -> Generator[None, None, None]:
         ) from None
 
 
-def _require_sane(header: _Header, member: zipfile.ZipInfo) -> None:
+def _require_sane(header: _ArrayHeader, member: zipfile.ZipInfo) -> None:
     """Refuse an array that cannot be in what is stored, before memory is asked for."""
     if header.dtype.hasobject:
         return  # is not read at all
@@ -197,7 +189,7 @@ def _require_sane(header: _Header, member: zipfile.ZipInfo) -> None:
         )
 
 
-def _header(file: Any) -> _Header:
+def _header(file: Any) -> _ArrayHeader:
     """The header of an array.
 
     Raises:
@@ -211,4 +203,4 @@ def _header(file: Any) -> _Header:
         shape, by_columns, dtype = read(file)
     if min(shape, default=0) < 0:
         raise ValueError(f"it claims the shape {shape}")
-    return _Header(shape, by_columns, dtype)
+    return _ArrayHeader(shape, by_columns, dtype)

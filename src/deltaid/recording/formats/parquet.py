@@ -27,18 +27,18 @@ _SLICE_ROWS = 1 << 17
 
 @dataclass(frozen=True)
 class Parquet:
-    """The format."""
+    """The format of Parquet files."""
 
     name = "a Parquet file"
     suffixes = (".parquet", ".pq")
     unpacks = False
 
     def claims(self, start: bytes, path: Path) -> bool:
-        """By its signature."""
+        """Whether it begins with the signature of Parquet."""
         return start.startswith(b"PAR1")
 
     def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Its schema."""
+        """Columns and types by its schema."""
         with _decoding(path):
             return ParquetTable(path, fields_of(_scan(path)))
 
@@ -48,7 +48,7 @@ class ParquetTable(Table):
     """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`."""
+        """Rows of some columns, as in `Table.rows`."""
         picks, origins, row = self.picks(columns), dict[str, int](), 0
         with _decoding(self.path):
             frame = _scan(self.path)

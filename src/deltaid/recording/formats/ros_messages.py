@@ -27,7 +27,7 @@ class MessageError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MessageLayout:
     """Where things stand in messages of one kind.
 
     Attributes:
@@ -49,7 +49,7 @@ class Layout:
         return (rows[:, self.fixed] == self.pattern).all(axis=1)
 
     def stamps(self, rows: UInt8[np.ndarray, "messages size"]) -> Int[np.ndarray, " messages"]:
-        """Header stamps [ns]."""
+        """Stamps of the headers [ns]."""
         words = np.ascontiguousarray(rows[:, self.stamp : self.stamp + 8]).view(f"{self.order}i4")
         return words[:, 0].astype(np.int64) * 1_000_000_000 + words[:, 1]
 
@@ -76,9 +76,9 @@ class Decoder:
 
     type: str
     cdr: bool
-    _kinds: dict[int, list[Layout]] = field(default_factory=dict[int, list[Layout]])
+    _kinds: dict[int, list[MessageLayout]] = field(default_factory=dict[int, list[MessageLayout]])
 
-    def layout(self, raw: bytes) -> Layout:
+    def layout(self, raw: bytes) -> MessageLayout:
         """Where things stand in this message.
 
         Raises:
@@ -115,7 +115,7 @@ class Decoder:
                 left, rows = left[~at], rows[~at]
         return stamps, values
 
-    def _layout_of(self, raws: Sequence[bytes], index: int) -> Layout:
+    def _layout_of(self, raws: Sequence[bytes], index: int) -> MessageLayout:
         try:
             return self.layout(raws[index])
         except MessageError as error:
@@ -187,7 +187,7 @@ class _Cursor:
             self.at += -(self.at - self._start) % size
 
 
-def _layout(raw: bytes, body: Callable[[_Cursor], dict[Number, int]], cdr: bool) -> Layout:
+def _layout(raw: bytes, body: Callable[[_Cursor], dict[Number, int]], cdr: bool) -> MessageLayout:
     cursor = _Cursor(raw, cdr)
     if not cdr:
         cursor.skip(4)  # header.seq counts the messages
@@ -196,7 +196,7 @@ def _layout(raw: bytes, body: Callable[[_Cursor], dict[Number, int]], cdr: bool)
     numbers = body(cursor)
     cursor.finish()
     fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
-    return Layout(cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed])
+    return MessageLayout(cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed])
 
 
 def _joint_state(cursor: _Cursor) -> dict[Number, int]:

@@ -29,7 +29,7 @@ _STAMPED, _RECEIVED = "t", "received"
 
 @dataclass(frozen=True)
 class RosBag:
-    """The format."""
+    """The format of ROS bags."""
 
     name = "a ROS bag"
     suffixes = (".bag", ".db3", ".mcap")
@@ -117,7 +117,7 @@ class BagTable(Table):
         return self.cure_of_missing
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
-        """As in `Table.picks`."""
+        """Columns by their addresses, as in `Table.picks`."""
         for column in columns:
             found = find(self.fields, column)
             if found and found[0].holds:
@@ -223,7 +223,7 @@ class BagTable(Table):
                 self.noticed.append(
                     Doubt(
                         f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have "
-                        "a number in each of the columns in use; they are left out",
+                        "a number in each of the columns in use; they are excluded",
                         cause="a second node publishes there",
                         cure="nothing is to be done, unless it is the wrong topic",
                     )

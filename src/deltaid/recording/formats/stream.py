@@ -18,7 +18,8 @@ from deltaid.recording.source import opened
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-_CHUNK = 1 << 14  # small, because a chunk may unpack to a thousand times its size
+# Bytes read at once: few, because a chunk may unpack to a thousand times its size.
+_CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)

@@ -20,7 +20,7 @@ from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import Field
 from deltaid.recording.formats.csv_lines import HeadLines, as_text, find_end, is_number
 from deltaid.recording.formats.stream import content
-from deltaid.recording.formats.twincat_table import TIME, ScopeTable, Trace
+from deltaid.recording.formats.twincat_table import TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table
 
@@ -41,7 +41,7 @@ _FILE_TIME = 1e16
 
 @dataclass(frozen=True)
 class TwinCat:
-    """The format."""
+    """The format of text exports of TwinCAT Scope."""
 
     name = "an export of TwinCAT Scope"
     suffixes = ()
@@ -86,7 +86,7 @@ class TwinCat:
             end = find_end(file, data_start, separator)
         times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
         origin = min(map(int, times), default=0)
-        channels = _traces(rows, names, heads)
+        channels = _channels(rows, names, heads)
         traces = {trace.name: trace for trace in reversed(channels) if trace.name}
         symbols = [trace.symbol for trace in channels]
         for trace in channels:
@@ -133,17 +133,19 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
     )
 
 
-def _traces(rows: dict[str, list[str]], names: list[str], heads: list[int]) -> tuple[Trace, ...]:
+def _channels(
+    rows: dict[str, list[str]], names: list[str], heads: list[int]
+) -> tuple[ScopeChannel, ...]:
     def cell(word: str, k: int) -> str:
         row = rows.get(word, [])
         return row[k] if len(row) <= len(names) and k < len(row) else ""
 
-    traces: list[Trace] = []
+    channels: list[ScopeChannel] = []
     for start, stop in zip(heads, [*heads[1:], len(names)], strict=True):
         for k in range(start + 1, stop):
             unit = cell("Unit", k).rsplit(" (", 1)[0]
-            traces.append(
-                Trace(
+            channels.append(
+                ScopeChannel(
                     names[k],
                     cell("SymbolName", k),
                     start,
@@ -152,7 +154,7 @@ def _traces(rows: dict[str, list[str]], names: list[str], heads: list[int]) -> t
                     {word: value for word in _SCALES if (value := cell(word, k))},
                 )
             )
-    return tuple(traces)
+    return tuple(channels)
 
 
 def _cells(line: bytes, separator: str) -> list[str]:

@@ -25,7 +25,7 @@ _NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Of
 
 
 @dataclass(frozen=True)
-class Trace:
+class ScopeChannel:
     """A channel: its names, where its columns are, and what the export says about it.
 
     Attributes:
@@ -70,8 +70,8 @@ class ScopeTable(Table):
     data_size: int
     ends_open: bool
     origin: int | None
-    channels: tuple[Trace, ...]
-    traces: dict[str, Trace]
+    channels: tuple[ScopeChannel, ...]
+    traces: dict[str, ScopeChannel]
     shared: dict[tuple[int, ...], bool] = field(
         default_factory=dict[tuple[int, ...], bool], compare=False
     )
@@ -269,7 +269,7 @@ def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
     return np.logical_or.reduce([(frame[str(k)] != "").to_numpy() for k in columns])
 
 
-def _scaled(trace: Trace) -> list[Doubt]:
+def _scaled(trace: ScopeChannel) -> list[Doubt]:
     """What is to be said of a channel that Scope scales."""
     scales = {word: _number(trace.scales.get(word), usual) for word, usual in _NEUTRAL.items()}
     said = [f"{word} {scales[word]:g}" for word, usual in _NEUTRAL.items() if scales[word] != usual]
@@ -283,7 +283,7 @@ def _scaled(trace: Trace) -> list[Doubt]:
         how = f"declare {{unit: {unit}, zero: {0 - offset / factor:g}{sign}}}"
     return [
         Doubt(
-            f"channel {trace.name} is scaled in Scope ({', '.join(said)}); the file does not tell "
+            f"channel {trace.name} is scaled in Scope ({', '.join(said)}); the file does not say "
             "whether its numbers are, and they are taken as they stand",
             cause="an export scales them only with the option Scale values before export",
             cure=f"if they are those of the PLC, {how}",

@@ -108,7 +108,7 @@ class RestSearch:
 
     @property
     def at_rest(self) -> Runs:
-        """Runs at rest."""
+        """Runs of rows at rest."""
         rests = []
         for rest in self._rests:
             slow = [rest] if self._slow(rest) else filter(self._slow, rest.parts)

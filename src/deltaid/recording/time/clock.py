@@ -269,7 +269,7 @@ class ClockCheck:
         if self.forward < _FEWEST_STEPS and 2 * self.forward < self.samples - 1:
             raise RecordingError(
                 f"column {self.column} changes in only {self.forward} of {self.samples} rows, too "
-                "few to tell the sampling rate by",
+                "few to determine the sampling rate",
                 where=where,
                 cure=cure,
             )

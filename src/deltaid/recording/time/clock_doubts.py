@@ -32,7 +32,7 @@ def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
         doubts.append(
             Doubt(
                 f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
-                f"in {_row(table, np.array([clock.first_wild]))}: left out",
+                f"in {_row(table, np.array([clock.first_wild]))}: excluded",
                 cause="numbers that were damaged on their way into the file",
                 cure="export the log again if there are many",
                 key="clock",
@@ -65,7 +65,7 @@ def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
     if clock.doubled:
         doubts.append(
             Doubt(
-                f"{_rows(clock.doubled)} there twice and left out once, the first in "
+                f"{_rows(clock.doubled)} there twice and excluded once, the first in "
                 f"{_row(table, clock.extra)}",
                 cause="the logger ran ahead of the controller, or a packet came twice",
                 cure="nothing is lost; to avoid it, log once a cycle of the controller",
@@ -75,7 +75,7 @@ def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
     if others := clock.late:
         doubts.append(
             Doubt(
-                f"{_rows(others)} late or stamped like another one, and left out"
+                f"{_rows(others)} late or stamped like another one, and excluded"
                 + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
                 cause="packets overtook one another on their way to the logger",
                 cure="log with the controller's own stamps, sorted by them",
@@ -152,7 +152,7 @@ def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) 
         doubts.append(
             Doubt(
                 f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
-                f"{shortest} samples that the filter needs, and left out: "
+                f"{shortest} samples that the filter needs, and excluded: "
                 f"{100 * short.sum() / sizes.sum():.2g} % of the recording",
                 cause="gaps follow close on one another",
                 cure="record without gaps, or take a higher --cutoff, whose filter is shorter",

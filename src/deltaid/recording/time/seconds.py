@@ -17,6 +17,7 @@ _ISO = (
     r"^(?:(?P<date>\d{4}-\d{2}-\d{2})[T ])?(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})"
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?(?: ?(?P<zone>Z|UTC|[+-]\d{2}(?::?\d{2})?))?$"
 )
+# Nanoseconds in a second.
 _NANO = 10**9
 # Whole numbers beyond this are no longer exact as float64.
 _EXACT = 2**53

@@ -115,7 +115,6 @@ class _Run:
 
     @property
     def _shown(self) -> slice:
-        """Channels of sensors."""
         stop = self.waiting.shape[1] - self.drives - self.held
         return slice(stop - self.sensors, stop)
 
