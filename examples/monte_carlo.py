@@ -15,14 +15,6 @@ from pathlib import Path
 import numpy as np
 
 import deltaid
-from deltaid.control.comparison import gains
-from deltaid.control.control_model import ControlModel
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import MotionTrajectory
-from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.model.model import load
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import Motion, SensorNoise, simulate_recording, surrogate_parameters
 
 ROBOT, FORCE, SCALE = "clavel-delta3", "strut1.platform.x", 0.0005
 # Models for forces, which cost next to nothing, and for simulations, which do.
@@ -33,9 +25,11 @@ def main(folder: Path) -> None:
     """Identify, draw, and compare."""
     robot, rng = deltaid.load_robot(ROBOT), np.random.default_rng(1)
     dynamics = deltaid.Dynamics(robot)
-    truth = surrogate_parameters(robot, rng)
-    recorded, used = (random_motion(dynamics.kinematics, rng) for _ in range(2))
-    log = simulate_recording(dynamics, truth, recorded, rng, noise=SensorNoise(torque=0.01))
+    truth = deltaid.surrogate_parameters(robot, rng)
+    recorded, used = (deltaid.random_motion(dynamics.kinematics, rng) for _ in range(2))
+    log = deltaid.simulate_recording(
+        dynamics, truth, recorded, rng, noise=deltaid.SensorNoise(torque=0.01)
+    )
     masses = {body: float(truth[dynamics.layout.names.index(f"{body}.m")]) for body in ("S", "P")}
     weighed = robot.changed(
         measured=[
@@ -51,12 +45,12 @@ def main(folder: Path) -> None:
         of_tracking(path, used)
 
 
-def of_forces(path: Path, truth: np.ndarray, motion: Motion) -> None:
+def of_forces(path: Path, truth: np.ndarray, motion: deltaid.FourierMotion) -> None:
     """The largest pull in a strut along a motion, as drawn models have it."""
-    model = load(path)
+    model = deltaid.load(path)
     z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, 500))
     _, qd, qdd = model.dynamics.kinematics.drive_motion(z, zd, zdd)
-    forces = ConstraintForces(model.robot)
+    forces = deltaid.ConstraintForces(model.robot)
     k = forces.index(FORCE)
     pulls = [forces.evaluate(z, qd, qdd, p)[:, k].max() for p in model.sample(MODELS).p]
     low, high = np.quantile(pulls, [0.025, 0.975])
@@ -64,14 +58,12 @@ def of_forces(path: Path, truth: np.ndarray, motion: Motion) -> None:
     print(f"  largest pull {FORCE}: {low:.1f} to {high:.1f} N (95 %), in truth {true:.1f} N")
 
 
-def of_tracking(path: Path, motion: Motion) -> None:
+def of_tracking(path: Path, motion: deltaid.FourierMotion) -> None:
     """How far off the platform is where the robot is a drawn model and not the identified one."""
-    model = load(path)
-    trajectory = MotionTrajectory(model.dynamics.kinematics, motion, 1.0)
-    known = ControlModel(model.robot, model.p)
-    controller = gains("pd-feedforward", known, trajectory, 10.0)
+    model = deltaid.load(path)
+    how = {"controller": "pd-feedforward", "duration": 1.0}
     errors = [
-        track(plant, controller, known, trajectory, Drives()).error.platform_rms
+        deltaid.simulate(model, motion, plant=plant, **how).error.platform_rms
         for plant in model.sample(SIMULATED, seed=1).models()
     ]
     print(f"  tracking error: {1e3 * min(errors):.3f} to {1e3 * max(errors):.3f} mm")

@@ -14,13 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import deltaid
-from deltaid.motion.excitation.run import write_run
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
 
 HERE = Path(__file__).resolve().parent / "heli4"
 
@@ -32,15 +25,16 @@ def main(folder: Path) -> None:
     dynamics, rng = deltaid.Dynamics(robot), np.random.default_rng(0)
 
     exciter = deltaid.Exciter(dynamics, deltaid.ExcitationSettings(duration=10.0, starts=2))
-    runs = {"identify": exciter.optimise().run, "verify": exciter.optimise(offset=100).run}
+    motions = {"identify": exciter.optimise(), "verify": exciter.optimise(offset=100)}
 
-    truth = surrogate_parameters(robot, rng)  # in place of the machine
-    for name, run in runs.items():
-        write_run(dynamics.kinematics, run, 1000.0, folder / f"{name}-motion.csv")
-        recording = simulate_recording(
-            dynamics, truth, run, rng, duration=run.duration, noise=SensorNoise(torque=0.02)
+    truth = deltaid.surrogate_parameters(robot, rng)  # in place of the machine
+    for name, motion in motions.items():
+        motion.save(folder / f"{name}-motion.csv")
+        run, noise = motion.run, deltaid.SensorNoise(torque=0.02)
+        recording = deltaid.simulate_recording(
+            dynamics, truth, run, rng, duration=run.duration, noise=noise
         )
-        write_recording(recording, folder / f"{name}.csv")
+        recording.write_csv(folder / f"{name}.csv")
 
     result = deltaid.identify(robot, [folder / "identify.csv"])
     result.model.save(folder / "model.yaml")

@@ -16,9 +16,6 @@ import numpy as np
 import polars as pl
 
 import deltaid
-from deltaid.identification.generic_motion import random_motion_base
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 
 HERE = Path(__file__).parent
 GEAR, TORQUE_CONSTANT = 10, 0.12  # as in columns.yaml
@@ -36,7 +33,7 @@ def main(folder: Path) -> None:
     for name in ("identify", "verify"):
         record(dynamics, truth, rng, folder / f"{name}.csv")
 
-    base = random_motion_base(dynamics)
+    base = deltaid.base(robot)
     print(f"{base.rank} combinations of {len(dynamics.layout.names)} parameters show in torques")
 
     columns = deltaid.load_mapping(folder / "columns.yaml")
@@ -66,7 +63,7 @@ def main(folder: Path) -> None:
 
 def make_truth(dynamics: deltaid.Dynamics, rng: np.random.Generator) -> np.ndarray:
     """Parameters that nobody knows: bodies up to 30 % off the prior, friction of its own."""
-    truth, layout = surrogate_parameters(dynamics.robot, rng), dynamics.layout
+    truth, layout = deltaid.surrogate_parameters(dynamics.robot, rng), dynamics.layout
     truth[layout.viscous] = [0.26, 0.24, 0.30]
     truth[layout.coulomb] = [1.4, 1.2, 1.5]
     return truth
@@ -76,8 +73,8 @@ def record(
     dynamics: deltaid.Dynamics, truth: np.ndarray, rng: np.random.Generator, path: Path
 ) -> None:
     """Write a log as columns.yaml declares it: joint angles up, motor speeds, motor currents."""
-    motion = random_motion(dynamics.kinematics, rng, period=5.0, harmonics=10)
-    ideal = simulate_recording(dynamics, truth, motion, rng, duration=20.0)
+    motion = deltaid.random_motion(dynamics.kinematics, rng, period=5.0, harmonics=10)
+    ideal = deltaid.simulate_recording(dynamics, truth, motion, rng, duration=20.0)
     q, qd, tau = (ideal.select(f"{name}{i}" for i in (1, 2, 3)).to_numpy() for name in
                   ("q", "qd", "tau"))  # fmt: skip
     noise = 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)

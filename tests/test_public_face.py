@@ -1,6 +1,9 @@
 """What users of Python meet: `import deltaid` and nothing below it."""
 
 import inspect
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,30 @@ def test_every_name_exists_and_says_what_it_is() -> None:
     for name in deltaid.__all__:
         assert inspect.getdoc(getattr(deltaid, name)), f"{name} has no docstring"
         assert name in dir(deltaid)
+
+
+def test_no_room_hides_a_public_name() -> None:
+    """In a process of its own, after every submodule has been imported."""
+    code = (
+        "import deltaid, importlib, pkgutil, types\n"
+        "for module in pkgutil.walk_packages(deltaid.__path__, 'deltaid.'):\n"
+        "    if not module.name.endswith(('jax_functions', 'jax_graph', 'jax_kinematics')):\n"
+        "        importlib.import_module(module.name)\n"
+        "for name in deltaid.__all__:\n"
+        "    assert not isinstance(getattr(deltaid, name), types.ModuleType), name\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+
+
+def test_examples_and_generated_python_import_nothing_below() -> None:
+    written = [*(ROOT / "examples").rglob("*.py"), ROOT / "src/deltaid/studio/steps.py"]
+    inner = re.compile(r"^(?:from deltaid[. ]|import deltaid\.).*$", re.MULTILINE)
+    for path in written:
+        text = path.read_text(encoding="utf-8")
+        if "studio" in path.parts:  # its own imports stand before the first function
+            text = text[text.index("\ndef ") :]
+        assert not inner.findall(text), path
 
 
 def test_other_names_are_refused_as_python_does() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import deltaid
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import read_contents
 from deltaid.recording.mapping import ColumnMapping, load_mapping
@@ -159,3 +160,13 @@ def test_time_is_a_column_with_a_unit_or_a_rate() -> None:
 def test_a_mapping_that_may_not_be_is_refused_with_its_place() -> None:
     with pytest.raises(DeltaidError, match="gear"):
         written({"position": [{"column": "a", "unit": "deg", "gear": -1.0}]}, "mapping.yaml")
+
+
+def test_columns_are_proposed_without_a_studio(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    names = "Time [ms],Axis1.ActPos,Axis2.ActPos,Axis1.Trq,Axis2.Trq"
+    path.write_text(f"{names}\n0,90,1,2,3\n1,1,1,2,3\n")
+    found = deltaid.columns(path)
+    assert found.complete
+    assert [column.unit for column in found.mapping.position] == ["deg", "deg"]
+    assert "torque" in deltaid.columns(path, "clavel-delta3").missing  # it has three drives

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from deltaid.errors import DeltaidError
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
+    from deltaid.identification.generic_motion import base
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
     from deltaid.joint_forces.constraint_forces import ConstraintForces
@@ -38,11 +39,16 @@ if TYPE_CHECKING:
     from deltaid.model.samples import Samples
     from deltaid.model.verdict import Grade, Proposal, Verdict
     from deltaid.motion.excitation.excite import Excitation, ExcitationSettings, Exciter, excite
+    from deltaid.motion.fourier import FourierMotion
+    from deltaid.motion.random_motion import random_motion
+    from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
     from deltaid.online.online import Online, OnlineEstimate
     from deltaid.online.settings import OnlineSettings
     from deltaid.recording.carried import Load
+    from deltaid.recording.contents import columns
     from deltaid.recording.mapping import ColumnMapping, load_mapping
     from deltaid.recording.memory import Recording
+    from deltaid.recording.proposed_mapping import MappingProposal
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
@@ -89,6 +95,8 @@ _HOME = {
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "check": "deltaid.checks.run",
+    "MappingProposal": "deltaid.recording.proposed_mapping",
+    "columns": "deltaid.recording.contents",
     "compare_controllers": "deltaid.control.simulate",
     "simulate": "deltaid.control.simulate",
     "Simulation": "deltaid.control.simulate",
@@ -97,6 +105,12 @@ _HOME = {
     "export": "deltaid.exports.files",
     "forces": "deltaid.joint_forces.forces",
     "Forces": "deltaid.joint_forces.forces",
+    "SensorNoise": "deltaid.motion.surrogate",
+    "FourierMotion": "deltaid.motion.fourier",
+    "base": "deltaid.identification.generic_motion",
+    "random_motion": "deltaid.motion.random_motion",
+    "simulate_recording": "deltaid.motion.surrogate",
+    "surrogate_parameters": "deltaid.motion.surrogate",
     "identify": "deltaid.checks.identified",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
@@ -126,6 +140,7 @@ __all__ = [
     "Exciter",
     "Forces",
     "ForwardDynamics",
+    "FourierMotion",
     "Grade",
     "Identification",
     "IdentifiedModel",
@@ -134,6 +149,7 @@ __all__ = [
     "LimbGeometry",
     "Limbs",
     "Load",
+    "MappingProposal",
     "MechanismParts",
     "Model",
     "Offers",
@@ -145,15 +161,18 @@ __all__ = [
     "Recording",
     "RobotDescription",
     "Samples",
+    "SensorNoise",
     "SensorPlan",
     "Settings",
     "Simulation",
     "Validation",
     "Verdict",
     "Verdicts",
+    "base",
     "build_limb",
     "catalogue",
     "check",
+    "columns",
     "compare_controllers",
     "excite",
     "export",
@@ -166,9 +185,12 @@ __all__ = [
     "load_offers",
     "load_robot",
     "prior_parameters",
+    "random_motion",
     "sensor_plan",
     "simulate",
+    "simulate_recording",
     "step_through",
+    "surrogate_parameters",
     "use_mechanism",
     "validate",
 ]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import (
@@ -16,6 +16,7 @@ from deltaid.estimation.information import (
     entries_at,
 )
 from deltaid.motion.random_motion import random_motion
+from deltaid.robot.load import RobotLike, described
 from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -32,6 +33,19 @@ def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
         KinematicsError: the description's limits leave no room for a motion.
     """
     return _base(dynamics, seed, dynamics)
+
+
+def base(robot: RobotLike, *, seed: int = 0) -> BaseParameters:
+    """Base parameters of a robot: the combinations that torques determine, with all its sensors.
+
+    Args:
+        seed: of the random motion that they are found with.
+
+    Raises:
+        DescriptionError: there is no such robot.
+        KinematicsError: the description's limits leave no room for a motion.
+    """
+    return measured_base(compiled(described(robot)), seed)
 
 
 def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:

@@ -7,14 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import (
     Column,
     MappingProposal,
     addresses,
+    count_drives,
     proposed_mapping,
 )
 from deltaid.recording.source import Table
 from deltaid.recording.table import open_table
+from deltaid.robot.load import RobotLike, described
 
 
 @dataclass(frozen=True)
@@ -51,22 +54,45 @@ def count_columns(path: str) -> int:
     )
 
 
-def read_contents(path: str, linear: Sequence[bool]) -> Contents:
+def columns(log: RecordingLike, robot: RobotLike | None = None) -> MappingProposal:
+    """Propose which column of a recording is what, by names, units and sizes of its numbers.
+
+    Nothing is used unasked: read the reasons, then give `.mapping` as `columns=`, or `.save` it.
+
+    Args:
+        log: a file, or a recording in memory.
+        robot: whose drives are sought; without one, as many as the positions are numbered.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+        DescriptionError: there is no such robot.
+    """
+    if robot is None:
+        return read_contents(log, None).proposal
+    description = described(robot)
+    linear = [description.is_linear(drive) for drive in description.drives]
+    return read_contents(log, linear).proposal
+
+
+def read_contents(log: RecordingLike, linear: Sequence[bool] | None) -> Contents:
     """All columns of a recording and the mapping that is proposed.
 
     Args:
-        linear: for each drive of the robot whether it slides.
+        linear: for each drive of the robot whether it slides; None where no robot is known.
 
     Raises:
         RecordingError: the file cannot be read.
     """
-    table = open_table(Path(path))
-    columns = addresses(table.fields, table.units)
-    numbers, rows = _with_ranges(table, [column for column in columns if not column.is_date])
+    source = as_source(log)
+    table = source.table if isinstance(source, Recording) else open_table(source)
+    plain = addresses(table.fields, table.units)
+    numbers, rows = _with_ranges(table, [column for column in plain if not column.is_date])
     read = {column.address: column for column in numbers}
-    columns = tuple(read.get(column.address, column) for column in columns)
+    found = tuple(read.get(column.address, column) for column in plain)
     warnings = tuple(str(text) for text in table.warnings)
-    return Contents(columns, rows, proposed_mapping(columns, linear), warnings)
+    if linear is None:
+        linear = [False] * count_drives(found)
+    return Contents(found, rows, proposed_mapping(found, linear), warnings)
 
 
 def _begins_with_numbers(table: Table, name: str) -> bool:

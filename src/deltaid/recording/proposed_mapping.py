@@ -7,12 +7,15 @@ the user takes it. What names do not tell stays open.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from deltaid.files import written_whole
 from deltaid.recording.address import Field
-from deltaid.recording.mapping import QUANTITIES, Quantity
+from deltaid.recording.mapping import QUANTITIES, ColumnMapping, Quantity
 from deltaid.recording.resolution import si_unit
 from deltaid.recording.units import is_unit
+from deltaid.robot.load import yaml_text
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 _MOST_METRES = 10.0
@@ -47,6 +50,8 @@ _UNIT_WORDS = {
     "ma": "mA", "a": "A", "rev": "rev", "turns": "rev",
 }  # fmt: skip
 _RATES = {"velocity": "/s", "acceleration": "/s^2"}
+# Drives that a parallel robot has at most.
+_MOST_DRIVES = 8
 _SPLIT = re.compile(r"[^A-Za-zµ%]+|(?<=[a-zµ])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _NUMBER = re.compile(r"\d+")
@@ -81,7 +86,7 @@ class MappingProposal:
 
     Attributes:
         data: as its file would hold it.
-        reasons: why, column sentence each; what is assumed says so.
+        reasons: why, one sentence each; what is assumed says so.
         missing: quantities that are needed and were not found.
     """
 
@@ -93,6 +98,24 @@ class MappingProposal:
     def complete(self) -> bool:
         """Whether a check can begin with it."""
         return not self.missing
+
+    @property
+    def mapping(self) -> ColumnMapping:
+        """The same as a value, to be given as `columns=`.
+
+        Raises:
+            DescriptionError: quantities that are needed were not found.
+        """
+        return ColumnMapping.from_dict(self.data, "proposed columns").of("proposed columns")
+
+    def save(self, path: str | Path) -> None:
+        """Write it as a mapping file, to be read and corrected.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        with written_whole(Path(path)) as file:
+            file.write(yaml_text(self.data))
 
 
 def addresses(fields: Sequence[Field], units: Mapping[str, str]) -> list[Column]:
@@ -109,6 +132,15 @@ def addresses(fields: Sequence[Field], units: Mapping[str, str]) -> list[Column]
         elif field.shape:
             found.append(Column(field.name, unit, is_date=field.is_clock))
     return found
+
+
+def count_drives(columns: Sequence[Column]) -> int:
+    """How many drives the largest group of positions has; three where there is none."""
+    for drives in range(_MOST_DRIVES, 0, -1):
+        groups = _groups(columns, drives)
+        if any(_quantity(group[0].address) == "position" for group in groups):
+            return drives
+    return 3
 
 
 def proposed_mapping(columns: Sequence[Column], linear: Sequence[bool]) -> MappingProposal:

@@ -136,25 +136,15 @@ def forces_step(
 ) -> Step:
     """What struts, joints and bearings carry along a motion."""
     report, output = f"{folder}/report.html", f"{folder}/forces.csv"
-    options = _options({"columns": mapping, "strut_spacing": spacing})
-    arguments = ("forces", model, motion, *options, "--output", output, "--report", report)
-    columns = f", deltaid.load_mapping({mapping!r})" if mapping else ""
+    asked = {"columns": mapping, "strut_spacing": spacing}
+    arguments = ("forces", model, motion, *_options(asked), "--output", output, "--report", report)
     python = f"""\
-from pathlib import Path
-
 import deltaid
-from deltaid.joint_forces.study import CsvFile, study, with_struts
-from deltaid.identification.sources import model_filtered
-from deltaid.recording.opening import open_log
 
-model = with_struts(deltaid.load({model!r}), {spacing!r}, None)
-forces = deltaid.ConstraintForces(model.robot)
-log = open_log(Path({motion!r}), forces.kinematics{columns}, need_torque=False)
-with Path({output!r}).open("w", encoding="utf-8") as file:
-    viewer = CsvFile(forces, file)
-    result = study(model, forces, model_filtered(model, log), viewers=(viewer,))
+result = {_call("deltaid.forces", repr(model), repr(motion), **asked)}
 for finding in result.findings:
     print(finding)
+result.save({output!r})
 """
     return Step("forces", arguments, python, _present(model, motion, mapping), (output, report))
 
