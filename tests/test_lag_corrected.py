@@ -271,7 +271,7 @@ def test_columns_that_have_been_left_out_are_not_complained_about() -> None:
     judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
     (told,) = (one for one in judged.verdicts if one.key == "velocity")
     assert told.grade is Grade.GOOD
-    assert "left out" in told.seen
+    assert "excluded" in told.seen
     assert not any("velocit" in text for text in judged.model.warnings)
 
 

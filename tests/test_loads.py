@@ -180,7 +180,7 @@ def test_a_load_that_is_held_all_the_time_is_hardly_told_from_the_tool() -> None
     assert told.low is not None
     assert told.high is not None
     assert told.low < MASS < told.high
-    assert "hardly tell it from EE itself" in told.text
+    assert "hardly separate it from EE itself" in told.text
 
 
 def test_a_platform_shows_the_mass_only() -> None:

@@ -23,13 +23,13 @@ _POINTS, _EDGE = 4096, 0.01
 _FRICTION = Fault(
     "friction-missing",
     "drives",
-    "left out of the description; a fit then puts the friction there is into masses and inertias",
+    "missing from the description; a fit then puts that friction into masses and inertias",
     "describe it; its size is only a start, as the recording decides it",
 )
 _LIMITS = Fault(
     "limits-missing",
     "limits",
-    "left out of the description",
+    "missing from the description",
     "give what the machine may do before `deltaid excite` plans a motion: it goes to the limits "
     "that it knows; identification does not depend on them",
 )

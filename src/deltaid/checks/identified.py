@@ -104,7 +104,7 @@ def identify(
             if len(opened) > 1:
                 forget(record)
         result = fitted(description, sources, columns=mappings, settings=settings, progress=say)
-        say("judging what it tells")
+        say("judging the result")
         after_fit = _after_fit(result, opened, before_fit, description)
         kept = (v for v in after_fit if settings.keep_all or v.key not in _MASKED)
         verdicts = Verdicts((*judged, *common, *kept), description, sources, mappings)
@@ -148,7 +148,7 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence) -
         raise kind(
             verdict.finding,
             where=where,
-            cure=f"{verdict.cure}; `deltaid check` tells more and --write writes what it "
+            cure=f"{verdict.cure}; `deltaid check` shows more and --write writes what it "
             f"proposes, --force goes on as it is{lines}",
         )
 
@@ -189,7 +189,7 @@ def _kept(
         return verdict if still_seen(result.problem, recording, described) else None
     logs = [fix.log for fix in fixes if fix.kind == "velocity"]
     if doubtful and verdict.key == "velocity" and recording.path.name in logs:
-        seen = f"{verdict.seen}, which has been corrected: they are left out, and positions "
+        seen = f"{verdict.seen}, which has been corrected: they are excluded, and positions "
         seen += "differentiated"
         return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
     return verdict

@@ -224,7 +224,7 @@ def _agreement(study: Study) -> str:
         return f"torques and positions agree in time: {lag}"
     corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
     shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
-    return f"torques came {shift} against positions, which has been corrected: {lag} are left"
+    return f"torques came {shift} against positions, which has been corrected: {lag} remain"
 
 
 def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:

@@ -92,7 +92,7 @@ def check(
                 informations.append(known)
                 strokes.append(record.moved)
         if several and len(informations) == len(sources):
-            say("checking what they tell together")
+            say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
         return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
 

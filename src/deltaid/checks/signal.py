@@ -217,7 +217,7 @@ def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
         if share > _CLIPPED:
             seen = (
                 f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
-                "torque; these are left out"
+                "torque; these are excluded"
             )
             yield _SATURATION.poor(seen, drive, 100 * share)
 
@@ -227,7 +227,7 @@ def _standing(log: Log) -> Verdict:
     seen = f"the robot rests for {percent(share)} of the time"
     if share <= _RESTING:
         return _STANDING.good(seen, 100 * share)
-    return _STANDING.poor(f"{seen}; these rows are left out", "", 100 * share)
+    return _STANDING.poor(f"{seen}; these rows are excluded", "", 100 * share)
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:

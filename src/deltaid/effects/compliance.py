@@ -103,11 +103,11 @@ class Windup:
 
     def _evidence(self, k: int) -> str:
         """How the k-th size is known."""
-        text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations beside a free lag"
+        text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations with a free lag"
         if self.groups[:, k].sum() > 1:
             text += ", one for all limbs"
         if self.like_lag[k] > _ALIKE:
-            text += "; this motion hardly tells it from a lag of the torques "
+            text += "; this motion hardly separates it from a lag of the torques "
             text += f"(correlation {self.like_lag[k]:.2f})"
         return text
 

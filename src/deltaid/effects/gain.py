@@ -42,7 +42,7 @@ class Gain(DescribedEffect):
     likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
     fix = (
         "check torque constants and gears of these drives' torque columns; a recording shows "
-        "ratios of gains only, and a second one with a known load tells each of them"
+        "ratios of gains only, and a second one with a known load shows each of them"
     )
 
     def candidates(self, fit: RigidFit) -> Iterable[Candidate]:

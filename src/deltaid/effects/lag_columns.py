@@ -226,7 +226,7 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
     )
     if held:
         return (
-            f"{text}; only steps of friction tell it, other rows want another lag: friction law, "
-            "load or torque constants are in doubt"
+            f"{text}; only steps of friction show it, other rows ask for another lag: friction "
+            "law, load or torque constants are in doubt"
         )
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > _APART else text

@@ -180,8 +180,8 @@ class LoadColumns(Addition):
         text = f"{body} holds it {when}, and its mass {origin}; {without}"
         if low is not None and high is not None and high - low > _VAGUE * mass.value:
             text += (
-                f"; torques hardly tell it from {body} itself: record a part without it, or give "
-                "its mass"
+                f"; torques hardly separate it from {body} itself: record a part without it, or "
+                "give its mass"
             )
         return (
             Correction(kind="load", subject=self.load.name, value=mass.value, low=low, high=high,

@@ -159,7 +159,7 @@ def judged_wiring(
             raise RecordingError(
                 verdict.finding,
                 where=str(opened.path),
-                cure=f"{verdict.cure}; `deltaid check` tells more",
+                cure=f"{verdict.cure}; `deltaid check` shows more",
             )
     return tuple(
         Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)

@@ -161,7 +161,7 @@ def _verdict(
     unit = "mm" if evidence.robot.is_linear(name) else "mrad"
     of_zero = f"a zero of {name} that is {abs(1e3 * way[0]):.3g} ± {1e3 * way[1]:.1g} {unit} off"
     if others:
-        of_zero += f" (or one of {listed(others)}: the motion does not tell these apart)"
+        of_zero += f" (or one of {listed(others)}: the motion does not separate these)"
     angle, by = _tilt(shift)
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     if zero:
@@ -182,13 +182,13 @@ def _verdict(
             )
         proposals = _gravity(evidence, shift, is_written=angle <= _LEVELLED) if shift.tilt else ()
     if either:
-        cause = f"one of both, the motion does not tell which: {text}, or {rival}"
-        cure = "home the drives anew and check the level of the base; then mend what was wrong"
+        cause = f"one of both, the motion does not show which: {text}, or {rival}"
+        cure = "home the drives anew and check the level of the base; then correct what was wrong"
     return Verdict(
         "homing-or-tilt",
         grade,
         f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % of "
-        "what is left of them",
+        "the residual",
         ", ".join([name, *others]) if zero else "",
         cause,
         cure,
