@@ -142,7 +142,7 @@ class WiringHypothesis:
         """Whether positions are in no unit that has a name."""
         return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
 
-    def beats(self, as_mapped: "Candidate") -> bool:
+    def beats(self, as_mapped: "WiringHypothesis") -> bool:
         """Whether its residual rules out the columns as mapped."""
         if self is as_mapped:
             return True
@@ -150,7 +150,7 @@ class WiringHypothesis:
             return False
         return not as_mapped.as_likely_as(self)
 
-    def as_likely_as(self, best: "Candidate") -> bool:
+    def as_likely_as(self, best: "WiringHypothesis") -> bool:
         """Whether noise, or what no model has, explains the difference to the best."""
         return best.score - self.score < as_good(len(best.residual.Y))
 

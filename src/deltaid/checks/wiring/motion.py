@@ -58,7 +58,7 @@ class FilteredMotion:
         """Low-passed and thinned signals: (channels, kept)."""
         return apply(self.low_pass.smooth, signals, self.low_pass.decimation)[:, : len(self.tau)]
 
-    def few(self, most: int) -> "Motion":
+    def few(self, most: int) -> "FilteredMotion":
         """With so many samples at most that count, spread over the motion."""
         places = np.flatnonzero(self.awake)
         chosen = places[np.linspace(0, len(places) - 1, min(most, len(places))).astype(int)]
