@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.identification import contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
@@ -192,7 +192,7 @@ def test_columns_of_structure_are_torques_of_what_free_leaves_out() -> None:
     robot, recording = result.robot, result.recordings[0]
     record = studied_trace(compiled(robot), recording, result.model.p)
     assert record is not None
-    point = Point(record, result.model.p)
+    point = TracePoint(record, result.model.p)
     columns, names = Structure().columns(point), compiled(robot).layout.names
     shown = np.any(columns != 0, axis=(0, 1))
     assert columns.shape[2] > shown.sum() > 10

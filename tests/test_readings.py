@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deltaid.effects.falling_gain import Saturation
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.identification.study import studied_trace
 from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.readings import Readings
@@ -60,7 +60,7 @@ def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
     assert readings is not None
     record = studied_trace(result.problem.dynamics, recording, p)
     assert record is not None
-    columns = Saturation().columns(Point(record, p, highest=readings.largest))
+    columns = Saturation().columns(TracePoint(record, p, highest=readings.largest))
     model, step = record.model(p), 1e-5
     for drive in range(3):
         for k in range(2):

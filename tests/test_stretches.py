@@ -11,7 +11,7 @@ from scipy import stats
 from deltaid.checks.wiring.homing import BLOCKS as OF_ZEROS
 from deltaid.checks.wiring.homing import Shifts
 from deltaid.effects.contest import account
-from deltaid.effects.point import Candidate
+from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.span import Span
@@ -163,7 +163,7 @@ def test_a_pattern_surprises_by_what_it_explains_over_the_scatter(alike: bool) -
     left = 40.0 * Q[:, 0] + noise
     span, pattern = (
         Span(np.zeros((len(left), 0)), np.zeros((1, 0))),
-        Candidate("one", "", columns, tries=2.0),
+        EffectCandidate("one", "", columns, tries=2.0),
     )
     (one,) = account([pattern], lambda _: (), ROWS.groups, span, left).first
     level = noise @ noise / (len(left) - 2)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.effects.point import Candidate
+from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.problem import level_along
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.span import Columns, Rows, Span, independent, lengths
@@ -33,7 +33,7 @@ class Contribution:
         directions: orthonormal columns of what parameters leave of it.
     """
 
-    candidate: Candidate
+    candidate: EffectCandidate
     gain: float
     surprise: float
     directions: Columns
@@ -61,8 +61,8 @@ class Account:
 
 
 def account(
-    candidates: Sequence[Candidate],
-    searched: Callable[[Rows], Iterable[Candidate]],
+    candidates: Sequence[EffectCandidate],
+    searched: Callable[[Rows], Iterable[EffectCandidate]],
     groups: Int[np.ndarray, " rows"],
     span: Span,
     residual: Rows,
@@ -78,7 +78,7 @@ def account(
     """
     detected, first = list[Contribution](), tuple[Contribution, ...]()
 
-    def unexplained(some: Sequence[Candidate]) -> list[Columns]:
+    def unexplained(some: Sequence[EffectCandidate]) -> list[Columns]:
         """Columns of unit length, without what is explained."""
         return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in some]
 
@@ -116,7 +116,7 @@ class _Trial:
         tries: of how many candidates it is one, as a decimal logarithm.
     """
 
-    candidate: Candidate
+    candidate: EffectCandidate
     A: Columns
     basis: Float[np.ndarray, "columns rank"]
     residual: Rows

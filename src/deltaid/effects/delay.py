@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_columns import slopes
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class Delay(Effect):
@@ -12,7 +12,7 @@ class Delay(Effect):
 
     kind = "torque-lag"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         columns = slopes(fit.trace, fit.p)
-        yield Candidate(self.kind, "", fit.rows.stack(columns)[:, None])
-        yield Candidate(self.kind, "", fit.rows.own(columns))
+        yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
+        yield EffectCandidate(self.kind, "", fit.rows.own(columns))

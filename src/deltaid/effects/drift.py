@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect, torque_of
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.model.verdict import percent
 
 # Time constants of warming up, as shares of the recording.
@@ -21,7 +21,7 @@ class Drift(DescribedEffect):
     )
     fix = "move the robot until it is warm before recording, and record shorter"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         time, joints = fit.motion.time, [joint.name for joint in fit.joints]
         share = (time - time[0]) / (time[-1] - time[0])
         courses = [("steadily", share - 0.5)]
@@ -31,11 +31,11 @@ class Drift(DescribedEffect):
         for words, course in courses:
             if friction:
                 columns = np.stack([fit.rows.stack(column * course) for column in friction], axis=1)
-                yield Candidate(self.kind, "", columns.sum(axis=1)[:, None], words)
+                yield EffectCandidate(self.kind, "", columns.sum(axis=1)[:, None], words)
                 yield from self.of_each(joints, columns, words)
             offset = fit.rows.own(fit.motion.weights.T * course)
             for i, drive in enumerate(fit.drives):
-                yield Candidate(self.kind, drive, offset[:, [i]], words)
+                yield EffectCandidate(self.kind, drive, offset[:, [i]], words)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         changes = f"{percent(share)} of {torque_of(subject)} changes with time"

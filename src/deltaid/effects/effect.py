@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.effects.contest import Account, Contribution
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.model.verdict import Proposal, percent
@@ -39,7 +39,7 @@ class Cause:
     rms: Float[np.ndarray, " dof"]  # of what it explains in each drive's torque [N m or N]
 
     @property
-    def first(self) -> Candidate:
+    def first(self) -> EffectCandidate:
         return self.found[0].candidate
 
     @property
@@ -71,11 +71,11 @@ class Effect:
 
     kind: ClassVar[str]
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         """Columns that it would add to the torques, to first order, known beforehand."""
         return ()
 
-    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
         """A search for columns in the residual torques."""
         return lambda residual: ()
 
@@ -86,11 +86,11 @@ class Effect:
 
     def of_each(
         self, subjects: Sequence[str], columns: Columns, words: str = ""
-    ) -> Iterable[Candidate]:
+    ) -> Iterable[EffectCandidate]:
         """A candidate for each subject's column, and one for all."""
         for i, subject in enumerate(subjects):
-            yield Candidate(self.kind, subject, columns[:, [i]], words)
-        yield Candidate(self.kind, "", columns, words)
+            yield EffectCandidate(self.kind, subject, columns[:, [i]], words)
+        yield EffectCandidate(self.kind, "", columns, words)
 
 
 class DescribedEffect(Effect):

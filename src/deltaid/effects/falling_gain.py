@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.point import Candidate, Point, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
 from deltaid.effects.unknown import Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.span import Columns
@@ -27,7 +27,7 @@ class Saturation(UnknownEffect):
     kind, unit = "torque-constant", "%"
     text = "its torque constant falls with current: the joint lacks this at its largest torque"
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         recording, torque = point.trace.recording, point.model
         if (readings := recording.repairs.readings) is not None:  # as amplifiers say it
             torque = readings.recorded(torque.T).T
@@ -64,7 +64,7 @@ class FallingGain(DescribedEffect):
         "more gently"
     )
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, _cubes(fit))
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.joint import SHAPES, of_load, one_way, one_way_speed, over_speed
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
 
@@ -18,7 +18,7 @@ class FrictionLaw(DescribedEffect):
     follows = "the speed"
     fix = "deltaid identify adds the term; or describe it"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         joints, names = fit.joints, [joint.name for joint in fit.joints]
         if not joints:
             return
@@ -26,7 +26,7 @@ class FrictionLaw(DescribedEffect):
         shapes = [(joint, over_speed(joint, shape)) for shape, _ in SHAPES for joint in joints]
         by_shape = np.split(fit.rows.stack(fit.of_joints(shapes)), len(SHAPES), axis=1)
         for columns, (_, words) in zip(by_shape, SHAPES, strict=True):
-            yield Candidate(self.kind, "", (columns @ coulomb)[:, None], words)
+            yield EffectCandidate(self.kind, "", (columns @ coulomb)[:, None], words)
             yield from self.of_each(names, columns, words)
         drives, count = fit.driven, len(fit.driven)
         if not drives:
@@ -34,9 +34,9 @@ class FrictionLaw(DescribedEffect):
         shapes = [(joint, way) for way in (one_way, one_way_speed) for joint in drives]
         by_direction = fit.rows.stack(fit.of_joints(shapes))
         for i, joint in enumerate(drives):
-            yield Candidate(self.kind, joint.name, by_direction[:, [i, count + i]], _WAY)
-        yield Candidate(self.kind, "", by_direction[:, :count], _WAY)
-        yield Candidate(self.kind, "", by_direction, _WAY)
+            yield EffectCandidate(self.kind, joint.name, by_direction[:, [i, count + i]], _WAY)
+        yield EffectCandidate(self.kind, "", by_direction[:, :count], _WAY)
+        yield EffectCandidate(self.kind, "", by_direction, _WAY)
         loads = fit.rows.stack(fit.of_joints([(joint, of_load) for joint in drives]))
         yield from self.of_each([joint.name for joint in drives], loads, _LOAD)
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.linalg import null_space
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.point import Candidate, Point, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
 from deltaid.effects.unknown import UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
@@ -27,7 +27,7 @@ class GainRatios(UnknownEffect):
     name = "gain"
     deviation = 0.03
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         limbs = point.dynamics.robot.limbs
         count = limbs.count if limbs is not None and limbs.identical else 1
         ratios = np.zeros((point.dof, count - 1))
@@ -45,7 +45,7 @@ class Gain(DescribedEffect):
         "ratios of gains only, and a second one with a known load shows each of them"
     )
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, fit.rows.own(fit.scaled_model))
 
     def subject(self, cause: Cause) -> str:

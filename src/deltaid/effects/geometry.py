@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import SIZE, Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
@@ -29,7 +29,7 @@ class Zeros(UnknownEffect):
     corrects = "readings"
     deviation = 4e-3
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
 
 
@@ -42,7 +42,7 @@ class GearRatios(UnknownEffect):
     corrects = "readings"
     deviation = 4e-3
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         w, slopes = point.motion, point.slopes
         each = np.eye(point.dof)
         return point.weighted([
@@ -60,7 +60,7 @@ class Tilt(UnknownEffect):
     deviation = 1e-2
     limit = 0.05
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         slopes = point.slopes
         return point.weighted([slopes.of_gravity(axis) for axis in across(slopes.gravity)])
 
@@ -94,7 +94,7 @@ class Lengths(UnknownEffect):
     corrects = "robot"
     deviation = 5e-4
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         lengths = lengths_of(point.dynamics.robot)
         return point.weighted([point.slopes.of_length(number) for _, _, number in lengths])
 
@@ -140,15 +140,15 @@ class Structure(UnknownEffect):
     name = "structure"
     is_fitted = True
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         reduction, left_out = _left_out(point)
         return point.trace.regressor() @ reduction.A[active_columns(point.dynamics)][:, left_out]
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         reduction, left_out = _left_out(point)
         return SIZE * reduction.scale[left_out]
 
-    def names(self, point: Point) -> tuple[str, ...]:
+    def names(self, point: TracePoint) -> tuple[str, ...]:
         """Of the entries, such as U.mcy."""
         reduction, left_out = _left_out(point)
         return tuple(reduction.names[k] for k in left_out)
@@ -172,7 +172,7 @@ def opened(robot: RobotDescription) -> RobotDescription:
     return robot.model_copy(update={"bodies": bodies})
 
 
-def _left_out(point: Point) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
+def _left_out(point: TracePoint) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
     """The reduction of a robot with all entries, and which of them are zero in the description."""
     active, robot = active_columns(point.dynamics), point.dynamics.robot
     full, own = build_reduction(opened(robot), active), build_reduction(robot, active)

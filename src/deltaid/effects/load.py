@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.load_times import Held, refined, two_levels
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.span import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
@@ -32,10 +32,10 @@ class LoadChange(DescribedEffect):
         "identified with the robot; else record without load"
     )
 
-    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
         holders = _holders(fit)
 
-        def candidates_in(residual: Rows) -> Iterable[Candidate]:
+        def candidates_in(residual: Rows) -> Iterable[EffectCandidate]:
             for body, columns in holders.items():
                 mass = columns[:, :1]
                 held = two_levels(fit, mass[:, 0], residual) if np.any(mass) else None
@@ -48,13 +48,13 @@ class LoadChange(DescribedEffect):
 
         return candidates_in
 
-    def _load(self, fit: RigidFit, body: str, columns: Columns, held: Held) -> Candidate:
+    def _load(self, fit: RigidFit, body: str, columns: Columns, held: Held) -> EffectCandidate:
         """Columns while the load is held, the mass's first."""
         changes, time = np.flatnonzero(np.diff(held)), fit.motion.time
         tries = float(np.log10(len(held))) * len(changes)
         rows = np.tile(held, fit.dof)[:, None]
         times = tuple((0.5 * (time[changes] + time[changes + 1])).tolist())
-        return Candidate(self.kind, "", columns * rows, body, tries, times)
+        return EffectCandidate(self.kind, "", columns * rows, body, tries, times)
 
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail

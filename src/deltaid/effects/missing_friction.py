@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class MissingFriction(Effect):
@@ -13,7 +13,7 @@ class MissingFriction(Effect):
 
     kind = "friction-missing"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         friction = fit.dynamics.robot.friction
         without = [i for i, drive in enumerate(fit.drives) if drive not in friction]
         if without:
@@ -21,4 +21,4 @@ class MissingFriction(Effect):
             signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, every)
             speeds = fit.trace.filtered(lambda w: w.qd.T, every)
             columns = np.hstack([fit.rows.own(rates)[:, without] for rates in (signs, speeds)])
-            yield Candidate(self.kind, "", columns, is_preferred=True)
+            yield EffectCandidate(self.kind, "", columns, is_preferred=True)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 
 # Decades that torques over the place must be more surprising: so many shapes bend to noise that is
 # not quite white.
@@ -22,7 +22,7 @@ class PlaceDependence(DescribedEffect):
     )
     fix = "measure arms, struts and radii, set the drives' zeros anew, and look for play"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         w, dof = fit.motion, fit.dof
         x = ((w.z - w.z.mean(axis=0)) / np.maximum(np.ptp(w.z, axis=0), 1e-12)).T
         shapes = [*x, *(x[i] * x[j] for i in range(dof) for j in range(i, dof))]
@@ -31,5 +31,5 @@ class PlaceDependence(DescribedEffect):
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
             columns = np.stack([block[:, i] for block in blocks], axis=1)
-            yield Candidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
-        yield Candidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)
+            yield EffectCandidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
+        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)

@@ -24,7 +24,7 @@ _SWEEPS, _SHOWN = 3, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class EffectCandidate:
     """Columns that one effect would add, to first order in its size."""
 
     kind: str
@@ -39,7 +39,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class TracePoint:
     """A recording and the robot's parameters; properties are at its filtered samples."""
 
     trace: Trace
@@ -135,7 +135,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class RigidFit(Point):
+class RigidFit(TracePoint):
     """A recording before its effects are known, at the parameters of least squares."""
 
     Y: ColumnsOfDrives  # the active columns of its regressor, filtered
@@ -167,9 +167,9 @@ class RigidFit(Point):
         return self.Y[:, :, np.searchsorted(active_columns(self.dynamics), k)]
 
 
-def points_of(traces: Sequence[Trace], p: Parameters) -> list[Point]:
+def points_of(traces: Sequence[Trace], p: Parameters) -> list[TracePoint]:
     """Recordings at the same parameters, with the largest speeds and torques of all."""
-    points = [Point(trace, p) for trace in traces]
+    points = [TracePoint(trace, p) for trace in traces]
     names = points[0].speeds
     fastest = {name: max(point.speeds[name] for point in points) for name in names}
     highest = np.max([trace.recording.log.torque_max for trace in traces], axis=0)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.effects.ripple_search import passed
 from deltaid.estimation.span import Rows
 
@@ -27,7 +27,7 @@ class PositionRipple(DescribedEffect):
     def key(self) -> str:
         return "geometry-or-cogging"
 
-    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[Candidate]]:
+    def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
         waves = dict[int, np.ndarray]()
         for i, stroke in enumerate(np.ptp(fit.q, axis=0).tolist()):
             if stroke > 0:
@@ -35,7 +35,7 @@ class PositionRipple(DescribedEffect):
                 turns, size = np.outer(orders, fit.q[:, i]), passed(fit, i, orders)
                 waves[i] = np.stack([size * np.sin(turns), size * np.cos(turns)])
 
-        def candidates_in(residual: Rows) -> Iterable[Candidate]:
+        def candidates_in(residual: Rows) -> Iterable[EffectCandidate]:
             for i, pair in waves.items():
                 power = np.maximum(np.sum(pair**2, axis=(0, 2)), 1e-300)
                 along = pair @ fit.rows.of_drives(residual)[i]
@@ -45,6 +45,6 @@ class PositionRipple(DescribedEffect):
                 words = f"a ripple of {_COUNTS[k]:.3g} waves over the stroke"
                 tries = float(np.log10(len(_COUNTS)))
                 rows = fit.rows.stack(columns)
-                yield Candidate(self.kind, fit.drives[i], rows, words, tries, bends=True)
+                yield EffectCandidate(self.kind, fit.drives[i], rows, words, tries, bends=True)
 
         return candidates_in

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.effects.along_motion import RippleColumns
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import Added
 from deltaid.estimation.scatter import surprise
 
@@ -24,7 +24,7 @@ Orders = Float[np.ndarray, " orders"]
 
 
 def largest_ripples(
-    points: Sequence[Point], residuals: Residuals, least: float
+    points: Sequence[TracePoint], residuals: Residuals, least: float
 ) -> list[tuple[int, float]]:
     """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
     in residuals in units of each drive's noise."""
@@ -45,7 +45,9 @@ def largest_ripples(
     return ripples
 
 
-def nearest_order(points: Sequence[Point], residuals: Residuals, i: int, order: float) -> float:
+def nearest_order(
+    points: Sequence[TracePoint], residuals: Residuals, i: int, order: float
+) -> float:
     """The order near another that explains most of a drive's residuals, by filtered columns."""
     orders = _orders(points, i)
     near = order + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
@@ -57,13 +59,13 @@ def nearest_order(points: Sequence[Point], residuals: Residuals, i: int, order: 
     return float(near[np.argmax(explained)])
 
 
-def ripple_of(point: Point, drive: int, order: float) -> Added:
+def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
     """A ripple in the contest."""
     name = f"ripple of {point.drives[drive]}, {order:.4g}"
     return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
 
 
-def _orders(points: Sequence[Point], i: int) -> Orders:
+def _orders(points: Sequence[TracePoint], i: int) -> Orders:
     """That are searched [1/rad or 1/m]."""
     stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
     usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
@@ -76,7 +78,7 @@ def _orders(points: Sequence[Point], i: int) -> Orders:
     return orders[np.max(sizes, axis=0) > _PASSED]
 
 
-def passed(point: Point, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
+def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
     """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
     low_pass = point.trace.low_pass
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)

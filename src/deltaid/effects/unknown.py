@@ -11,7 +11,7 @@ from numpy.polynomial import Legendre
 
 from deltaid.effects.joint import SHAPES, FrictionJoint, of_load, one_way, one_way_speed, over_speed
 from deltaid.effects.lag_columns import late, slope
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
@@ -57,10 +57,10 @@ class UnknownEffect(ABC):
     limit: ClassVar[float] = np.inf
 
     @abstractmethod
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         """Slopes of the torques by its coefficients."""
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         """Standard deviations of its coefficients before any recording; where nothing is known
         those that make `SIZE` of the drives' largest torques."""
         if self.deviation:
@@ -103,7 +103,7 @@ class Added(UnknownEffect):
     def __init__(self, name: str, addition: Addition) -> None:
         self.name, self.addition = name, addition
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.added(self.addition)
 
 
@@ -113,12 +113,12 @@ class FrictionOverSpeed(UnknownEffect):
     name = "friction-curve"
     is_candidate = False
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.of_joints(
             [(joint, over_speed(joint, shape)) for joint in point.joints for shape, _ in SHAPES]
         )
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         return _CURVE * np.repeat(_coulomb(point, point.joints), len(SHAPES))
 
 
@@ -128,11 +128,11 @@ class FrictionByDirection(UnknownEffect):
     name = "friction-direction"
     is_candidate = False
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         ways = (one_way, one_way_speed)
         return point.of_joints([(joint, way) for joint in point.driven for way in ways])
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         sizes = _ONE_WAY * _coulomb(point, point.driven)
         return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
@@ -144,7 +144,7 @@ class FrictionByLoad(UnknownEffect):
     is_candidate = False
     deviation = 0.03
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.of_joints([(joint, of_load) for joint in point.driven])
 
 
@@ -155,7 +155,7 @@ class FrictionOverTime(UnknownEffect):
     is_candidate = False
     is_own = True
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         names, time = point.dynamics.layout.names, point.motion.time
         active, Y = active_columns(point.dynamics), point.trace.regressor()
         span, parts = [time[0], max(time[-1], time[0] + 1e-9)], list[np.ndarray]()
@@ -165,7 +165,7 @@ class FrictionOverTime(UnknownEffect):
             parts += [torque * Legendre.basis(n + 1, span)(time) for n in range(len(_WARM))]
         return np.stack(parts, axis=2) if parts else np.zeros((*point.model.shape, 0))
 
-    def deviations(self, point: Point, columns: ColumnsOfDrives) -> Deviations:
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         return np.tile(_WARM, len(point.joints))
 
 
@@ -177,7 +177,7 @@ class RemainingLag(UnknownEffect):
     is_own = True
     deviation = 3e-4
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return late(point.trace, point.p)
 
 
@@ -189,7 +189,7 @@ class WindUp(UnknownEffect):
     is_positive = True
     deviation = 3e-5
 
-    def columns(self, point: Point) -> ColumnsOfDrives:
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
         dof, rate = point.dof, point.trace.low_pass.rate
 
         def carried(w: Samples) -> Float[np.ndarray, "channels samples"]:
@@ -215,7 +215,7 @@ BESIDE: tuple[UnknownEffect, ...] = (
 )
 
 
-def _coulomb(point: Point, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
+def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
     """Coulomb's friction of joints, at least what the description says."""
     described = point.dynamics.robot.friction
     sizes = [

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from deltaid.effects.effect import Effect
 from deltaid.effects.geometry import Zeros
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class Zero(Effect):
@@ -13,7 +13,7 @@ class Zero(Effect):
 
     kind = "homing-or-tilt"
 
-    def candidates(self, fit: RigidFit) -> Iterable[Candidate]:
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         """Slopes of the torques by each zero."""
         for candidate in self.of_each(fit.drives, fit.rows.stack(Zeros().columns(fit))):
             yield replace(candidate, is_preferred=True, bends=True)

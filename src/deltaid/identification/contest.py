@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.contest import SEEN
-from deltaid.effects.point import Point
+from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.estimation.drive_rows import POSITION_ERROR, stretch_numbers
@@ -51,7 +51,7 @@ class Contest:
     """
 
     rows: TraceRows
-    points: tuple[Point, ...]
+    points: tuple[TracePoint, ...]
     unknowns: tuple[UnknownEffect, ...]
     shrunk: Shrunk
 
@@ -146,7 +146,7 @@ def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def contest(
     rows: TraceRows,
-    points: Sequence[Point],
+    points: Sequence[TracePoint],
     unknowns: Sequence[UnknownEffect],
     applied: Applied,
 ) -> Contest:

@@ -11,7 +11,7 @@ from deltaid.effects.along_motion import AtDrives, DriveSpring, with_rests
 from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import Structure, opened, reshaped
-from deltaid.effects.point import Point, points_of
+from deltaid.effects.point import TracePoint, points_of
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
@@ -113,7 +113,7 @@ def _traces(setup: Setup) -> list[Trace]:
     return [trace for trace in traces if trace is not None]
 
 
-def _unknowns(point: Point) -> tuple[UnknownEffect, ...]:
+def _unknowns(point: TracePoint) -> tuple[UnknownEffect, ...]:
     dynamics, every = point.dynamics, tuple(range(point.dof))
     fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)

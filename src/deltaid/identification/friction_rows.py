@@ -27,7 +27,7 @@ from deltaid.effects.joint import (
 )
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
-from deltaid.effects.point import Point, points_of
+from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns
@@ -82,7 +82,7 @@ class FrictionRows:
     """Rows of some recordings, one drive under the other, in units of each drive's noise."""
 
     dynamics: Dynamics
-    points: tuple[Point, ...]  # the recordings at parameters of least squares
+    points: tuple[TracePoint, ...]  # the recordings at parameters of least squares
     largest: Float[np.ndarray, " dof"]  # torque of each drive
     # active columns of the regressor, all recordings after each other
     Y: Float[np.ndarray, "dof samples columns"]

@@ -23,7 +23,7 @@ from deltaid.effects.contest import SEEN, Account, account
 from deltaid.effects.effect import SHARE, causes_of
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
-from deltaid.effects.point import Candidate, RigidFit
+from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, ColumnsOfDrives, DriveRows
@@ -155,7 +155,7 @@ def _accounted(
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]
 
-    def searched(residual: Rows) -> chain[Candidate]:
+    def searched(residual: Rows) -> chain[EffectCandidate]:
         return chain.from_iterable(search(residual) for search in searches)
 
     return fit, account(known, searched, rows.groups, fit.span, fit.span.without(fit.tau))
