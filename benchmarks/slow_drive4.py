@@ -26,7 +26,7 @@ from _table import leave
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
 from deltaid.reproduce.irb360_result import QUICK, Irb360, Irb360Settings
 from deltaid.reproduce.table_one import RMS_BASE, RMS_IDENTIFIED, RMS_RETUNED
-from deltaid.robot.friction_text import written
+from deltaid.robot.friction_terms import law_in_words
 
 CORES = ("Prescott", "Haswell", "SkylakeX", "Zen", "Sapphirerapids")
 NOISE = "noise alone"
@@ -73,7 +73,7 @@ def run(settings: Irb360Settings) -> dict[str, Any]:
         "fast": left(result, "fast"),
         "base": others(result, BASE),
         "consistent": max(others(result, name) for name in (SIMPLE, GEOM, CHOSEN)),
-        "law": written(law) if law else "",
+        "law": law_in_words(law) if law else "",
         "exponent": law.power.exponent if law and law.power else None,
         "stribeck": bool(law and law.stribeck),
         "plain": 100 * choice.plain_error,

@@ -26,7 +26,7 @@ from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.friction_text import written
+from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.load import RobotLike, described
 
 # Corrections that the common fit or `_torque_constants` report.
@@ -190,7 +190,7 @@ def _corrections(
         if law != described.friction[joint]:
             terms = [_terms(file.record.model.robot.friction[joint]) for file in files]
             text = (
-                f"the law is now {written(law)}, no longer {written(described.friction[joint])}: "
+                f"the law is now {law_in_words(law)}, no longer {law_in_words(described.friction[joint])}: "
                 f"{terms.count(_terms(law))} of {len(files)} recordings ask for its terms by "
                 "themselves"
             )

@@ -41,7 +41,7 @@ from deltaid.model.corrections import Correction
 from deltaid.model.friction_record import FrictionChoice, FrictionTrial, JointTerm
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.friction_text import written
+from deltaid.robot.friction_terms import law_in_words
 
 # A term is added where chance explains as much to one of all that were tried once in 3.5 decades of
 # recordings; the number of joints and kinds of terms takes 1.3 more.
@@ -89,7 +89,7 @@ def _corrections(
             remaining = float(np.prod([1 - step.gain for step in steps]))
             times = max(step.significance for step in steps)
             text = (
-                f"the law is now {written(law)}, no longer {written(before.friction[joint])}: "
+                f"the law is now {law_in_words(law)}, no longer {law_in_words(before.friction[joint])}: "
                 f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
                 "times what chance would explain"
             )

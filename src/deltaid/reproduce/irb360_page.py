@@ -18,7 +18,7 @@ from deltaid.reproduce.table_one import (
     SLOW,
     TABLE,
 )
-from deltaid.robot.friction_text import written
+from deltaid.robot.friction_terms import law_in_words
 from deltaid.view.model_tables import origin
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
@@ -213,7 +213,7 @@ def _friction(result: Irb360) -> Section:
     assert model is not None
     choice, robot = model.model.friction_choice, model.model.robot
     assert choice is not None
-    laws = tuple((joint, written(law)) for joint, law in robot.friction.items())
+    laws = tuple((joint, law_in_words(law)) for joint, law in robot.friction.items())
     steps = tuple(
         (
             s.joint,

@@ -1,4 +1,4 @@
-"""Terms of friction laws: what each is of speed and load, at a coefficient of 1."""
+"""Terms of friction laws: what each is of speed and load, at a coefficient of 1; laws in words."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,6 +20,9 @@ _REST = 1e-9
 _STEP = 1e-20
 
 Speeds = Float[np.ndarray, " *shape"]
+
+# Terms that `law_in_words` says together, for all laws have them.
+_PLAIN = ("viscous", "coulomb", "viscous_back", "coulomb_back")
 
 
 @dataclass(frozen=True)
@@ -48,14 +51,28 @@ class FrictionTerm(ABC):
     of_load: ClassVar[bool] = False
     # Which constants it has.
     constants: ClassVar[tuple[str, ...]] = ()
+    # Whether it is for positive speed only where the other direction has a coefficient of its own.
+    has_back: ClassVar[bool] = False
     # Bounds of the coefficient.
     low: ClassVar[float] = 0.0
     high: ClassVar[float] = float("inf")
 
     @classmethod
-    @abstractmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> "FrictionTerm | None":
+    def of_law(cls, joint: str, law: Friction, units: JointUnits) -> "FrictionTerm | None":
         """The term of a joint's law; None if the law has none of its kind."""
+        stated = getattr(law, cls.kind)
+        if stated is None:
+            return None
+        constants = {name: getattr(stated, name) for name in cls.constants}
+        size = stated.coefficient if constants else stated
+        one_sided = cls.has_back and not law.both_ways
+        return cls(joint, cls.unit_of(units, constants), size, one_sided, **constants)
+
+    @classmethod
+    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
+        """Unit of a coefficient with these constants."""
+        del constants
+        return units.force
 
     @abstractmethod
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -94,7 +111,8 @@ class FrictionTerm(ABC):
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
         """What a law says of this term where its coefficient is another one."""
-        return {self.kind: coefficient}
+        constants = {name: getattr(self, name) for name in self.constants}
+        return {self.kind: {"coefficient": coefficient, **constants} if constants else coefficient}
 
     @property
     def name(self) -> str:
@@ -110,12 +128,11 @@ class FrictionTerm(ABC):
 class _Viscous(FrictionTerm):
     """v, or v for v > 0 where the other direction has a coefficient of its own."""
 
-    kind, continuous = "viscous", True
+    kind, continuous, has_back = "viscous", True, True
 
     @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm:
-        unit = f"{units.force} s/{units.coordinate}"
-        return cls(joint, unit, law.viscous, one_sided=not law.both_ways)
+    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
+        return f"{units.force} s/{units.coordinate}"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (1 + s) * v if self.one_sided else v
@@ -124,25 +141,16 @@ class _Viscous(FrictionTerm):
 class _Coulomb(FrictionTerm):
     """s, or s for v > 0 where the other direction has a coefficient of its own."""
 
-    kind = "coulomb"
-
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm:
-        return cls(joint, units.force, law.coulomb, one_sided=not law.both_ways)
+    kind, has_back = "coulomb", True
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (s + s * s) if self.one_sided else s
 
 
-class _ViscousBack(FrictionTerm):
+class _ViscousBack(_Viscous):
     """v for v < 0."""
 
-    kind, continuous = "viscous_back", True
-
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        back, unit = law.viscous_back, f"{units.force} s/{units.coordinate}"
-        return None if back is None else cls(joint, unit, back)
+    kind, has_back = "viscous_back", False
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (1 - s) * v
@@ -153,11 +161,6 @@ class _CoulombBack(FrictionTerm):
 
     kind = "coulomb_back"
 
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        back = law.coulomb_back
-        return None if back is None else cls(joint, units.force, back)
-
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (s - s * s)
 
@@ -166,10 +169,6 @@ class _Offset(FrictionTerm):
     """A constant torque, h = 1."""
 
     kind, continuous, low = "offset", True, -float("inf")
-
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        return None if law.offset is None else cls(joint, units.force, law.offset)
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 1.0 + 0.0 * v
@@ -184,17 +183,11 @@ class _Power(FrictionTerm):
     kind, constants = "power", ("exponent",)
 
     @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        if law.power is None:
-            return None
-        unit = f"{units.force} (s/{units.coordinate})^{law.power.exponent:.3g}"
-        return cls(joint, unit, law.power.coefficient, exponent=law.power.exponent)
+    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
+        return f"{units.force} (s/{units.coordinate})^{constants['exponent']:.3g}"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * _size(v) ** self.exponent
-
-    def in_law(self, coefficient: float) -> dict[str, Any]:
-        return {self.kind: {"coefficient": coefficient, "exponent": self.exponent}}
 
     @property
     def words(self) -> str:
@@ -206,19 +199,8 @@ class _Stribeck(FrictionTerm):
 
     kind, constants = "stribeck", ("speed", "exponent")
 
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        if (term := law.stribeck) is None:
-            return None
-        force, size = units.force, term.coefficient
-        return cls(joint, force, size, exponent=term.exponent, speed=term.speed)
-
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * _exp(-((_size(v) / self.speed) ** self.exponent))
-
-    def in_law(self, coefficient: float) -> dict[str, Any]:
-        constants = {"speed": self.speed, "exponent": self.exponent}
-        return {self.kind: {"coefficient": coefficient, **constants}}
 
     @property
     def words(self) -> str:
@@ -230,17 +212,8 @@ class _HessSoom(FrictionTerm):
 
     kind, constants = "hess_soom", ("speed",)
 
-    @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        if (term := law.hess_soom) is None:
-            return None
-        return cls(joint, units.force, term.coefficient, speed=term.speed)
-
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s / (1 + (v / self.speed) ** 2)
-
-    def in_law(self, coefficient: float) -> dict[str, Any]:
-        return {self.kind: {"coefficient": coefficient, "speed": self.speed}}
 
     @property
     def words(self) -> str:
@@ -253,8 +226,8 @@ class _Load(FrictionTerm):
     kind, of_load, high = "load", True, 1.0
 
     @classmethod
-    def of(cls, joint: str, law: Friction, units: JointUnits) -> FrictionTerm | None:
-        return None if law.load is None else cls(joint, "1", law.load)
+    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
+        return "1"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * abs(load)
@@ -283,7 +256,7 @@ def _exp(x: Any) -> Any:
 
 def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[FrictionTerm, ...]:
     """The terms of all joints' laws in the order of p: by kind, then by joint."""
-    found = (kind.of(joint, *law) for kind in TERMS for joint, law in laws.items())
+    found = (kind.of_law(joint, *law) for kind in TERMS for joint, law in laws.items())
     return tuple(term for term in found if term is not None)
 
 
@@ -295,3 +268,10 @@ def at_rest(law: Friction) -> float:
         sum(abs(float(term.size * term.h(rest, ca.SX(s), none))) for term in terms) for s in (-1, 1)
     ]
     return max(sums)
+
+
+def law_in_words(law: Friction) -> str:
+    """A law as its terms, constants in brackets: 'viscous + Coulomb + Stribeck (0.3 rad/s, …)'."""
+    plain = "viscous + Coulomb" if law.both_ways else "viscous + Coulomb, each direction its own"
+    terms = friction_terms({"": (law, TURNING)})
+    return " + ".join([plain, *(term.words for term in terms if term.kind not in _PLAIN)])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from deltaid.model.friction_record import AdditionKind, FrictionChoice
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction_text import written
+from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
 from deltaid.view.page import Table
@@ -181,7 +181,7 @@ def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
             trial = gains.get((joint, addition))
             gain = max(trial.gain, 0.0) if trial else 0.0
             row.append("–" if trial is None else percent(gain) if trial.useful else "chance")
-        rows.append((*row, written(law)))
+        rows.append((*row, law_in_words(law)))
     title = "friction laws: share of the squared error that each term alone explains"
     return Table(
         ("joint", *ADDITIONS.values(), "chosen law"), tuple(rows), f"{title}.", title=title
