@@ -190,7 +190,8 @@ def _corrections(
         if law != described.friction[joint]:
             terms = [_terms(file.record.model.robot.friction[joint]) for file in files]
             text = (
-                f"the law is now {law_in_words(law)}, no longer {law_in_words(described.friction[joint])}: "
+                f"the law is now {law_in_words(law)}, no longer "
+                f"{law_in_words(described.friction[joint])}: "
                 f"{terms.count(_terms(law))} of {len(files)} recordings ask for its terms by "
                 "themselves"
             )

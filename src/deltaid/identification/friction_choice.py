@@ -89,7 +89,8 @@ def _corrections(
             remaining = float(np.prod([1 - step.gain for step in steps]))
             times = max(step.significance for step in steps)
             text = (
-                f"the law is now {law_in_words(law)}, no longer {law_in_words(before.friction[joint])}: "
+                f"the law is now {law_in_words(law)}, no longer "
+                f"{law_in_words(before.friction[joint])}: "
                 f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
                 "times what chance would explain"
             )
