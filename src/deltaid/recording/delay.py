@@ -18,13 +18,12 @@ that of positions, δ grows with time, δ + ρ (t − t_0), and every torque is 
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
-from deltaid.recording.table import recut
+from deltaid.recording.table import padded, recut
 from deltaid.recording.time.resampling import weights_at
 
 # Samples on either side that a torque, one with its slope, and a motion are interpolated from.
@@ -180,8 +179,7 @@ def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float
     """
     before, after = shift.reach
     motion = columns.motion_places.stop - 1
-    padded = _padded(segment, before, after, columns)
-    for wide in recut(padded, _AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), _AT_ONCE, before + after):
         yield shift.rows(wide, motion, rate, columns.sensor_places)
 
 
@@ -208,33 +206,12 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         return
     places = [by for _, at in shifts for by, _ in at]
     before, after = max(0, -min(places)), max(0, *places)
-    for wide in recut(_padded(segment, before, after, columns), _AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), _AT_ONCE, before + after):
         count = len(wide) - before - after
         out = wide[before : before + count].copy()
         for own, at in shifts:
             out[:, own] = sum(share * wide[before + by :][:count, own] for by, share in at)
         yield out
-
-
-def _padded(segment: Iterable[Rows], before: int, after: int, columns: Columns) -> Iterator[Rows]:
-    """A segment with its end rows again beyond its ends, where they have no time and no weight."""
-    drives = len(columns.torque)
-    blocks = (block for block in segment if len(block))
-    last = next(blocks, None)
-    if last is None:
-        return
-
-    def beyond(row: Rows, times: int) -> Rows:
-        rows = np.repeat(row, times, axis=0)
-        rows[:, 0], rows[:, rows.shape[1] - drives :] = np.nan, 0.0
-        rows[:, columns.sensor_places] = np.nan
-        return rows
-
-    yield beyond(last[:1], before)
-    for block in chain([last], blocks):
-        last = block
-        yield block
-    yield beyond(last[-1:], after)
 
 
 def around(place: float, half: int) -> list[tuple[int, float]]:

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 from scipy.stats import chi2
 
 from deltaid.recording.columns import Columns
-from deltaid.recording.table import recut
+from deltaid.recording.table import padded, recut
 from deltaid.recording.time.resampling import weights_at
 
 # Updates on either side that a value is interpolated from; rows put right at once.
@@ -84,7 +84,7 @@ def filled(
         rate: rows per second.
     """
     margin, drives = 2 * max(own.spread for own in hold) + 1, len(hold)
-    marked = _padded(_marked(segment, columns, hold, rate), margin, drives)
+    marked = padded(_marked(segment, columns, hold, rate), margin, margin, columns)
     for wide in recut(marked, _AT_ONCE, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
@@ -141,24 +141,6 @@ def _marked(
 def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:
     """Numbers of rows counted from time 0 on."""
     return np.round(np.nan_to_num(rows[:, 0]) * rate).astype(int)
-
-
-def _padded(segment: Iterable[Rows], margin: int, drives: int) -> Iterator[Rows]:
-    """A segment with rows beyond its ends that are no updates."""
-    last: Rows | None = None
-    for rows in segment:
-        if last is None:
-            yield _beyond(rows[:1], margin, drives)
-        last = rows
-        yield rows
-    if last is not None:
-        yield _beyond(last[-1:], margin, drives)
-
-
-def _beyond(row: Rows, count: int, drives: int) -> Rows:
-    rows = np.repeat(row, count, axis=0)
-    rows[:, -drives:] = 0.0
-    return rows
 
 
 def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) -> tuple[Hold, ...]:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -200,3 +201,32 @@ def recut(
         parts, held = [rows[start:]], len(rows) - start
     if held > overlap:
         yield np.concatenate(parts)
+
+
+def padded(
+    segment: Iterable[Float[np.ndarray, "_ _"]], before: int, after: int, columns: Columns
+) -> Iterator[Float[np.ndarray, "_ _"]]:
+    """A segment with its end rows again beyond its ends, where they have no time and no weight.
+
+    Args:
+        segment: evenly spaced rows in blocks: `columns`, at the end a weight (or a mark) a drive.
+        before, after: how many rows beyond the ends.
+        columns: what stands where.
+    """
+    drives = len(columns.torque)
+    blocks = (block for block in segment if len(block))
+    last = next(blocks, None)
+    if last is None:
+        return
+
+    def beyond(row: Float[np.ndarray, "1 _"], times: int) -> Float[np.ndarray, "_ _"]:
+        rows = np.repeat(row, times, axis=0)
+        rows[:, 0], rows[:, rows.shape[1] - drives :] = np.nan, 0.0
+        rows[:, columns.sensor_places] = np.nan
+        return rows
+
+    yield beyond(last[:1], before)
+    for block in chain([last], blocks):
+        last = block
+        yield block
+    yield beyond(last[-1:], after)
