@@ -62,7 +62,7 @@ def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Ve
 def test_a_zero_that_is_off() -> None:
     found = verdict(zero=True, either=False)
     assert found.cause == "homing: a zero of drive2 that is 30 ± 2 mrad off"
-    assert "explains 90 % of what is left" in found.seen
+    assert "explains 90 % of the residual" in found.seen
     assert (found.number, found.unit) == (pytest.approx(-30.0), "mrad")
     assert found.subject == "drive2"
 
@@ -90,7 +90,7 @@ def test_a_base_out_of_level() -> None:
     """Gravity is proposed as it is: of the same size, turned by 6 and 8 mrad about x and y."""
     found = verdict(zero=False, either=False)
     assert found.cause == "a tilted base: a base out of level by 10 ± 4 mrad"
-    assert "explains 10 % of what is left" in found.seen
+    assert "explains 10 % of the residual" in found.seen
     assert (found.number, found.unit, found.subject) == (pytest.approx(10.0), "mrad", "")
     (proposal,) = found.proposals
     g = np.array(load_robot("clavel-delta3").gravity)
