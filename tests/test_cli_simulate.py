@@ -38,7 +38,7 @@ def test_a_file_is_the_motion_that_was_planned(folder: Path) -> None:
     path = folder / "motion.csv"
     file = pl.read_csv(path)
     trajectory, _ = open_trajectory(path, kinematics)
-    found = trajectory.evaluate(file["t"].to_numpy())
+    found = trajectory.desired(file["t"].to_numpy())
     for name, values, near in (
         ("q", found.q, 1e-9),
         ("qd", found.qd, 1e-6),
@@ -47,7 +47,7 @@ def test_a_file_is_the_motion_that_was_planned(folder: Path) -> None:
         expected = file.select(f"{name}{i}" for i in (1, 2, 3)).to_numpy()
         np.testing.assert_allclose(values, expected, atol=near * np.abs(expected).max())
     np.testing.assert_allclose(found.z, file.select("x", "y", "z").to_numpy(), atol=1e-9)
-    middle = trajectory.evaluate(np.array([0.5, 0.5005]))
+    middle = trajectory.desired(np.array([0.5, 0.5005]))
     passed = middle.qd.mean(axis=0) * 5e-4
     np.testing.assert_allclose(np.diff(middle.q, axis=0)[0], passed, atol=1e-7)
 
@@ -57,7 +57,7 @@ def test_a_recording_is_filtered_before_it_is_followed(folder: Path) -> None:
     path = folder / "verify.csv"
     trajectory, log = open_trajectory(path, compiled(load_robot(ROBOT)).kinematics)
     assert log.samples / log.rate - 2 < trajectory.duration < log.samples / log.rate
-    qdd = trajectory.evaluate(np.linspace(0, trajectory.duration, 40_000)).qdd
+    qdd = trajectory.desired(np.linspace(0, trajectory.duration, 40_000)).qdd
     assert np.abs(np.diff(qdd, axis=0)).max() < 0.5
 
 

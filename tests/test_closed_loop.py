@@ -33,7 +33,7 @@ def controlled(bits: int, bandwidth: float) -> tuple[Evidence, np.ndarray]:
     motion = random_motion(dynamics.kinematics, rng)
     trajectory = MotionTrajectory(dynamics.kinematics, motion, SECONDS)
     step = 2 * np.pi / 2.0**bits
-    q = trajectory.evaluate(np.linspace(0, SECONDS, 40)).q
+    q = trajectory.desired(np.linspace(0, SECONDS, 40)).q
     mass = np.einsum("sii->i", dynamics.mass_matrix(q, p)) / len(q)
     run = track(
         Model(robot, p, "true"),

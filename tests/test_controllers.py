@@ -35,7 +35,7 @@ def motion(forward: ForwardDynamics, duration: float = 2.0) -> MotionTrajectory:
 
 def resting(trajectory: MotionTrajectory, time: np.ndarray) -> Desired:
     """The first pose, held."""
-    d = trajectory.evaluate(np.zeros(len(time)))
+    d = trajectory.desired(np.zeros(len(time)))
     return Desired(d.z, d.q, 0 * d.qd, 0 * d.qdd)
 
 
@@ -92,7 +92,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
     forward, model, dynamics = compiled_forward(robot), ControlModel(robot, p), compiled(robot)
     trajectory = motion(forward)
     # Gains of every drive another share of its inertia.
-    mass = model.mass_diagonal(trajectory.evaluate(np.zeros(1)).q)
+    mass = model.mass_diagonal(trajectory.desired(np.zeros(1)).q)
     K = 700 * mass * np.array([1.0, 0.8, 1.3, 0.7])[: len(mass)]
     D = 14 * mass * np.array([1.2, 0.9, 0.7, 0.5])[: len(mass)]
     w = 15.0
@@ -106,7 +106,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
     held = law in ("pd", "feed-forward")
 
     def desired(t: np.ndarray) -> Desired:
-        return resting(trajectory, t) if held else trajectory.evaluate(t)
+        return resting(trajectory, t) if held else trajectory.desired(t)
 
     def disturbance(t: np.ndarray) -> np.ndarray:
         return 5 * mass * np.array([1.0, -0.7, 0.5, 0.6])[: len(mass)] * np.sin(17 * t[:, None])
@@ -163,7 +163,7 @@ def _viscous(dynamics, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 def test_what_the_model_gives_is_inverse_dynamics_and_finds_the_pose_itself() -> None:
     robot = load_robot("irb360-6-1600")
     p, dynamics = prior_parameters(robot), compiled(robot)
-    d = motion(compiled_forward(robot)).evaluate(np.linspace(0, 2, 20))
+    d = motion(compiled_forward(robot)).desired(np.linspace(0, 2, 20))
     near = d.z + 0.01 * np.random.default_rng(0).uniform(-1, 1, d.z.shape)
     found = ControlModel(robot, p).torque(near, d.q, d.qd, d.qd, d.qdd, d.qd)
     expected = dynamics.torque(d.z, d.qd, d.qdd, p)
@@ -177,7 +177,7 @@ def test_all_laws_are_one_linear_feedback_near_the_motion() -> None:
     p[:10] *= 1e-6
     p[10:30] *= 1e-6  # carriages, struts and platform weigh nothing, so that rotors are all of M
     model = ControlModel(robot, p)
-    d = motion(compiled_forward(robot)).evaluate(np.array([0.3]))
+    d = motion(compiled_forward(robot)).desired(np.array([0.3]))
     e, ed = 1e-6 * np.array([[1.0, -2.0, 3.0]]), 1e-4 * np.array([[2.0, 1.0, -1.0]])
     mass = model.mass_diagonal(d.q)
     at = [MeasuredState(d.q + k * e, d.qd + k * ed) for k in (0, 1)]

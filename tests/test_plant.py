@@ -40,7 +40,7 @@ def motion(robot: Model) -> MotionTrajectory:
 def followed(plant: Model | Plant, motion: MotionTrajectory, model: Model, **drives: float):
     """By feed-forward and PD."""
     known = ControlModel(model.robot, model.p)
-    law = tuned("pd-feedforward", known.mass_diagonal(motion.evaluate(np.zeros(1)).q), 10.0)
+    law = tuned("pd-feedforward", known.mass_diagonal(motion.desired(np.zeros(1)).q), 10.0)
     return track(plant, law, known, motion, Drives(**drives))
 
 
@@ -65,7 +65,7 @@ def test_a_load_pulls_until_it_is_let_go_or_known(robot: Model, motion: MotionTr
     def told(time: float) -> ControlModel:
         return without.holding(2.0) if 0.2 <= time < 0.4 else without
 
-    law = tuned("pd-feedforward", without.mass_diagonal(motion.evaluate(np.zeros(1)).q), 10.0)
+    law = tuned("pd-feedforward", without.mass_diagonal(motion.desired(np.zeros(1)).q), 10.0)
     known = track(plant, law, told, motion, Drives())
     assert known.error.platform_rms < 0.1 * blind.error.platform_rms
 

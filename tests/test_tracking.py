@@ -38,7 +38,7 @@ def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float
     known[:30] *= share
     model = ControlModel(robot, known)
     trajectory = motion(forward, duration)
-    mass = ControlModel(robot, p).mass_diagonal(trajectory.evaluate(np.linspace(0, 0.3, 50)).q)
+    mass = ControlModel(robot, p).mass_diagonal(trajectory.desired(np.linspace(0, 0.3, 50)).q)
     return track(Model(forward.robot, p), tuned(controller, mass, 10.0), model, trajectory, drives)
 
 
@@ -84,11 +84,11 @@ def test_a_law_is_told_the_late_error_and_the_motion_in_the_middle_of_its_hold(d
     p, trajectory = prior_parameters(robot), motion(compiled_forward(robot), 0.1)
     drives = Drives(rate=400.0, encoder_step=0.0, delay=delay, velocity_cutoff=0.1)
     law = Overheard(
-        tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.evaluate(np.zeros(1)).q), 8.0)
+        tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.desired(np.zeros(1)).q), 8.0)
     )
     done = track(Model(robot, p), law, ControlModel(robot, p), trajectory, drives)
     q, qd, q_desired, qd_desired = (np.array(part) for part in zip(*law.told, strict=True))
-    middle = trajectory.evaluate(done.time + 0.5 / drives.rate)
+    middle = trajectory.desired(done.time + 0.5 / drives.rate)
     np.testing.assert_array_equal(q_desired, middle.q)
     np.testing.assert_array_equal(qd_desired, middle.qd)
     # A first-order low-pass of 0.1 of the rate, on differences of the error.

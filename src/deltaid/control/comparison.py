@@ -155,4 +155,4 @@ def _lack(eigenvalue: float) -> str:
 
 
 def _poses(trajectory: Trajectory) -> Float[np.ndarray, "poses dof"]:
-    return trajectory.evaluate(np.linspace(0.0, trajectory.duration, _POSES)).q
+    return trajectory.desired(np.linspace(0.0, trajectory.duration, _POSES)).q

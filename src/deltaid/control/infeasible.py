@@ -67,7 +67,7 @@ def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]
     """
     samples = min(_MOST, max(2, round(trajectory.duration * _RATE)))
     time = np.linspace(0.0, trajectory.duration, samples)
-    desired, dynamics, robot = trajectory.evaluate(time), plant.dynamics, plant.robot
+    desired, dynamics, robot = trajectory.desired(time), plant.dynamics, plant.robot
     z = dynamics.kinematics.forward(desired.q)
     tau = dynamics.torque(z, desired.qd, desired.qdd, plant.p)
     found = []

@@ -157,7 +157,7 @@ def track(
     known = model if callable(model) else lambda _: model
     period = 1 / drives.rate
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
-    start, desired = trajectory.evaluate(time), trajectory.evaluate(time + 0.5 * period)
+    start, desired = trajectory.desired(time), trajectory.desired(time + 0.5 * period)
     limits = effort_limits(plant.model.robot)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
     readings = _Readings(drives)

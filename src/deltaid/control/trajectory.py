@@ -44,7 +44,7 @@ class Trajectory(Protocol):
         """How long the motion lasts [s]."""
         ...
 
-    def evaluate(self, time: Float[np.ndarray, " samples"]) -> Desired:
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
         """The desired motion at times [s], which start at 0."""
         ...
 
@@ -61,7 +61,7 @@ class MotionTrajectory:
     motion: Motion
     duration: float
 
-    def evaluate(self, time: Float[np.ndarray, " samples"]) -> Desired:
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
         """The desired motion at times [s].
 
         Raises:
@@ -88,7 +88,7 @@ class SampledTrajectory:
         self._spline = make_interp_spline(time - time[0], q, k=_DEGREE)
         self.duration = float(time[-1] - time[0])
 
-    def evaluate(self, time: Float[np.ndarray, " samples"]) -> Desired:
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
         """The desired motion at times [s].
 
         Raises:
