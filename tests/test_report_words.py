@@ -41,7 +41,7 @@ def test_numbers_in_sentences_are_set_and_names_of_files_are_not(text: str, set_
 @pytest.mark.parametrize(
     ("text", "short", "words"),
     [
-        ("it comes from U.m", "U.m", "upper arm: mass"),
+        ("it comes from U.Ixy", "U.Ixy", "upper arm: product of inertia of x and y"),
         ("next is kitchen-scale:TU+2S", "kitchen-scale:TU", "kitchen-scale: upper telescope bar"),
         ("bodies.EE of the file", "bodies.EE", "end effector"),
     ],

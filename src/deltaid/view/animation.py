@@ -26,14 +26,14 @@ Path = Float[np.ndarray, "samples 3"]
 
 
 @dataclass(frozen=True)
-class Motion:
+class TaskMotion:
     """Task coordinates over time, evenly spaced in time."""
 
     time: Float[np.ndarray, " samples"]
     z: Float[np.ndarray, "samples dof"]
 
 
-def recorded_motion(kinematics: Kinematics, recording: Recording) -> Motion:
+def recorded_motion(kinematics: Kinematics, recording: Recording) -> TaskMotion:
     """The first minute of a recording."""
     time, z = [], []
     for window in recording.windows(kinematics):
@@ -41,10 +41,10 @@ def recorded_motion(kinematics: Kinematics, recording: Recording) -> Motion:
         z.append(window.own.z)
         if time[-1][-1] - time[0][0] > _SEEN:
             break
-    return Motion(np.concatenate(time), np.concatenate(z))
+    return TaskMotion(np.concatenate(time), np.concatenate(z))
 
 
-def animation(kinematics: Kinematics, motion: Motion, caption: str) -> Figure:
+def animation(kinematics: Kinematics, motion: TaskMotion, caption: str) -> Figure:
     """The robot along the stretch of a few seconds in which its platform travels farthest."""
     path = kinematics.robot.task.point(motion.z)
     seen = _liveliest(motion.time, path)

@@ -61,7 +61,7 @@ class Card:
 
 
 def text(card: Card) -> str:
-    """A few lines."""
+    """The card as a few lines for a prompt."""
     facts = [f"{name} {value}" for name, value in card.facts]
     short = [
         card.title,
@@ -78,7 +78,7 @@ def text(card: Card) -> str:
 
 
 def html(card: Card) -> str:
-    """A compact card."""
+    """The card as HTML for a notebook."""
     parts = [f'<div style="{_BOX}"><strong>{_safe(card.title)}</strong>']
     lines = list(card.lines)
     if card.grade:
@@ -129,7 +129,7 @@ def _table(table: Table, most: int) -> str:
         all(_is_number(row[k]) for row in table.rows) and any(row[k] for row in table.rows)
         for k in range(len(table.columns))
     ]
-    side = ["right" if one else "left" for one in numeric]
+    side = ["right" if is_number else "left" for is_number in numeric]
     head = "".join(
         f'<th style="{_CELL};text-align:{side[k]};font-weight:600;opacity:.75">{_safe(name)}</th>'
         for k, name in enumerate(table.columns)
@@ -169,7 +169,9 @@ def _safe(value: object) -> str:
 def fields_card(value: Any) -> Card:
     """Every field of a data class, or of a part of a description."""
     names = (
-        [one.name for one in fields(value)] if is_dataclass(value) else [*type(value).model_fields]
+        [field.name for field in fields(value)]
+        if is_dataclass(value)
+        else [*type(value).model_fields]
     )
     facts = [(name, _said(getattr(value, name))) for name in names if not name.startswith("_")]
     return Card(type(value).__name__, (), "", tuple(facts), apart=True)
@@ -184,7 +186,7 @@ def _said(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict | tuple | list) and len(repr(value)) > _CHARACTERS:
-        few = ", ".join(str(one) for one in list(value)[:4] if isinstance(one, str))
+        few = ", ".join(str(entry) for entry in list(value)[:4] if isinstance(entry, str))
         return f"{len(value)} entries" + (f": {few}, …" if few else "")
     text = str(value)
     return text if len(text) <= _CHARACTERS else f"{text[: _CHARACTERS - 1]}…"

@@ -34,11 +34,14 @@ _TOLD = 4
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     """Verdicts with what was seen, why and what to do; the most severe first."""
-    rows = sorted(verdicts, key=lambda one: _ORDER.index(one.grade))
-    grades = [one.grade for one in rows]
+    rows = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
+    grades = [verdict.grade for verdict in rows]
     return Table(
         COLUMNS,
-        tuple((one.grade, one.key, one.subject, one.seen, one.cause, one.cure) for one in rows),
+        tuple(
+            (verdict.grade, verdict.key, verdict.subject, verdict.seen, verdict.cause, verdict.cure)
+            for verdict in rows
+        ),
         muted=frozenset(i for i, grade in enumerate(grades) if grade is Grade.GOOD),
         marked=frozenset(i for i, grade in enumerate(grades) if grade is not Grade.GOOD),
     )
@@ -64,9 +67,9 @@ def _step(cause: str, cure: str) -> str:
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
     """What is not good, and in one row all that is: for the head of a page."""
-    table = page_table([one for one in verdicts if one.grade is not Grade.GOOD])
+    table = page_table([verdict for verdict in verdicts if verdict.grade is not Grade.GOOD])
     rows = list(table.rows)
-    good = [one.key for one in verdicts if one.grade is Grade.GOOD]
+    good = [verdict.key for verdict in verdicts if verdict.grade is Grade.GOOD]
     if good:
         keys = ", ".join(dict.fromkeys(good))
         last = (Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys, "")
@@ -78,7 +81,7 @@ def short_table(verdicts: Sequence[Verdict]) -> Table:
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts of each grade there are: '1 wrong, 12 good'."""
     grades = [verdict.grade for verdict in verdicts]
-    return ", ".join(f"{grades.count(one)} {one}" for one in _ORDER if one in grades)
+    return ", ".join(f"{grades.count(grade)} {grade}" for grade in _ORDER if grade in grades)
 
 
 def check_page(
@@ -96,8 +99,8 @@ def check_page(
         lines: what to paste, by the file where it belongs, in words.
         picture: of the robot, where its description can be read.
     """
-    poor = [one for one in verdicts if one.grade is not Grade.GOOD]
-    good = [one for one in verdicts if one.grade is Grade.GOOD]
+    poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
+    good = [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
     blocks: list[Block] = [page_table(poor)] if poor else [Text("All that was looked at is good.")]
     sections = [Section("To be mended" if poor else "Verdict", tuple(blocks), unfolded=True)]
     if lines:
@@ -107,7 +110,7 @@ def check_page(
         sections.append(
             Section("Good", (page_table(good),), "what was looked at and is as it should be")
         )
-    grades = [one.grade for one in verdicts]
+    grades = [verdict.grade for verdict in verdicts]
     return Page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
@@ -141,8 +144,8 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     """What is not good, in words, and how many are good."""
     if isinstance(value, Verdict):
         return Card(f"{value.key}: {value.grade}", (value.sentence,), value.grade)
-    poor, good = value.poor, [one for one in value if one.grade is Grade.GOOD]
-    told = [f"{one.grade}, {one.key}: {one.finding}" for one in poor[:_TOLD]]
+    poor, good = value.poor, [verdict for verdict in value if verdict.grade is Grade.GOOD]
+    told = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:_TOLD]]
     told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
     first = f"{value.grade}: {tally(value)}" if value else "nothing was looked at"
     proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
@@ -174,12 +177,12 @@ def verdicts_page(value: Verdicts) -> Page:
     lines = {"the files that it names": value.cures} if _can_be_cured(value) else {}
     title = (robot.title or robot.name) if robot else "robot"
     drawn = drawing(robot, compiled(robot).kinematics) if robot else None
-    return check_page(title, value, [_name(one) for one in value.sources], lines, drawn)
+    return check_page(title, value, [_name(source) for source in value.sources], lines, drawn)
 
 
 def _title(value: Verdicts) -> str:
     robot = (value.robot.title or value.robot.name) if value.robot else "the description"
-    return ", ".join([robot, *(_name(one) for one in value.sources)])
+    return ", ".join([robot, *(_name(source) for source in value.sources)])
 
 
 def _name(source: object) -> str:

@@ -77,7 +77,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparis
         measured_density=measured,
         residual_density=residual,
         cutoff=recording.cutoff,
-        events=np.array([(one.first, one.last) for one in recording.repairs.left_out]).reshape(
+        events=np.array([(span.first, span.last) for span in recording.repairs.left_out]).reshape(
             -1, 2
         ),
     )

@@ -20,10 +20,10 @@ def corrected(corrections: Sequence[Correction]) -> str:
     if not corrections:
         return "Nothing had to be put right."
     subjects: dict[Kind, dict[str, None]] = {}
-    for one in corrections:
-        subjects.setdefault(one.kind, {})[one.subject] = None
+    for correction in corrections:
+        subjects.setdefault(correction.kind, {})[correction.subject] = None
     things = ", ".join(
-        _thing(kind, tuple(one for one in of if one not in ("", kind)))
+        _thing(kind, tuple(subject for subject in of if subject not in ("", kind)))
         for kind, of in subjects.items()
     )
     if len(subjects) == 1:
@@ -43,14 +43,14 @@ def _thing(kind: Kind, subjects: tuple[str, ...]) -> str:
 def _short(subjects: tuple[str, ...]) -> list[str]:
     """Bodies by what they are; three or more drives in a row by the first and the last."""
     runs: list[list[str]] = []
-    for one in subjects:
-        if runs and _next(runs[-1][-1]) == one:
-            runs[-1].append(one)
+    for subject in subjects:
+        if runs and _next(runs[-1][-1]) == subject:
+            runs[-1].append(subject)
         else:
-            runs.append([one])
+            runs.append([subject])
     said = []
     for run in runs:
-        words = [body_in_words(one) for one in run]
+        words = [body_in_words(name) for name in run]
         said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
     return said
 

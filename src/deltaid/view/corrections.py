@@ -38,12 +38,12 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
     """
     if not corrections:
         return None
-    several = len({one.log for one in corrections if one.log}) > 1
-    alike = groupby(corrections, key=lambda one: (one.kind, one.log, _size(one), one.text))
+    several = len({correction.log for correction in corrections if correction.log}) > 1
+    alike = groupby(corrections, key=lambda each: (each.kind, each.log, _size(each), each.text))
     rows = tuple(
         (
             kind,
-            ", ".join(one.subject for one in group if one.subject) or "all",
+            ", ".join(correction.subject for correction in group if correction.subject) or "all",
             *((log or "all",) if several else ()),
             size,
             text,
@@ -59,15 +59,19 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
     )
 
 
-def _size(one: Correction) -> str:
+def _size(correction: Correction) -> str:
     """Value, interval and unit."""
-    if one.value is None:
+    if correction.value is None:
         return ""
-    small = abs(one.value) < 1
-    scale, unit = _SMALLER.get(one.unit, (1.0, one.unit)) if small else (1.0, one.unit)
-    if one.low is None or one.high is None:
-        return f"{number(scale * one.value)} {unit}".rstrip()
-    value, half = with_uncertainty(scale * one.value, 0.5 * scale * (one.high - one.low))
+    small = abs(correction.value) < 1
+    scale, unit = (
+        _SMALLER.get(correction.unit, (1.0, correction.unit)) if small else (1.0, correction.unit)
+    )
+    if correction.low is None or correction.high is None:
+        return f"{number(scale * correction.value)} {unit}".rstrip()
+    value, half = with_uncertainty(
+        scale * correction.value, 0.5 * scale * (correction.high - correction.low)
+    )
     return f"{value}{half and f' ± {half}'} {unit}".rstrip()
 
 
@@ -104,20 +108,29 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
     channels = Table(
         ("channel", "largest", "left by the fit", "noise stated", "unit"),
         tuple(
-            (one.name, number(one.largest, 3), number(one.left, 2), number(one.stated, 2), one.unit)
+            (
+                channel.name,
+                number(channel.largest, 3),
+                number(channel.left, 2),
+                number(channel.stated, 2),
+                channel.unit,
+            )
             for sensor in sensors
-            for one in sensor.channels
+            for channel in sensor.channels
         ),
         "Root mean square of what the fit leaves, after the low-pass, which lets only a part of "
         "the stated noise through. Each channel counts by what is left of it.",
         title="sensors",
     )
-    found = [one for sensor in sensors for one in sensor.parameters]
+    found = [parameter for sensor in sensors for parameter in sensor.parameters]
     unknown = Table(
         ("of the sensor", "value", "± (95 %)", "unit", "from"),
-        tuple((one.name, *value_and_width(one), one.unit, origin(one)) for one in found),
+        tuple(
+            (parameter.name, *value_and_width(parameter), parameter.unit, origin(parameter))
+            for parameter in found
+        ),
         "What was unknown of sensors, fitted with the robot.",
-        frozenset(i for i, one in enumerate(found) if one.determined_by not in MEASURED),
+        frozenset(i for i, p in enumerate(found) if p.determined_by not in MEASURED),
         "unknowns of sensors",
     )
     return (channels, unknown) if found else (channels,)
@@ -182,17 +195,17 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     rows = tuple(
         (
             *((name,) if several else ()),
-            one.reason,
-            _named(one.drives),
-            percent(one.share),
-            _when(one.spans, one.more),
+            part.reason,
+            _named(part.drives),
+            percent(part.share),
+            _when(part.spans, part.more),
         )
         for name, found in logs
-        for one in found
+        for part in found
     )
-    if not any(one.spans for _, found in logs for one in found):
+    if not any(part.spans for _, found in logs for part in found):
         return None
-    why = {one.reason: one.why for _, found in logs for one in found}
+    why = {part.reason: part.why for _, found in logs for part in found}
     words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
     return Table(
         (*(("recording",) if several else ()), "left out", "drives", "of the rows", "when [s]"),
@@ -217,7 +230,7 @@ def _when(spans: Sequence[Span], more: int) -> str:
 def reversals(found: Sequence[LeftOut]) -> str:
     """What was left out at reversals, as the end of a sentence; empty if nothing was."""
     return "".join(
-        f", {percent(one.share)} left out at reversals" for one in found if not one.spans
+        f", {percent(part.share)} left out at reversals" for part in found if not part.spans
     )
 
 

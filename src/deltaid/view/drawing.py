@@ -38,7 +38,7 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     flat, depth = _seen(points)
     width = float(flat[..., 0].max()) + _NAMES
     labels = _labels(bodies, flat)
-    per_side = max(sum(one.left for one in labels), sum(not one.left for one in labels), 1)
+    per_side = max(sum(label.left for label in labels), sum(not label.left for label in labels), 1)
     height = max(float(flat[..., 1].max()) + _TOP, _TOP + per_side * _LINE)
     drawn = members(skeleton.bodies)
     lines = [
@@ -78,7 +78,7 @@ def _labels(bodies: tuple[str, ...], flat: Float[np.ndarray, "segments 2 2"]) ->
         own = flat[[i for i, name in enumerate(bodies) if name == body]]
         lengths = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
         middles = own.mean(axis=1)[lengths >= 0.5 * lengths.max()]
-        lefts = sum(one.left for one in labels)
+        lefts = sum(label.left for label in labels)
         left = 2 * lefts <= len(labels)
         at = middles[np.argmin(middles[:, 0]) if left else np.argmax(middles[:, 0])]
         labels.append(_Label(body, at, left))
@@ -89,15 +89,17 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
     """Names beside the robot in the order of what they point at, each with a thin line there."""
     parts = []
     for left in (True, False):
-        own = sorted((one for one in labels if one.left is left), key=lambda one: one.at[1])
+        own = sorted(
+            (label for label in labels if label.left is left), key=lambda label: label.at[1]
+        )
         edge, anchor = (_NAMES - 16, "end") if left else (width - _NAMES + 16, "start")
-        for one, y in zip(own, _apart([one.at[1] for one in own], height), strict=True):
-            short, words = one.body, body_in_words(one.body)
+        for label, y in zip(own, _apart([label.at[1] for label in own], height), strict=True):
+            short, words = label.body, body_in_words(label.body)
             start = edge + (5 if left else -5)
             parts.append(
                 Markup('<line class="lead" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'
                        '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
-                .format(start, y, *one.at, *one.at)
+                .format(start, y, *label.at, *label.at)
             )  # fmt: skip
             parts.append(_name(edge, y, anchor, short, words))
     return parts

@@ -7,7 +7,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.view import style
-from deltaid.view.animation import Motion, animation
+from deltaid.view.animation import TaskMotion, animation
 from deltaid.view.drawing import drawing
 from deltaid.view.motions import prediction_table, start_table
 from deltaid.view.numbers import number, percent
@@ -60,7 +60,7 @@ def excitation_page(result: Excitation) -> Page:
 
 def _verdict(result: Excitation) -> Summary:
     """Whether the motion keeps its limits."""
-    run, beyond = result.run, [one.name for one in result.limits if one.share > 1 + _ROUNDING]
+    run, beyond = result.run, [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
     lasts = f"{run.duration:.1f} s from rest to rest"
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
@@ -80,7 +80,7 @@ def _animation(result: Excitation) -> Figure:
     z, *_ = result.run.evaluate(time)
     return animation(
         result.exciter.dynamics.kinematics,
-        Motion(time, z),
+        TaskMotion(time, z),
         "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
         "The distance of the two struts in a pair is not part of the description and drawn as it "
         "looks usual.",

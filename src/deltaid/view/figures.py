@@ -10,7 +10,7 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
 from deltaid.view.animation import fix_scene, robot_lines, workspace_line
 from deltaid.view.page import Figure
-from deltaid.view.reach import Reach, Survey, kind
+from deltaid.view.reach import Reach, WorkspaceSurvey, kind
 from deltaid.view.robot_shape import outline_points
 
 _GRID = 161
@@ -71,7 +71,7 @@ def picture(robot: AtRest, found: Reach) -> Figure:
     )
 
 
-def sections(robot: AtRest, found: Reach, surveyed: Survey) -> Figure:
+def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
     """Condition in two vertical planes and a horizontal one through home."""
     low, high = _bounds(robot, found)
     figure = make_subplots(

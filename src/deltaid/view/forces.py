@@ -85,7 +85,7 @@ def forces_page(value: Forces) -> Page:
 def _verdict(study: Forces) -> Summary:
     """How far forces reach along the struts, and whether ball joints hold."""
     along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
-    least, most = (f"{measured(one(along))} N" for one in (min, max))
+    least, most = (f"{measured(bound(along))} N" for bound in (min, max))
     socket_force = study.constraint_forces.socket_force
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
     if socket_force is None:
@@ -178,7 +178,7 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
 
 
 def _struts(study: Forces) -> Table:
-    tension, compression = _of(study, "tension"), _of(study, "compression")
+    tension, compression = _findings(study, "tension"), _findings(study, "compression")
     rows = [
         (most.worst.part, *_cells(most), *_cells(least))
         for most, least in zip(tension, compression, strict=True)
@@ -190,7 +190,7 @@ def _struts(study: Forces) -> Table:
 
 def _sockets(study: Forces, socket_force: float) -> Table:
     rows = []
-    for finding in _of(study, "socket"):
+    for finding in _findings(study, "socket"):
         end = finding.worst.channel.split(".")[1]
         rows.append((finding.worst.part, end, *_cells(finding, socket_force)))
     columns = ("strut", "at the", "least margin", _heading(study), "at, s")
@@ -199,14 +199,15 @@ def _sockets(study: Forces, socket_force: float) -> Table:
 
 
 def _loads(study: Forces) -> Table:
-    rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _of(study, "load")]
+    rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _findings(study, "load")]
     columns = ("load", "unit", "largest", _heading(study), "at, s")
     return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
 def places(study: Forces) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
-    found = [f.worst for kind in ("tension", "compression", "socket") for f in _of(study, kind)]
+    kinds = ("tension", "compression", "socket")
+    found = [finding.worst for kind in kinds for finding in _findings(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
     rows = [
         (
@@ -245,7 +246,7 @@ def what_is_open(study: Forces) -> str:
     )
 
 
-def _of(study: Forces, kind: str) -> list[ForceFinding]:
+def _findings(study: Forces, kind: str) -> list[ForceFinding]:
     return [finding for finding in study.findings if finding.worst.kind == kind]
 
 

@@ -79,8 +79,8 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
         )
         if model.identified is not None:
             found = law(model.robot, joint, grid, model.p)
-            known = [one for one in model.identified.friction_curves if one.joint == joint]
-            traces += [_band(one) for one in known]
+            known = [curve for curve in model.identified.friction_curves if curve.joint == joint]
+            traces += [_band(curve) for curve in known]
             traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
         units = model.robot.units(joint)
         for trace in traces:

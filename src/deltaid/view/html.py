@@ -61,7 +61,7 @@ def contents(page: Page) -> dict[str, Any]:
 def environment(room: str = "view") -> Environment:
     """Templates of a room, and those of pages, with all that they need to show a page."""
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader("deltaid", one) for one in (room, "view")]),
+        loader=ChoiceLoader([PackageLoader("deltaid", name) for name in (room, "view")]),
         autoescape=True,
         finalize=_printed,
         trim_blocks=True,

@@ -21,7 +21,7 @@ from deltaid.view.at_pose import View, home_view, moved, panel
 from deltaid.view.figures import limit_kinds, patches
 from deltaid.view.own_page import answering_own_page_only
 from deltaid.view.reach import reach
-from deltaid.view.robot_shape import Member, members, outline
+from deltaid.view.robot_shape import DrawnBody, members, outline
 from deltaid.view.shapes import along, cylinder
 
 # Only this machine can open the view.
@@ -101,7 +101,7 @@ class LiveView:
             return self.view
 
     def close(self) -> None:
-        """Stop the server."""
+        """Stop the server behind the view."""
         with _silence():
             self.server.stop()
 
@@ -132,7 +132,7 @@ class LiveView:
         points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
         return float(np.ptp(points, axis=0).max())
 
-    def _radius(self, member: Member) -> float:
+    def _radius(self, member: DrawnBody) -> float:
         return _THICK * self._size * member.width
 
     def _add_robot(self) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def identification_page(result: Identification, verification: Validation | None 
     recordings = result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
     # What the checks say stands in their table, beneath the verdict.
-    told = {one.sentence for one in verdicts}
+    told = {verdict.sentence for verdict in verdicts}
     warnings = [text for text in model.warnings if text not in told]
     log, error, unseen = None, None, None
     if verification is not None:
@@ -60,8 +60,13 @@ def identification_page(result: Identification, verification: Validation | None 
         warnings += [f"{log.path.name}: {text}" for text in verification.remarks]
     seen = unseen or comparisons[0]
     sections = [
-        torque_section(model.robot, one, _title(recording.log, len(recordings)), front=one is seen)
-        for one, recording in zip(comparisons, recordings, strict=True)
+        torque_section(
+            model.robot,
+            comparison,
+            _title(recording.log, len(recordings)),
+            front=comparison is seen,
+        )
+        for comparison, recording in zip(comparisons, recordings, strict=True)
     ]
     if unseen is not None:
         sections.append(torque_section(model.robot, unseen, "Verification", front=True))
@@ -146,7 +151,7 @@ def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
     if not verdicts:
         return ()
     grade = worst(list(verdicts))
-    poor = dict.fromkeys(one.key for one in verdicts if one.grade is grade)
+    poor = dict.fromkeys(verdict.key for verdict in verdicts if verdict.grade is grade)
     value = "all good" if grade is Grade.GOOD else f"{len(poor)} {grade}"
     return (Fact("checks", value, tally(verdicts) if grade is Grade.GOOD else ", ".join(poor)),)
 

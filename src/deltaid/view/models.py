@@ -44,7 +44,7 @@ def fit_errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    """Warnings, folded away."""
+    """Warnings as a part that unfolds."""
     if not warnings:
         return ()
     title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
@@ -72,8 +72,10 @@ def identification_card(value: Identification) -> Card:
     """That of its model, with the verdict on fit and checks."""
     of_model, found = model_card(value.model), summary(value)
     robot = value.model.robot
-    logs = ", ".join(one.path.name for one in value.recordings)
-    poor = [one for one in getattr(value, "verdicts", ()) if one.grade is not Grade.GOOD]
+    logs = ", ".join(recording.path.name for recording in value.recordings)
+    poor = [
+        verdict for verdict in getattr(value, "verdicts", ()) if verdict.grade is not Grade.GOOD
+    ]
     checks = (("checks that are not good", page_table(poor)),) if poor else ()
     return replace(
         of_model,
@@ -87,7 +89,7 @@ def identification_card(value: Identification) -> Card:
 
 
 def identification_frame(value: Identification) -> pl.DataFrame:
-    """Its model's parameters."""
+    """Parameters of the identified model."""
     return model_frame(value.model)
 
 
@@ -115,6 +117,6 @@ def validation_frame(value: Validation) -> pl.DataFrame:
             "rms": value.error.rms,
             "nrmse": value.error.nrmse,
             "rms_unfiltered": value.error.rms_unfiltered,
-            "unit": [one.force for one in units.values()],
+            "unit": [unit.force for unit in units.values()],
         }
     )

@@ -53,7 +53,7 @@ def exciter_card(value: Exciter) -> Card:
 
 
 def run_card(value: Run | FourierMotion) -> Card:
-    """Durations and harmonics."""
+    """Period, number of harmonics, and duration of a run."""
     motion = value.motion if isinstance(value, Run) else value
     facts = [
         ("period", f"{number(motion.period)} s"),

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
-from deltaid.view.numbers import number
+from deltaid.view.numbers import WIDTH, number
 from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
 
 # Points that a line is drawn with, at most.
@@ -81,7 +81,7 @@ def _verdict(watched: Watched) -> Summary:
 def _mass(watched: Watched) -> Figure:
     """What is held over time, with its interval."""
     s, figure = watched.series, go.Figure()
-    top = max((1.4 * one.mass.value for one in watched.loads), default=1.0)
+    top = max((1.4 * load.mass.value for load in watched.loads), default=1.0)
     high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
     line = {"width": 0, "shape": "hv"}
     figure.add_scatter(x=_few(s.time), y=_few(high), line=line, showlegend=False, hoverinfo="skip")
@@ -181,7 +181,7 @@ def _thinned(series: WatchSeries) -> WatchSeries:
         return series
     whole = len(series.time) // step
     at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
-    names = [one.name for one in fields(series)]
+    names = [field.name for field in fields(series)]
     return WatchSeries(**{name: getattr(series, name)[at] for name in names})
 
 
@@ -192,19 +192,19 @@ def _few(values: np.ndarray) -> np.ndarray:
 def loads_table(watched: Watched) -> Table:
     """Each load with its interval, when it was held, and its centre as far as that showed."""
     last = watched.loads[-1:]
-    rows = [_load(one, "held still" if one in last else "a hole") for one in watched.loads]
+    rows = [_load(load, "held still" if load in last else "a hole") for load in watched.loads]
     head = ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]")
     by = "as the gripper told" if watched.told else "found from torques alone"
     return Table(head, tuple(rows), title=f"Loads, {by}")
 
 
-def _load(one: WeighedLoad, until: str) -> tuple[str, ...]:
-    end = until if one.end is None else f"{one.end:.3f}"
-    soon = "left before" if one.soon is None else f"{one.soon[0]:.3f}"
-    centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in one.centre) or "not shown"
-    mass = one.mass
+def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
+    end = until if load.end is None else f"{load.end:.3f}"
+    soon = "left before" if load.soon is None else f"{load.soon[0]:.3f}"
+    centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in load.centre) or "not shown"
+    mass = load.mass
     return (
-        f"{one.start:.3f}",
+        f"{load.start:.3f}",
         end,
         f"{mass.value:.3f}",
         between(mass.low, mass.high),
@@ -221,28 +221,33 @@ def between(low: float, high: float) -> str:
 def touches_table(watched: Watched) -> Table:
     """Each contact: when, how long, where, how hard."""
     head = ("at [s]", "for [ms]", "place", "size", "of threshold")
-    rows = tuple(_touch(one, watched) for one in watched.touches)
+    rows = tuple(_touch(touch, watched) for touch in watched.touches)
     return Table(head, rows, title="Contacts")
 
 
-def _touch(one: Touch, watched: Watched) -> tuple[str, ...]:
-    unit = "N" if one.force else watched.robot.units(one.place).force
+def _touch(touch: Touch, watched: Watched) -> tuple[str, ...]:
+    unit = "N" if touch.force else watched.robot.units(touch.place).force
     return (
-        f"{one.start:.3f}",
-        f"{1e3 * (one.end - one.start):.0f}",
-        one.place if one.place == "platform" else f"limb of {one.place}",
-        f"{number(one.strength, 3)} {unit}",
-        number(one.size, 3),
+        f"{touch.start:.3f}",
+        f"{1e3 * (touch.end - touch.start):.0f}",
+        touch.place if touch.place == "platform" else f"limb of {touch.place}",
+        f"{number(touch.strength, 3)} {unit}",
+        number(touch.size, 3),
     )
 
 
 def friction_table(watched: Watched) -> Table:
     """Friction in the model and at the end."""
     rows = tuple(
-        (one.name, number(one.before, 3), number(one.value, 3), f"± {number(1.96 * one.std, 2)}",
-         one.unit)
-        for one in watched.friction
-    )  # fmt: skip
+        (
+            term.name,
+            number(term.before, 3),
+            number(term.value, 3),
+            f"± {number(WIDTH * term.std, 2)}",
+            term.unit,
+        )
+        for term in watched.friction
+    )
     return Table(("friction", "model", "now", "95 %", "unit"), rows, title="Friction, followed")
 
 

@@ -77,7 +77,7 @@ class Figure:
 
     @property
     def height(self) -> int | float:
-        """On screen [px]."""
+        """Height on screen [px]."""
         return self.figure.layout.height or _HEIGHT
 
     def data(self) -> dict[str, Any]:
@@ -95,11 +95,11 @@ class Chart:
 
     @property
     def height(self) -> int | float:
-        """On screen [px]."""
+        """Height on screen [px]."""
         return self.figure["layout"].get("height", _HEIGHT)
 
     def data(self) -> dict[str, Any]:
-        """Traces and layout."""
+        """Traces and layout for Plotly."""
         return {"data": self.figure["data"], "layout": dict(self.figure["layout"])}
 
 
@@ -230,10 +230,10 @@ class Page:
     @property
     def has_figures(self) -> bool:
         """Whether there is anything that Plotly draws."""
-        blocks = [*self.front, *(block for one in self.sections for block in one.blocks)]
+        blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
         return any(isinstance(block, Figure | Chart) for block in blocks)
 
     def is_open(self, section: Section) -> bool:
         """Whether a chapter is open to begin with."""
-        bare = not self.front and not any(one.unfolded for one in self.sections)
+        bare = not self.front and not any(other.unfolded for other in self.sections)
         return section.unfolded or (bare and section is self.sections[0])

@@ -179,7 +179,9 @@ def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
 def _keys(shares: Sequence[Share]) -> list[str]:
     """The sources that are told of."""
     return [
-        key for key in _SOURCES if key not in _BESIDE or any(getattr(one, key) for one in shares)
+        key
+        for key in _SOURCES
+        if key not in _BESIDE or any(getattr(share, key) for share in shares)
     ]
 
 

@@ -49,7 +49,7 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Survey:
+class WorkspaceSurvey:
     """What a robot needs within its workspace, at all angles of its tool.
 
     Attributes:
@@ -108,7 +108,7 @@ def reach(robot: AtRest) -> Reach:
     )
 
 
-def survey(robot: AtRest) -> Survey:
+def survey(robot: AtRest) -> WorkspaceSurvey:
     """Poses spread evenly over the workspace, and along its edges, where extremes are."""
     edges = outline_points(robot.robot.workspace)
     box = np.stack([edges.min(axis=0), edges.max(axis=0)])
@@ -118,7 +118,7 @@ def survey(robot: AtRest) -> Survey:
     inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(_POINTS), *box)
     inside = inside[robot.robot.workspace.contains(inside[:, :3])]
     poses = robot(inside)
-    return Survey(
+    return WorkspaceSurvey(
         poses=_together(_standing(robot, _corners(robot, edges)), poses.only(poses.stands)),
         standing=float(np.mean(poses.stands)),
         within=float(np.mean(good(robot, poses))),

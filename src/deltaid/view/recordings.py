@@ -149,7 +149,7 @@ def mapping_card(value: ColumnMapping) -> Card:
     for quantity in QUANTITIES:
         columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
         each = (columns,) if isinstance(columns, AllDrives) else columns or ()
-        facts += [(quantity, ", ".join(_described_column(one) for one in each))] * bool(each)
+        facts += [(quantity, ", ".join(_described_column(column) for column in each))] * bool(each)
     facts += [("sensors", ", ".join(value.sensors))] * bool(value.sensors)
     facts += [("loads", ", ".join(load.name for load in value.loads))] * bool(value.loads)
     return Card("Mapping of columns", (), "", tuple(facts), apart=True)
@@ -161,12 +161,12 @@ def _time(time: TimeColumn) -> str:
     return f"{time.column} [{time.unit if time.rate is None else f'{time.rate:g} / s'}]"
 
 
-def _described_column(one: DriveColumn | AllDrives) -> str:
+def _described_column(column: DriveColumn | AllDrives) -> str:
     """'tau2 [N m; sign -1]': name, unit, and what else is done to its numbers."""
-    name = one.column or ", ".join(getattr(one, "columns", None) or ())
+    name = column.column or ", ".join(getattr(column, "columns", None) or ())
     more = [
-        f"{key.replace('_', ' ')} {getattr(one, key)}"
+        f"{key.replace('_', ' ')} {getattr(column, key)}"
         for key, usual in (("sign", 1), ("gear", 1.0), ("zero", 0.0), ("torque_constant", None))
-        if getattr(one, key) not in (usual, None)
+        if getattr(column, key) not in (usual, None)
     ]
-    return f"{name} [{'; '.join([str(one.unit), *more])}]"
+    return f"{name} [{'; '.join([str(column.unit), *more])}]"

@@ -8,7 +8,7 @@ from deltaid.errors import Doubt
 from deltaid.view.figures import NOTHING, picture, sections
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
-from deltaid.view.reach import Reach, Survey
+from deltaid.view.reach import Reach, WorkspaceSurvey
 
 _COLUMNS_DRIVES = (
     "drive",
@@ -23,7 +23,7 @@ _COLUMNS_DRIVES = (
 )
 
 
-def robot_page(robot: AtRest, found: Reach, surveyed: Survey, subtitle: str) -> Page:
+def robot_page(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
     """Everything about a robot at rest."""
     described = robot.robot
     return Page(
@@ -39,7 +39,7 @@ def robot_page(robot: AtRest, found: Reach, surveyed: Survey, subtitle: str) -> 
     )
 
 
-def facts(robot: AtRest, found: Reach, surveyed: Survey) -> tuple[Fact, ...]:
+def facts(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> tuple[Fact, ...]:
     """Condition, holding torque, reach."""
     condition = surveyed.poses.condition
     home = robot(robot.home[None])
@@ -67,7 +67,7 @@ def facts(robot: AtRest, found: Reach, surveyed: Survey) -> tuple[Fact, ...]:
     )
 
 
-def warnings(robot: AtRest, surveyed: Survey) -> tuple[str, ...]:
+def warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
     """What of the described workspace the machine's limits forbid."""
     if surveyed.within == 1.0:
         return ()
@@ -88,7 +88,7 @@ def warnings(robot: AtRest, surveyed: Survey) -> tuple[str, ...]:
     return (said,)
 
 
-def drive_table(robot: AtRest, surveyed: Survey) -> Table:
+def drive_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Drive coordinates and holding torques, at home and over the workspace."""
     described, home, poses = robot.robot, robot(robot.home[None]), surveyed.poses
     torques = _without_rounding(np.concatenate([home.torque, poses.torque]))
@@ -119,7 +119,7 @@ def drive_table(robot: AtRest, surveyed: Survey) -> Table:
     )
 
 
-def use_table(robot: AtRest, surveyed: Survey) -> Table:
+def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Largest use of each limit within the workspace, and where."""
     poses = surveyed.poses
     rows = []

@@ -17,7 +17,7 @@ Line = Float[np.ndarray, "_ 3"]
 
 
 @dataclass(frozen=True)
-class Member:
+class DrawnBody:
     """What a body is called in a legend, its colour, and its width in pixels."""
 
     label: str
@@ -26,34 +26,34 @@ class Member:
 
 
 _KNOWN = {
-    "base": Member("base", style.PRIOR, 5),
-    "U": Member("upper arms", style.SERIES[0], 8),
-    "C": Member("carriages", style.SERIES[0], 8),
-    "S": Member("struts", style.SERIES[5], 3),
-    "P": Member("platform", style.SERIES[3], 6),
-    "SB": Member("side bars", style.SERIES[3], 6),
-    "MB": Member("middle bar", style.SERIES[2], 6),
-    "MP": Member("main parts", style.SERIES[3], 6),
-    "R": Member("rods", style.SERIES[2], 6),
-    "HP": Member("half platforms", style.SERIES[3], 6),
-    "TU": Member("upper bar", style.SERIES[2], 5),
-    "TL": Member("lower bar", style.SERIES[4], 5),
-    "EE": Member("end effector", style.SERIES[1], 5),
+    "base": DrawnBody("base", style.PRIOR, 5),
+    "U": DrawnBody("upper arms", style.SERIES[0], 8),
+    "C": DrawnBody("carriages", style.SERIES[0], 8),
+    "S": DrawnBody("struts", style.SERIES[5], 3),
+    "P": DrawnBody("platform", style.SERIES[3], 6),
+    "SB": DrawnBody("side bars", style.SERIES[3], 6),
+    "MB": DrawnBody("middle bar", style.SERIES[2], 6),
+    "MP": DrawnBody("main parts", style.SERIES[3], 6),
+    "R": DrawnBody("rods", style.SERIES[2], 6),
+    "HP": DrawnBody("half platforms", style.SERIES[3], 6),
+    "TU": DrawnBody("upper bar", style.SERIES[2], 5),
+    "TL": DrawnBody("lower bar", style.SERIES[4], 5),
+    "EE": DrawnBody("end effector", style.SERIES[1], 5),
 }
 
 
-def members(bodies: tuple[str, ...]) -> dict[str, Member]:
+def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
     """Each body's member: those of a limb of its own by its number, foreign ones by their name."""
     return {body: _member(body, i) for i, body in enumerate(bodies)}
 
 
-def _member(body: str, i: int) -> Member:
+def _member(body: str, i: int) -> DrawnBody:
     if body in _KNOWN:
         return _KNOWN[body]
     if of_limb := _NUMBERED.fullmatch(body):
         like = _KNOWN[of_limb[1]]
-        return Member(f"{_ONE[of_limb[1]]} {of_limb[2]}", like.color, like.width)
-    return Member(body, style.SERIES[i % len(style.SERIES)], 5)
+        return DrawnBody(f"{_ONE[of_limb[1]]} {of_limb[2]}", like.color, like.width)
+    return DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
 
 
 def outline(workspace: Cylinder | Hemisphere | Box) -> Line:

@@ -40,7 +40,7 @@ _TITLES: dict[type, str] = {
 def robot_card(value: _Robot) -> Card:
     """Kind, drives, bodies, workspace, and what it can do."""
     robot = value if isinstance(value, RobotDescription) else value.robot
-    kind = next(one for one in _METHODS if isinstance(value, one))
+    kind = next(kind for kind in _METHODS if isinstance(value, kind))
     space, unit = robot.workspace, next(iter(robot.drive_units.values()))
     z = robot.home
     facts = [

@@ -86,7 +86,7 @@ def samples_figure(value: Samples) -> "go.Figure":
     figure = go.Figure()
     for title, a, b, width in (("95 %", low, high, 2), ("50 %", first, last, 6)):
         x = np.column_stack([share(a), share(b), np.full(len(at), np.nan)]).ravel()
-        y = [one for name in names for one in (name, name, None)]
+        y = [end for name in names for end in (name, name, None)]
         line = {"color": style.IDENTIFIED, "width": width}
         figure.add_scatter(x=x, y=y, name=f"{title} of models", mode="lines", line=line)
     marker = {"color": style.MEASURED, "size": 6}

@@ -36,9 +36,9 @@ def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
 def untold(plan: SensorPlan) -> tuple[str, ...]:
     """Entries that neither torques nor anything in the list tells much of."""
     every = (plan.torques, plan.described, *plan.uses)
-    least = np.min([one.shares for one in every], axis=0) / plan.unknowns.spread
+    least = np.min([outlook.shares for outlook in every], axis=0) / plan.unknowns.spread
     names = zip(plan.unknowns.names, plan.unknowns.owners, least, strict=True)
-    return tuple(name for name, owner, one in names if owner and one > _LEARNT)
+    return tuple(name for name, owner, share in names if owner and share > _LEARNT)
 
 
 def entry_table(plan: SensorPlan) -> Table:
@@ -56,7 +56,7 @@ def entry_table(plan: SensorPlan) -> Table:
             number(u.prior[k]),
             u.units[k] or "1",
             percent(u.spread[k]),
-            *(percent(one.shares[k]) for one in stages),
+            *(percent(outlook.shares[k]) for outlook in stages),
         )
         for k, name in enumerate(u.names)
         if (u.owners[k] or name.startswith("gain.")) and name not in hidden
@@ -74,8 +74,8 @@ def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
     """What each thing by itself would make of some entries, and combinations."""
     at = [plan.entry(name) for name in entries]
     start = [plan.torques, *([plan.described] if plan.has_described else [])]
-    rows = [_use_row(plan, one, at, start=True) for one in start]
-    rows += [_use_row(plan, one, at) for one in (*plan.uses, *plan.combinations)]
+    rows = [_use_row(plan, outlook, at, start=True) for outlook in start]
+    rows += [_use_row(plan, use, at) for use in (*plan.uses, *plan.combinations)]
     return Table(
         ("with", plan.offers.currency, "gain", *entries),
         tuple(rows),
@@ -88,11 +88,11 @@ def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
 
 
 def _use_row(
-    plan: SensorPlan, one: Outlook, at: Sequence[int], *, start: bool = False
+    plan: SensorPlan, outlook: Outlook, at: Sequence[int], *, start: bool = False
 ) -> tuple[str, ...]:
-    name = one.title if start else one.name
-    cost, gain = ("", "") if start else (f"{one.cost:.0f}", f"{one.gain:.2f}")
-    return (name, cost, gain, *(percent(one.shares[k]) for k in at))
+    name = outlook.title if start else outlook.name
+    cost, gain = ("", "") if start else (f"{outlook.cost:.0f}", f"{outlook.gain:.2f}")
+    return (name, cost, gain, *(percent(outlook.shares[k]) for k in at))
 
 
 def step_table(plan: SensorPlan) -> Table:
@@ -127,9 +127,9 @@ def stopped(plan: SensorPlan) -> str:
 def count_table(plan: SensorPlan) -> Table:
     """How many combinations are told and how many are not, by sensors; scales have one row each."""
     rows = [
-        (one.title, *_counts(one))
-        for one in plan.openings
-        if ":" not in one.name or one.name in (TORQUES, DESCRIBED, PLAN)
+        (opening.title, *_counts(opening))
+        for opening in plan.openings
+        if ":" not in opening.name or opening.name in (TORQUES, DESCRIBED, PLAN)
     ]
     return Table(
         ("with", "seen", "told", "open"),
@@ -140,25 +140,27 @@ def count_table(plan: SensorPlan) -> Table:
     )
 
 
-def _counts(one: Opening) -> tuple[str, str, str]:
-    null = one.null
+def _counts(opening: Opening) -> tuple[str, str, str]:
+    null = opening.null
     return str(null.visible), str(null.rank), str(len(null.directions))
 
 
-def open_table(one: Opening) -> Table:
+def open_table(opening: Opening) -> Table:
     """What stays open, in words, and what would part it."""
     rows = [
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
-        for open_, parted in zip(one.null.directions, one.parted, strict=True)
+        for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
     ]
-    return Table(("may change unseen", "entries", "parted by any of"), tuple(rows), title=one.title)
+    return Table(
+        ("may change unseen", "entries", "parted by any of"), tuple(rows), title=opening.title
+    )
 
 
-def open_lines(one: Opening) -> list[str]:
+def open_lines(opening: Opening) -> list[str]:
     """The same as lines."""
     return [
         f"{words}: {entries}\n    parted by {parted}"
-        for words, entries, parted in open_table(one).rows
+        for words, entries, parted in open_table(opening).rows
     ]
 
 

@@ -33,7 +33,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
         entries: that the table of uses shows.
     """
     robot, now = plan.model.robot, plan.described
-    opened = {one.name: one for one in plan.openings}
+    opened = {opening.name: opening for opening in plan.openings}
     open_now = opened[DESCRIBED if plan.has_described else TORQUES].null
     facts = [
         Fact("directions that stay open", str(len(open_now.directions)), now.title),
@@ -136,9 +136,9 @@ def _bars(plan: SensorPlan) -> Figure:
     if plan.steps:
         stages.append(("with all bought", plan.last, style.IDENTIFIED, 0.3))
     figure = go.Figure()
-    for title, one, colour, width in stages:
+    for title, outlook, colour, width in stages:
         figure.add_bar(
-            x=100 * one.shares[at],
+            x=100 * outlook.shares[at],
             y=names,
             width=width,
             orientation="h",
@@ -157,14 +157,14 @@ def _bars(plan: SensorPlan) -> Figure:
 
 
 def _gains(plan: SensorPlan) -> Figure:
-    uses = sorted(plan.uses, key=lambda one: -one.gain)
+    uses = sorted(plan.uses, key=lambda use: -use.gain)
     figure = go.Figure()
     figure.add_bar(
-        x=[one.gain for one in uses],
-        y=[style.label(one.name) for one in uses],
+        x=[use.gain for use in uses],
+        y=[style.label(use.name) for use in uses],
         orientation="h",
         marker={"color": style.MEASURED},
-        customdata=[[style.label(one.title), one.cost] for one in uses],
+        customdata=[[style.label(use.title), use.cost] for use in uses],
         hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
         f"{style.label(plan.offers.currency)}<extra></extra>",
     )
@@ -194,7 +194,7 @@ def _steps(plan: SensorPlan) -> tuple[Block, ...]:
     )
     figure.update_layout(height=320, margin={"t": 20}, showlegend=False)
     figure.update_xaxes(
-        tickvals=np.arange(len(left)), ticktext=[f"{one:.0f}" for one in spent],
+        tickvals=np.arange(len(left)), ticktext=[f"{cost:.0f}" for cost in spent],
         title_text=f"spent [{style.label(plan.offers.currency)}], step by step",
     )  # fmt: skip
     figure.update_yaxes(title_text="left [%]", type="log")
@@ -211,12 +211,13 @@ def _open(plan: SensorPlan) -> tuple[Block, ...]:
         ),
         count_table(plan),
     ]
-    for one in plan.openings:
-        if one.name in (TORQUES, DESCRIBED, PLAN) and one.null.directions:
+    for opening in plan.openings:
+        if opening.name in (TORQUES, DESCRIBED, PLAN) and opening.null.directions:
             rows = tuple(
-                (f"{words} ({entries})", parted) for words, entries, parted in open_table(one).rows
+                (f"{words} ({entries})", parted)
+                for words, entries, parted in open_table(opening).rows
             )
-            columns = (f"stays open, {one.title}", "parted by any of")
+            columns = (f"stays open, {opening.title}", "parted by any of")
             blocks.append(Table(columns, rows))
     return tuple(blocks)
 
@@ -239,8 +240,13 @@ def _settings(plan: SensorPlan) -> Table:
 
 def _offers(plan: SensorPlan) -> Table:
     rows = tuple(
-        (key, f"{one.price:g}", f"{one.hours:g}", f"{one.title}; {one.remark}".removesuffix("; "))
-        for key, one in plan.offers.offers.items()
+        (
+            key,
+            f"{offer.price:g}",
+            f"{offer.hours:g}",
+            f"{offer.title}; {offer.remark}".removesuffix("; "),
+        )
+        for key, offer in plan.offers.offers.items()
     )
     money = plan.offers.currency
     return Table(

@@ -48,7 +48,7 @@ def simulation_frame(value: Simulation) -> pl.DataFrame:
 
 
 def simulation_figure(value: Simulation) -> "go.Figure":
-    """Errors over time."""
+    """Error of the platform over time."""
     return error_figures([(_title(value), IDENTIFIED, value.tracking)])[0].figure
 
 

@@ -44,9 +44,9 @@ def summary(
     known = model.identified
     if known is None:
         return _of_prior(model, error)
-    told = {one.sentence for one in verdicts if one.grade is Grade.CANNOT_TELL}
+    told = {verdict.sentence for verdict in verdicts if verdict.grade is Grade.CANNOT_TELL}
     doubts = [text for text in known.warnings if text not in told]
-    wrong = [one.key for one in verdicts if one.grade is Grade.WRONG]
+    wrong = [verdict.key for verdict in verdicts if verdict.grade is Grade.WRONG]
     wrong += ["a body is not physically consistent"] * (not known.consistent)
     own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
     unseen = None if own else error
@@ -69,7 +69,7 @@ def summary(
 
 def without_doubts(said: Summary) -> Summary:
     """The same without lines on what is doubtful, where all warnings stand beside it."""
-    return replace(said, lines=tuple(one for one in said.lines if not one.startswith(_DOUBT)))
+    return replace(said, lines=tuple(line for line in said.lines if not line.startswith(_DOUBT)))
 
 
 def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Trust:
@@ -129,7 +129,11 @@ def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
 
 def _numbers(model: IdentifiedModel) -> str:
     """Where the model's numbers come from, and whether any is at its bound."""
-    kinds = [one.determined_by for one in model.parameters if one.determined_by != "structure"]
+    kinds = [
+        parameter.determined_by
+        for parameter in model.parameters
+        if parameter.determined_by != "structure"
+    ]
     alone, shared = kinds.count("data"), kinds.count("sum")
     measured, bound = kinds.count("measured"), kinds.count("limit") + kinds.count("consistency")
     further = [f"{shared} of them as sums with others"] * bool(shared)

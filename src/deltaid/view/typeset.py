@@ -19,7 +19,16 @@ _IN_PROSE = re.compile(
 # What a cell of numbers holds besides them.
 _AROUND = re.compile(r"[\s…,×≥≤±%]*")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-_ENTRIES = {"m": "mass"}
+_MIXED = ("xy", "xz", "yz")
+# Entries of the parameter vector, in words.
+_ENTRIES = {
+    "m": "mass",
+    **{f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"},
+    **{f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"},
+    **{f"I{a}{b}": f"product of inertia of {a} and {b}" for a, b in _MIXED},
+    **{f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"},
+    **{f"S{a}{b}": f"second moment of mass along {a} and {b}" for a, b in _MIXED},
+}
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
 # 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
 NAME = re.compile(
@@ -91,15 +100,6 @@ def legend(table: Table) -> tuple[tuple[str, str], ...]:
 
 def _short(name: str, words: str) -> Markup:
     return Markup('<abbr title="{}">{}</abbr>').format(visible(words), visible(name))
-
-
-_ENTRIES |= {f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"}
-_ENTRIES |= {f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"}
-_ENTRIES |= {f"I{pair}": f"product of inertia of {pair[0]} and {pair[1]}"
-             for pair in ("xy", "xz", "yz")}  # fmt: skip
-_ENTRIES |= {f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"}
-_ENTRIES |= {f"S{pair}": f"second moment of mass along {pair[0]} and {pair[1]}"
-             for pair in ("xy", "xz", "yz")}  # fmt: skip
 
 
 def name_in_words(name: "re.Match[str]") -> str:
