@@ -19,7 +19,7 @@ _KINDS = {
     "checks.verdicts.Verdicts": ("verdicts", "check", "check"),
     "control.simulate.Comparison": ("simulation", "simulations", "simulations"),
     "control.simulate.Simulation": ("simulation", "simulations", "simulations"),
-    "control.simulation.Path": ("fields", "card", "card"),
+    "control.simulation.StatePath": ("fields", "card", "card"),
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),
     "dynamics.dynamics.Terms": ("fields", "card", "card"),
     "dynamics.forward_dynamics.ForwardDynamics": ("robot", "robots", "robots"),
