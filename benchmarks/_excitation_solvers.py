@@ -96,8 +96,7 @@ class Differences:
         self.evaluations += 1
         s = problem.series.state(x, self._basis)
         out = problem.graph.regressor(s, threads=1)
-        u = problem.limits_of(s)
-        use = np.where(problem.two_sided[:, None], np.abs(u), u).max(axis=1)
+        use = problem.use_of(s).max(axis=1)
         Y = problem.graph.dense(out[: -problem.series.dof])
         flat = (Y * np.sqrt(weighting.rows)[None, :, None] * weighting.columns).reshape(
             -1, Y.shape[2]

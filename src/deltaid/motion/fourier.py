@@ -28,7 +28,7 @@ class FourierMotion(Shown):
 
     @property
     def period(self) -> float:
-        """2π/ω₀ [s]."""
+        """Duration of a period, 2π/ω₀ [s]."""
         return 2 * np.pi / self.base_frequency
 
     @one_or_many_times
@@ -84,7 +84,7 @@ class Series:
         return x[1:].reshape(self.dof, -1) * self.size[:, None]
 
     def frequency(self, x: Vector) -> float:
-        """ω₀."""
+        """Base frequency ω₀ [rad/s]."""
         return float(np.exp(x[0]))
 
     def motion(self, x: Vector) -> FourierMotion:

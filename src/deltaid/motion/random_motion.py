@@ -12,6 +12,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
+# Samples of a period at which limits are checked, and motions that are tried.
 _GRID = 400
 _ATTEMPTS = 100
 
@@ -94,6 +95,7 @@ def _scaled(
 
 # Share of a torque limit that may be used: noise and a controller's feedback come on top.
 _EFFORT = 0.8
+# Samples of a period at which every limit is checked, and steps of slowing down at most.
 _INSTANTS, _STEPS = 1000, 60
 # How much slower each step, and how much smaller the tool's turns.
 _LESS = 0.93

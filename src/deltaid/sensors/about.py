@@ -71,7 +71,7 @@ class RowsAbout(SensorRows):
         return entries
 
     def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Seen:
-        """ŷ."""
+        """What the sensor should show, ŷ, at some samples."""
         return self._expected(z, qd, qdd).shown
 
     def _expected(self, z: Motion, qd: Motion, qdd: Motion) -> "_Expected":
@@ -109,17 +109,13 @@ class RowsAbout(SensorRows):
     def _gain(self) -> float:
         """g₀; zero where the gain is known."""
         first = len(self.values) - len(self.parameters)
-        found = [
-            k
-            for k, parameter in enumerate(self.parameters, start=first)
-            if parameter.symbol == "gain"
-        ]
-        return float(self.values[found[0]]) if found else 0.0
+        own = zip(self.parameters, self.values[first:], strict=True)
+        return next((float(value) for unknown, value in own if unknown.symbol == "gain"), 0.0)
 
 
-def is_of_pose(one: Parameter) -> bool:
+def is_of_pose(parameter: Parameter) -> bool:
     """Whether a sensor's unknown is an error of its place or its axes."""
-    return one.symbol.startswith(("position", "rotation"))
+    return parameter.symbol.startswith(("position", "rotation"))
 
 
 def about(rows: SensorRows, values: Float[np.ndarray, " columns"]) -> RowsAbout:

@@ -128,7 +128,7 @@ class GraphRows(SensorRows):
     @property
     @abstractmethod
     def still(self) -> tuple[Unknown, ...]:
-        """The other unknowns."""
+        """Unknowns whose columns do not follow from the motion alone."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -196,7 +196,7 @@ class OneChannelRows(GraphRows):
     @property
     @abstractmethod
     def channel(self) -> SensorChannel:
-        """What it shows."""
+        """The one number that it shows."""
 
     @property
     @abstractmethod
@@ -215,6 +215,7 @@ class OneChannelRows(GraphRows):
 
 # An offset that nobody knows is a priori so many times what the sensor shows at rest.
 _WIDE = 10.0
+# Gravity [m/s²].
 _G = 9.81
 
 

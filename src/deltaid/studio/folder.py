@@ -148,7 +148,8 @@ class Folder:
 
     def robots(self) -> list[str]:
         """Files that describe a robot."""
-        return [name for name, text in self._texts() if _ROBOT.search(text) and not _model(text)]
+        found = ((name, text) for name, text in self._texts() if _ROBOT.search(text))
+        return [name for name, text in found if not holds_a_model(text)]
 
     def mappings(self) -> list[str]:
         """Files that say which column is what."""
@@ -168,10 +169,6 @@ class Folder:
             for path in found
             if (size := stamp(path)) is not None and size[0] <= _LARGEST
         ]
-
-
-def _model(text: str) -> bool:
-    return holds_a_model(text)
 
 
 def stamp(path: Path) -> tuple[int, int] | None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import os
 import signal
 import sys
@@ -54,7 +53,7 @@ class Job:
 
     @property
     def seconds(self) -> float:
-        """Since it began."""
+        """Seconds since it began."""
         return (datetime.now(UTC) - self.began).total_seconds()
 
     @property
@@ -137,15 +136,6 @@ class Job:
             self.stages.append(line.removeprefix(_MARK))
         else:
             self.said += line + "\n"
-
-    @property
-    def found(self) -> dict[str, object]:
-        """What it printed as JSON."""
-        try:
-            value = json.loads(self.out)
-        except ValueError:
-            return {}
-        return value if isinstance(value, dict) else {}
 
 
 def _environment() -> dict[str, str]:

@@ -98,7 +98,7 @@ class Store:
 
     @property
     def plan(self) -> Plan:
-        """As it is."""
+        """The plan as it was read last."""
         return self._plan
 
     def change(self, edit: Callable[[Plan], Plan]) -> Plan:

@@ -59,7 +59,7 @@ class Run:
 
     @property
     def name(self) -> str:
-        """Short name."""
+        """Name of its folder, such as `0003-fit`."""
         return self.folder.rpartition("/")[2]
 
     @property
@@ -190,10 +190,7 @@ def _record(path: Path, changed: int) -> Record | None:
 
 def output(folder: Folder, run: Run) -> dict[str, Any]:
     """What a run printed as JSON; empty if nothing."""
-    return _json(folder.root / run.folder / OUTPUT)
-
-
-def _json(path: Path) -> dict[str, Any]:
+    path = folder.root / run.folder / OUTPUT
     if not path.is_file():
         return {}
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

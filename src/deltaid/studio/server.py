@@ -14,6 +14,7 @@ from deltaid.studio.folder import Folder
 from deltaid.studio.guard import HOST, Guard
 from deltaid.studio.session import Session
 
+# The first port that is tried if none is asked for.
 DEFAULT_PORT = 8090
 # Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
 _AWAY = 10.0

@@ -135,7 +135,7 @@ class Session:
         """A look at files in a process of its own, remembered until they change."""
         key = (
             function.__name__,
-            *map(_plain, given),
+            *map(repr, given),
             *(self.stamped(name) for name in given if isinstance(name, str)),
         )
         if key in self._seen:
@@ -169,7 +169,7 @@ class Session:
         return self._pool
 
     async def close(self) -> None:
-        """End what runs."""
+        """End all that still runs."""
         for job in (self.job, self.view):
             if job is not None:
                 await job.cancel()
@@ -229,10 +229,6 @@ def new_view(folder: Folder) -> str:
     with refusing(RUNS):
         (folder.root / RUNS / "robot").mkdir(parents=True, exist_ok=True)
     return f"{RUNS}/robot"
-
-
-def _plain(given: Any) -> str:
-    return repr(given)
 
 
 def standing(session: Session) -> dict[str, str]:

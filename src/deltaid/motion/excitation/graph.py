@@ -90,7 +90,7 @@ class ExcitationGraph:
 
     @cached_property
     def limit_values(self) -> BatchKernel:
-        """s → u."""
+        """Kernel of s → u, all limits."""
         return BatchKernel(self._s, self._u)
 
     @cached_property

@@ -24,10 +24,10 @@ _FINER = 10  # the grid on which feasibility is checked, against the one that is
 _ROUNDS = 8  # of tightening
 _CENTRES = 300  # poses tried for a start whose middle of the workspace exceeds a limit
 _SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
-_ITERATIONS = 250
+_ITERATIONS = 250  # of the solver, at most
 # Use that counts as full on the fine grid: the rest is for what lies between its points.
 _FULL = 0.9995
-_UNREACHABLE = 1e3
+_UNREACHABLE = 1e3  # stands for objective, use and slopes of a pose out of reach
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,8 @@ def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
     moves = problem.graph.dynamics.robot.task.moves
     centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
     z = series.centre + centres * series.size
-    u = problem.limits_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T)
-    use = np.where(problem.two_sided[:, None], np.abs(u), u)
-    use = np.where(np.isnan(use), np.inf, use).max(axis=0)
+    states = np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T
+    use = problem.use_of(states).max(axis=0)
     best = 0 if use[0] <= 0.8 else int(np.argmin(use))
     x = np.zeros(series.length)
     x[1:].reshape(series.dof, -1)[:, 0] = centres[best]
@@ -158,9 +157,8 @@ def largest_use(
     problem: ExcitationProblem, x: Vector, samples: int | None = None
 ) -> Float[np.ndarray, " limits"]:
     """Largest use of every limit on a grid; infinite where a pose is out of reach."""
-    u = problem.limits(x, samples or problem.samples)
-    use = np.where(problem.two_sided[:, None], np.abs(u), u)
-    return np.where(np.isnan(use), np.inf, use).max(axis=1)
+    basis = problem.grid(samples or problem.samples)
+    return problem.use_of(problem.series.state(x, basis)).max(axis=1)
 
 
 def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[StartAccount, Vector]:
@@ -216,9 +214,9 @@ class _Search:
         self._bound = np.where(use > _FULL, self._bound * _FULL / use - 1e-3, self._bound)
 
     def run(self, x: Vector, sharpness: float) -> tuple[Vector, str]:
-        """Minimise from x."""
+        """Minimise the smooth problem from x."""
 
-        def at(x: Vector) -> Evaluation:
+        def evaluated(x: Vector) -> Evaluation:
             key = x.tobytes() + np.float64(sharpness).tobytes()
             if self._last is None or key != self._at:
                 self._last, self._at = self._problem.evaluate(x, sharpness), key
@@ -226,22 +224,22 @@ class _Search:
             return self._last
 
         def watch(x: Vector) -> None:
-            here = at(x)
+            here = evaluated(x)
             if here.value < self._best_value and np.all(here.use <= self._bound + 1e-3):
                 self.best, self._best_value = x.copy(), here.value
             if self._stop.is_set():
                 raise StopIteration
 
         result = optimize.minimize(
-            lambda x: at(x).value if np.isfinite(at(x).value) else _UNREACHABLE,
+            lambda x: evaluated(x).value if np.isfinite(evaluated(x).value) else _UNREACHABLE,
             x,
-            jac=lambda x: np.ascontiguousarray(_finite(at(x).gradient)),
+            jac=lambda x: np.ascontiguousarray(_finite(evaluated(x).gradient)),
             bounds=self._problem.series.bounds(),
             constraints=[
                 {
                     "type": "ineq",
-                    "fun": lambda x: self._bound - _finite(at(x).use),
-                    "jac": lambda x: -_finite(at(x).slopes),
+                    "fun": lambda x: self._bound - _finite(evaluated(x).use),
+                    "jac": lambda x: -_finite(evaluated(x).slopes),
                 }
             ],
             method="SLSQP",
@@ -274,7 +272,7 @@ def _least_excess(problem: ExcitationProblem, x: Vector) -> Float[np.ndarray, " 
     """Use of every limit where the largest of them is as small as possible."""
     last = len(x)
 
-    def at(y: Vector) -> Evaluation:
+    def evaluated(y: Vector) -> Evaluation:
         return problem.evaluate(y[:last])
 
     result = optimize.minimize(
@@ -285,9 +283,9 @@ def _least_excess(problem: ExcitationProblem, x: Vector) -> Float[np.ndarray, " 
         constraints=[
             {
                 "type": "ineq",
-                "fun": lambda y: y[last] - _finite(at(y).use),
+                "fun": lambda y: y[last] - _finite(evaluated(y).use),
                 "jac": lambda y: np.column_stack(
-                    [-_finite(at(y).slopes), np.ones(len(problem.two_sided))]
+                    [-_finite(evaluated(y).slopes), np.ones(len(problem.two_sided))]
                 ),
             }
         ],

@@ -14,6 +14,7 @@ from deltaid.robot.joint_units import JointUnits
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Samples of a curve; a picture is not wider.
 _SAMPLES = 2000
 
 

@@ -110,13 +110,15 @@ class ExcitationProblem:
         slopes = self.series.chain(x, basis, gradients)
         return Evaluation(value, slopes[0], use, slopes[1:])
 
-    def limits(self, x: Vector, samples: int) -> Float[np.ndarray, "limits samples"]:
-        """u of every limit on a grid of its own, as it is."""
-        return self.limits_of(self.series.state(x, self.grid(samples)))
-
     def limits_of(self, s: States) -> Float[np.ndarray, "limits samples"]:
         """u of every limit for any states (z, ż, z̈), samples in columns."""
         return self._limits(s, self._outputs(s)[0])
+
+    def use_of(self, s: States) -> Float[np.ndarray, "limits samples"]:
+        """Use of every limit for any states (z, ż, z̈), samples in columns; ∞ out of reach."""
+        u = self.limits_of(s)
+        use = np.where(self.two_sided[:, None], np.abs(u), u)
+        return np.where(np.isnan(use), np.inf, use)
 
     def information(self, x: Vector, samples: int) -> Float[np.ndarray, "base base"]:
         """G with the true signs of Coulomb friction, on a grid of its own."""

@@ -103,9 +103,7 @@ def _ramp_use(problem: ExcitationProblem, run: Run) -> float:
 def _use_at(
     problem: ExcitationProblem, run: Run, time: Float[np.ndarray, " samples"]
 ) -> Float[np.ndarray, " limits"]:
-    u = problem.limits_of(np.hstack(run.evaluate(time)).T)
-    use = np.where(problem.two_sided[:, None], np.abs(u), u)
-    return np.where(np.isnan(use), np.inf, use).max(axis=1)
+    return problem.use_of(np.hstack(run.evaluate(time)).T).max(axis=1)
 
 
 def _ramp(s: Float[np.ndarray, " samples"]) -> tuple[Float[np.ndarray, " samples"], ...]:

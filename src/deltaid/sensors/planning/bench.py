@@ -93,7 +93,7 @@ class Bench:
     described: Outlook
 
     @classmethod
-    def of(
+    def prepare(
         cls,
         dynamics: Dynamics,
         motion: PlannedMotion,
@@ -103,7 +103,7 @@ class Bench:
         settings: PlanSettings,
         progress: Callable[[str], None],
     ) -> "Bench":
-        """Of a robot and a motion, with a list and a goal.
+        """Rows of a robot along a motion, of all that a list offers, and a goal.
 
         Raises:
             DeltaidError: no such goal; the list names what the robot does not have.

@@ -229,7 +229,7 @@ def openings(
         use.name: whole_null_space(np.vstack([known, use.sure])[:, :n], layout) for use in uses
     }
 
-    def of(name: str, title: str, rows: Extended) -> Opening:
+    def opening(name: str, title: str, rows: Extended) -> Opening:
         null = null_space(rows[:, :n], layout, proposed)
         parted = tuple(
             tuple(key for key, basis in wholes.items() if not direction.stays(null, basis))
@@ -237,11 +237,11 @@ def openings(
         )
         return Opening(name, title, null, parted)
 
-    found = [of(TORQUES, "torques alone", torque)]
+    found = [opening(TORQUES, "torques alone", torque)]
     if len(described):
-        found.append(of(DESCRIBED, "with what the description has", known))
-    found += [of(use.name, use.title, np.vstack([known, use.sure])) for use in uses]
+        found.append(opening(DESCRIBED, "with what the description has", known))
+    found += [opening(use.name, use.title, np.vstack([known, use.sure])) for use in uses]
     if bought:
         every = np.vstack([known, *(use.sure for use in bought)])
-        found.append(of(PLAN, "with all that is bought", every))
+        found.append(opening(PLAN, "with all that is bought", every))
     return tuple(found)

@@ -142,7 +142,7 @@ def _planned(
         raise DeltaidError(
             "gains that are known exactly are no goal", where="--gain-spread", cure="give a spread"
         )
-    work = Bench.of(dynamics, planned, offers, entries, goal, settings, progress)
+    work = Bench.prepare(dynamics, planned, offers, entries, goal, settings, progress)
     progress("comparing")
     steps = shopping(work.start, work.goal, work.uses, entries.W, budget, settings.steps)
     named = (*combinations, *offers.combinations)

@@ -104,7 +104,7 @@ class Scene:
 
     @property
     def width(self) -> int:
-        """Length of w."""
+        """Length of w: all parameters, then a gain of each drive."""
         return len(self.p) + self.dynamics.dof
 
 
@@ -177,8 +177,8 @@ def _is_open(parameter: Parameter, sensor: SensorRows) -> bool:
     return described is None or described.bias is None
 
 
-def weighing_row(scene: Scene, one: Weighing) -> Extended:
-    """A measured value."""
+def weighing_row(scene: Scene, weighing: Weighing) -> Extended:
+    """A measured value as a row over w, in units of its standard deviation."""
     row = np.zeros((1, scene.width))
-    row[0, : len(scene.p)] = one.coefficients / one.std
+    row[0, : len(scene.p)] = weighing.coefficients / weighing.std
     return row

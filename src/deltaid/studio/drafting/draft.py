@@ -92,6 +92,7 @@ class Draft:
 # A number, then units made of names, small powers, products and quotients, so that a text is never
 # computed beyond that.
 _GRAMMAR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([A-Za-zµμ°²³^*/·\d\s]*)")
+# Letters of an answer; what is longer is no number with a unit.
 _LONGEST = 40
 
 

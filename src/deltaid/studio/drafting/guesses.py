@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from deltaid.studio.drafting.kinds import is_linear, limbs_of, platform_of
 
-_GRAVITY = 9.81
+# [m/s²].
+GRAVITY = 9.81
 # Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
 # stronger they are than one limb alone would need.
 _ACCELERATION, _MORE = 40.0, 2.0
@@ -42,13 +43,13 @@ def bar(kind: str, a: Mapping[str, float]) -> float:
 
 def torque(kind: str, a: Mapping[str, float]) -> float:
     """Of a motor before its gear: arm and load at the elbow, lifted and accelerated [N m]."""
-    return rounded(_MORE * _moment(kind, a) * (_GRAVITY + _ACCELERATION) / a["gear"])
+    return rounded(_MORE * _moment(kind, a) * (GRAVITY + _ACCELERATION) / a["gear"])
 
 
 def force(kind: str, a: Mapping[str, float]) -> float:
     """Of a carriage [N]."""
     mass = lifted(kind, a) + a["carriage_mass"]
-    return rounded(_MORE * mass * (_GRAVITY + _ACCELERATION))
+    return rounded(_MORE * mass * (GRAVITY + _ACCELERATION))
 
 
 def rotor(kind: str, a: Mapping[str, float]) -> float:
@@ -63,7 +64,7 @@ def pinion(kind: str, a: Mapping[str, float]) -> float:
 
 def tool_torque(kind: str, a: Mapping[str, float]) -> float:
     """Of a telescope's motor [N m]."""
-    return rounded(2.0 * _GRAVITY * a["tool_mass"] * a["strut"])
+    return rounded(2.0 * GRAVITY * a["tool_mass"] * a["strut"])
 
 
 def top_speed(kind: str, a: Mapping[str, float]) -> float:
@@ -81,7 +82,7 @@ def top_acceleration(kind: str, a: Mapping[str, float]) -> float:
     else:
         inertia = a["rotor"] * a["gear"] ** 2 / a["arm"]
         most = a["torque"] * a["gear"] / (_moment(kind, a) + inertia)
-    return rounded(min(max(0.5 * (most - _GRAVITY), 1.0), _HARDEST))
+    return rounded(min(max(0.5 * (most - GRAVITY), 1.0), _HARDEST))
 
 
 def _moment(kind: str, a: Mapping[str, float]) -> float:

@@ -20,7 +20,7 @@ from deltaid.studio.drafting.workspace import find_space, height
 
 @runtime_checkable
 class Asker(Protocol):
-    """Whoever answers."""
+    """Whoever answers the questions."""
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
         """An answer as it is written; empty to take what is offered."""

@@ -30,7 +30,7 @@ def platform_of(kind: str) -> str:
 
 
 def limbs_of(kind: str) -> int:
-    """Three or four."""
+    """Number of limbs, three or four."""
     return 3 if platform_of(kind) == "rigid" else 4
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
-from deltaid.studio.drafting.guesses import rounded
+from deltaid.studio.drafting.guesses import GRAVITY, rounded
 from deltaid.studio.drafting.kinds import (
     has_telescope,
     is_linear,
@@ -22,6 +22,8 @@ _HEAD = f"""\
 # Written by `deltaid new`. Lengths in m, masses in kg, angles in degrees where a key ends in _deg.
 # Nobody has measured what is "assumed": replace it where you can, and say in `sources` where from.
 """
+# How near to a singularity motions of a new robot may come.
+_CONDITION = 5
 # Letters first, and no word that YAML reads as something else.
 _PLAIN = re.compile(
     r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE
@@ -163,7 +165,7 @@ def _friction(w: _Writer) -> Iterator[str]:
     yield f"friction: # {'N s/m and N' if rail else 'N m s/rad and N m'}"
     for i in range(limbs_of(kind)):
         yield f"  drive{i + 1}: {law}{w.note(*keys) if i == 0 else ''}"
-    weight = 9.81 * (a["platform_mass"] + a.get("tool_mass", 0.0))
+    weight = GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
     if has_telescope(kind):
         coulomb = rounded(0.08 * a["tool_torque"])
         yield f"  drive4: {_law(coulomb / 16, coulomb)} # assumed"
@@ -227,10 +229,7 @@ def _limits(w: _Writer) -> Iterator[str]:
     yield w.line("", "platform_speed", "m/s", "top_speed")
     yield w.line("", "platform_acceleration", "m/s²", "top_acceleration")
     yield w.line("", "strut_swing_deg", "", "swing")
-    yield f"largest_condition: {CONDITION} # assumed: how near to a singularity motions may come"
-
-
-CONDITION = 5
+    yield f"largest_condition: {_CONDITION} # assumed: how near to a singularity motions may come"
 
 
 def _sources(w: _Writer) -> Iterator[str]:

@@ -25,7 +25,7 @@ _SENTENCES = {
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """The check, its verdicts, and what they propose."""
     if session.plan.robot is None or isinstance(session.robot(), Problem):
         parts.note("Pick a robot first; its description is checked even without a recording.")
         return

@@ -21,6 +21,7 @@ Span = tuple[float, float]
 _COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
 _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
+# Height of a row of curves [px].
 _HEIGHT = 190
 
 

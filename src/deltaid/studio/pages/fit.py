@@ -43,7 +43,7 @@ _SWITCHES = {
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """The fit with its settings and progress."""
     plan = session.plan
     if plan.robot is None or not plan.fitted:
         parts.note("Pick a robot and a recording first.")

@@ -69,7 +69,7 @@ class _Form:
         self.session.store.tell()
 
     def set(self, quantity: Quantity, drive: int, key: str, value: object) -> None:
-        """Take one value."""
+        """Take a changed value of an entry."""
         self.take(with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike))
 
 

@@ -22,7 +22,7 @@ _USES = {"fit": "fit the model to it", "verify": "test the model on it", "aside"
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """The folder's recordings, and the mapping and preview of each."""
     robot = session.robot()
     if not isinstance(robot, RobotDescription):
         parts.note("Pick a robot first: columns are proposed for its drives.")

@@ -14,7 +14,7 @@ from deltaid.studio.steps import validate_step
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """The model that was found, beside all other runs."""
     everything = runs(session.folder)
     models = fit_runs(everything)
     if not models:

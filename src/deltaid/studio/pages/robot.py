@@ -24,7 +24,7 @@ _ENDINGS = (".yaml", ".yml")
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """The robot: picked, described, edited, and shown."""
     robot = session.robot()
     _pick(session, robot)
     if robot is None:

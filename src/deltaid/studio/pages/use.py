@@ -31,7 +31,7 @@ _FORMS = {
 
 
 async def body(session: Session) -> None:
-    """The whole stage."""
+    """Everything that the model may be used for."""
     model = _subject(session)
     if model is None:
         parts.note("Pick a robot first; a fitted model is better.")
