@@ -15,6 +15,7 @@ from deltaid.view import style
 from deltaid.view.page import Figure
 from deltaid.view.robot_shape import members, outline, outline_points
 
+# Frames of the player, seconds that they show, points of the whole path: what a page holds easily.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # From slightly above, as far away as the axes' titles need.
 CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}

@@ -14,6 +14,7 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.robots import robot_figure
 
+# Points over time that a figure draws quickly.
 _SAMPLES = 2000
 # A limit that a search has reached counts as kept.
 _ROUNDING = 1e-6

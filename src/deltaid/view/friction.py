@@ -17,6 +17,7 @@ from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
 
+# Points of a law at either sign of the speed, and dots of recordings that do not hide it.
 _POINTS, _DOTS = 200, 1500
 
 

@@ -18,17 +18,19 @@ from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
 from deltaid.view.at_pose import View, home_view, moved, panel
-from deltaid.view.figures import limit_kinds, patches
 from deltaid.view.own_page import answering_own_page_only
 from deltaid.view.reach import reach
+from deltaid.view.reach_figures import limit_kinds, patches
 from deltaid.view.robot_shape import DrawnBody, members, outline
 from deltaid.view.shapes import along, cylinder
 
 # Only this machine can open the view.
 HOST = "127.0.0.1"
+# The usual port of a local server.
 DEFAULT_PORT = 8080
 # Radius of a part for each pixel of its width in figures, as a share of the robot's size.
 _THICK = 0.0013
+# Share of a colour's brightness that is left under the lamps.
 _SHADE = 0.7
 
 

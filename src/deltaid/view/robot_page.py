@@ -5,10 +5,10 @@ from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import Doubt
-from deltaid.view.figures import NOTHING, picture, sections
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 from deltaid.view.reach import Reach, WorkspaceSurvey
+from deltaid.view.reach_figures import NOTHING, picture, sections
 
 _COLUMNS_DRIVES = (
     "drive",

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+# Sides of a cylinder, enough to look round.
 _SIDES = 16
 
 

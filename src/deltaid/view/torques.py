@@ -11,6 +11,7 @@ from deltaid.view import style
 from deltaid.view.comparison import Comparison
 from deltaid.view.page import Figure
 
+# Intervals of speed, and of the residual.
 _SPEED_BINS, _RESIDUAL_BINS = 30, 60
 _SCATTER = 2500  # points a drive
 

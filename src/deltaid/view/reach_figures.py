@@ -13,6 +13,7 @@ from deltaid.view.page import Figure
 from deltaid.view.reach import Reach, WorkspaceSurvey, kind
 from deltaid.view.robot_shape import outline_points
 
+# Points along each side of a section: a contour without visible corners, in a second.
 _GRID = 161
 NOTHING = "nothing"
 
