@@ -92,7 +92,7 @@ def test_an_identification_has_the_same_bits_on_any_number_of_threads(
     tmp_path: Path, monkeypatch, columns: str
 ) -> None:
     """Over many batches and windows."""
-    monkeypatch.setattr(table, "_BATCH_ROWS", 500)
+    monkeypatch.setattr(table, "BATCH_ROWS", 500)
     monkeypatch.setattr(windows, "WINDOW", 400)
     frame = recorded(3000, derivatives=True)
     kinds = tuple(columns.split())

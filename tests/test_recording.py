@@ -205,7 +205,7 @@ def _same(a: object, b: object) -> bool:
 def test_survey_over_several_batches(tmp_path, clavel: Dynamics, monkeypatch) -> None:
     frame = recorded(700, derivatives=True)
     path = write(tmp_path / "log.csv", frame)
-    monkeypatch.setattr(table, "_BATCH_ROWS", 64)
+    monkeypatch.setattr(table, "BATCH_ROWS", 64)
     log = open_log(path, clavel.kinematics)
     assert (log.samples, log.rate) == (700, pytest.approx(1000))
     largest = frame.select(pl.col(names("tau")).abs().max()).row(0)

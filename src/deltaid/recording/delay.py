@@ -23,13 +23,13 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
-from deltaid.recording.table import padded, recut
+from deltaid.recording.table import AT_ONCE, padded, recut
 from deltaid.recording.time.resampling import weights_at
 
 # Samples on either side that a torque, one with its slope, and a motion are interpolated from.
 _TORQUE, _SLOPE, _MOTION = 2, 3, 4
-# Rows put right at once, and parts of a sample that are none.
-_AT_ONCE, _NONE = 8000, 1e-9
+# Parts of a sample that are none.
+_NONE = 1e-9
 
 Rows = Float[np.ndarray, "_ _"]
 
@@ -179,7 +179,7 @@ def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float
     """
     before, after = shift.reach
     motion = columns.motion_places.stop - 1
-    for wide in recut(padded(segment, before, after, columns), _AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), AT_ONCE, before + after):
         yield shift.rows(wide, motion, rate, columns.sensor_places)
 
 
@@ -206,7 +206,7 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         return
     places = [by for _, at in shifts for by, _ in at]
     before, after = max(0, -min(places)), max(0, *places)
-    for wide in recut(padded(segment, before, after, columns), _AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), AT_ONCE, before + after):
         count = len(wide) - before - after
         out = wide[before : before + count].copy()
         for own, at in shifts:

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.recording.convolution import apply
 
 # Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass-band is flat
 # to 1e-4. What it bends is a bias of all parameters: at 60 dB it showed beside a minute's noise.
@@ -91,16 +92,18 @@ class LowPass:
     @property
     def speed_gain(self) -> float:
         """Standard deviation of the filtered derivative for white noise of deviation 1 [1/s]."""
-        spread = np.zeros((len(self.first) - 1) * self.stride + 1)
-        spread[:: self.stride] = self.first
-        return float(np.linalg.norm(np.convolve(spread, self.lead)))
+        return float(np.linalg.norm(self._both_stages(self.first)))
 
     @cached_property
     def response(self) -> Float[np.ndarray, " response"]:
         """h, both stages as one filter of the samples that go in."""
-        spread = np.zeros((len(self.smooth) - 1) * self.stride + 1)
-        spread[:: self.stride] = self.smooth
-        return np.convolve(spread, self.lead)
+        return self._both_stages(self.smooth)
+
+    def _both_stages(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " response"]:
+        """The first stage and a filter of samples `stride` apart as one filter."""
+        apart = np.zeros((len(taps) - 1) * self.stride + 1)
+        apart[:: self.stride] = taps
+        return np.convolve(apart, self.lead)
 
     @cached_property
     def power(self) -> Float[np.ndarray, " response"]:
@@ -126,6 +129,10 @@ class LowPass:
     def lost(self) -> int:
         """Samples, `stride` apart, lost by all there is: derivatives, then the low-pass."""
         return 2 * (self.margin + self.half + self.spread_half) + self.lead_loss
+
+    def leading(self, x: Float[np.ndarray, "channels all"]) -> Float[np.ndarray, "channels apart"]:
+        """The first stage: of the samples those `stride` apart, as far as it fits entirely."""
+        return x if self.stride == 1 else apply(self.lead, x, self.stride)
 
     def spread(self, x: Float[np.ndarray, "channels apart"]) -> Float[np.ndarray, "channels all"]:
         """Values for every sample from those `stride` apart, `spread_half` lost at either end."""

@@ -18,13 +18,13 @@ from jaxtyping import Float
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass, design_low_pass
-from deltaid.recording.table import recut
+from deltaid.recording.table import AT_ONCE, recut
 
 Rows = Float[np.ndarray, "_ _"]
 Values = Float[np.ndarray, "samples drives"]
 
-# Rows put right at once at least, and as a multiple of the filter's length.
-_AT_ONCE, _LONG = 8000, 4
+# Rows put right at once are so many times the filter's length at least.
+_LONG = 4
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Gears:
         """
         low_pass = self.low_pass(rate)
         lost = 2 * low_pass.margin
-        size = max(_AT_ONCE, _LONG * len(low_pass.first))
+        size = max(AT_ONCE, _LONG * len(low_pass.first))
         for wide in recut(segment, size, 2 * lost):
             if len(wide) > 2 * lost:
                 yield self._rows(wide, columns, low_pass)

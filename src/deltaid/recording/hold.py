@@ -23,11 +23,11 @@ from jaxtyping import Float, Int
 from scipy.stats import chi2
 
 from deltaid.recording.columns import Columns
-from deltaid.recording.table import padded, recut
+from deltaid.recording.table import AT_ONCE, padded, recut
 from deltaid.recording.time.resampling import weights_at
 
-# Updates on either side that a value is interpolated from; rows put right at once.
-_HALF, _AT_ONCE = 2, 8000
+# Updates on either side that a value is interpolated from.
+_HALF = 2
 # The row of an update before the first one that is observed.
 _NEVER = -(1 << 60)
 # Updates that lie on one line in time, such groups at least, and the share of groups that do.
@@ -85,7 +85,7 @@ def filled(
     """
     margin, drives = 2 * max(own.spread for own in hold) + 1, len(hold)
     marked = padded(_marked(segment, columns, hold, rate), margin, margin, columns)
-    for wide in recut(marked, _AT_ONCE, 2 * margin):
+    for wide in recut(marked, AT_ONCE, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
         for i, own in enumerate(hold):

@@ -24,11 +24,8 @@ from deltaid.recording.arrays import (
 )
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.source import BATCH_ROWS, Rows, Table
 from deltaid.shown import Plotted, Shown, Tabled
-
-# Rows that are handed out at a time.
-_SLICE_ROWS = 1 << 16
 
 
 @runtime_checkable
@@ -211,7 +208,7 @@ class FrameTable(Table):
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Rows of some columns, as in `Table.rows`."""
         picks, origins = self.picks(columns), dict[str, int]()
-        for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(_SLICE_ROWS):
+        for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
             yield rows_of(part, picks, origins)
 
     @property

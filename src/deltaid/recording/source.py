@@ -17,6 +17,8 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, locate
 
 Column = pl.Series | np.ndarray
+# Rows that are read or looked at together, unless a file has pieces of its own.
+BATCH_ROWS = 1 << 16
 
 
 @dataclass(frozen=True)

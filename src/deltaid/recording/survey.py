@@ -11,7 +11,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen
-from deltaid.recording.source import Table
+from deltaid.recording.source import BATCH_ROWS, Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import Batch, recut
@@ -23,8 +23,6 @@ from deltaid.recording.time.clock_doubts import doubts_about_stamps
 _LARGEST_ARM_ANGLE = np.pi
 # A step of this much of a turn between two samples is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
-# Rows of an even segment that are looked at together.
-_EVEN_ROWS = 1 << 16
 
 
 @dataclass
@@ -113,7 +111,7 @@ class Survey:
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
         """Take in the samples of a segment for what holds for evenly spaced ones only."""
-        for values in recut(segment, _EVEN_ROWS):
+        for values in recut(segment, BATCH_ROWS):
             self.spectrum.add(power_of(values[:, 1 : 1 + self.kinematics.dof]))
             self._compare_derivatives(values)
 

@@ -15,12 +15,12 @@ from deltaid.recording.columns import Channel, Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.formats.stream import content, packed_by
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Column, Rows, Table
+from deltaid.recording.source import BATCH_ROWS, Column, Rows, Table
 from deltaid.recording.time.seconds import Seconds
 from deltaid.recording.time.unwrap import Unwrapping
 
-# Rows of a batch, however the file is read, so that nothing depends on how it is.
-_BATCH_ROWS = 1 << 16
+# Rows that are corrected together.
+AT_ONCE = 8000
 # Where signatures of some kind of file end [bytes].
 _START = 4096
 _FOREIGN = {
@@ -80,6 +80,8 @@ def read_batches(
 ) -> Iterator[Batch]:
     """The rows of a log in SI units, batch by batch.
 
+    Batches have as many rows however the file is read, so that nothing depends on how it is.
+
     Args:
         unwrapping: takes down which columns start again; a fresh one.
 
@@ -88,7 +90,7 @@ def read_batches(
     """
     row = table.first_row
     unwrapping = unwrapping or Unwrapping(columns)
-    for values in recut(_in_si(table, columns, unwrapping), _BATCH_ROWS):
+    for values in recut(_in_si(table, columns, unwrapping), BATCH_ROWS):
         yield Batch(row, values)
         row += len(values)
 

@@ -105,7 +105,7 @@ class Window:
         """
         if self.low_pass is None:
             return of(self.wide)
-        parts = [self._led(of(part)) for part in self._parts()]
+        parts = [self.low_pass.leading(of(part)) for part in self._parts()]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
@@ -113,11 +113,13 @@ class Window:
         """The low-pass over something computed from `wide`, thinned as `filtered` does it."""
         if self.low_pass is None:
             return x
-        return apply(self.low_pass.smooth, self._led(x), self.low_pass.decimation)
+        return apply(self.low_pass.smooth, self.low_pass.leading(x), self.low_pass.decimation)
 
     def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
         """The low-pass over something computed from `wide`, at every `stride`-th own sample."""
-        return x if self.low_pass is None else apply(self.low_pass.smooth, self._led(x))
+        if self.low_pass is None:
+            return x
+        return apply(self.low_pass.smooth, self.low_pass.leading(x))
 
     def counted(self, every: int) -> Float[np.ndarray, "torques kept"]:
         """What is left of the noise's power by the weights m: Σ (h m)² / Σ h², h the low-pass.
@@ -164,11 +166,6 @@ class Window:
         size = -(-WINDOW // stride) * stride
         for start in range(0, len(self.wide.time) - lead + 1, size):
             yield self.wide.part(slice(start, start + size + lead - stride))
-
-    def _led(self, x: Values) -> Values:
-        """The filter's first stage."""
-        assert self.low_pass is not None
-        return x if self.low_pass.stride == 1 else apply(self.low_pass.lead, x, self.stride)
 
 
 def cut(
@@ -276,8 +273,8 @@ def _motion(
     orders = np.stack([low_pass.level, low_pass.first, low_pass.second])
 
     def derivatives(x: np.ndarray, count: int) -> list[np.ndarray]:
-        apart = x.T if low_pass.stride == 1 else apply(low_pass.lead, x.T, low_pass.stride)
-        return [low_pass.spread(values).T for values in convolve(orders[:count], apart)]
+        smoothed = convolve(orders[:count], low_pass.leading(x.T))
+        return [low_pass.spread(values).T for values in smoothed]
 
     if qd.size:
         ((smooth,), rates) = derivatives(q, 1), derivatives(qd, 1 if qdd.size else 2)

@@ -9,10 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.source import BATCH_ROWS, Rows, Table
 
-# Samples that are read at a time.
-BATCH_ROWS = 1 << 16
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.formats.stream import content, unzstd
+from deltaid.recording.formats.stream import ZSTD, content, unzstd
 from deltaid.recording.source import first_line, library, opened
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -24,7 +24,6 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-_ZSTD = b"\x28\xb5\x2f\xfd"
 # Messages that are in memory at a time.
 _CHUNK = 4096
 
@@ -64,7 +63,7 @@ class Bag:
         while True:
             with _reporting(self.path):
                 chunk = [_typed(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
-                if chunk and chunk[0][2].startswith(_ZSTD):
+                if chunk and chunk[0][2].startswith(ZSTD):
                     chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
             if not chunk:
                 return

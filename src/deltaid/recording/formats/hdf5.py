@@ -12,7 +12,6 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
 from deltaid.recording.formats.arrays import (
-    BATCH_ROWS,
     ArrayTable,
     Sliceable,
     entries_of_type,
@@ -20,7 +19,7 @@ from deltaid.recording.formats.arrays import (
 )
 from deltaid.recording.formats.mat5 import matlab_object
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table, first_line, library, readable
+from deltaid.recording.source import BATCH_ROWS, Table, first_line, library, readable
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # A user block, such as that of MATLAB, may come first.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Bytes read at once: few, because a chunk may unpack to a thousand times its size.
 _CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
-_ZSTD = b"\x28\xb5\x2f\xfd"
+ZSTD = b"\x28\xb5\x2f\xfd"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -49,7 +49,7 @@ def content(path: Path) -> Generator[io.BufferedReader, None, None]:
         if start.startswith(_GZIP):
             chunks = _unpacked(stream, path, "gzip", lambda: zlib.decompressobj(31), zlib.error)
             stream = _buffered(chunks)
-        elif start.startswith(_ZSTD):
+        elif start.startswith(ZSTD):
             chunks = _unpacked(stream, path, "zstd", *_zstd(path))
             stream = _buffered(chunks)
         if stream.peek(2).startswith(_UTF_16):
@@ -61,7 +61,7 @@ def packed_by(path: Path) -> str:
     """What a file is compressed by; empty if it is not."""
     with opened(path) as file:
         start = file.peek(4)
-    return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(_ZSTD) else ""
+    return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(ZSTD) else ""
 
 
 def skip(stream: io.BufferedReader, size: int) -> None:
