@@ -51,6 +51,7 @@ _CUTOFF = 50.0
 # First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
+# Stribeck's usual exponents: Tustin's form and Gauss's.
 FORMS = (1.0, 2.0)
 # Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
 _SIZE, _LOAD = 0.3, 0.05

@@ -44,6 +44,7 @@ PSEUDO_INERTIA_ENTRIES = {
     "Sxz": (0, 2),
 }
 
+# Entries of Σ with the places in p that have the same entries of Θ.
 _SECOND_MOMENTS = (((0, 0), 4), ((1, 1), 5), ((2, 2), 6), ((0, 1), 7), ((1, 2), 8), ((0, 2), 9))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-_LARGEST, _SMALLEST = 1e12, 1e-12
+_LARGEST, _SMALLEST = 1e12, 1e-12  # so that no product of several is near overflow
 _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
 _FASTEST = 300.0  # m/s
