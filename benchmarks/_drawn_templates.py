@@ -21,7 +21,7 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import Condensed, FactorRecord, Group, record_of
+from deltaid.fleets.factor_record import FactorGroup, FactorRecord, RecordingFactors, record_of
 from deltaid.fleets.gather import condensed, gathered_columns, with_geometry
 from deltaid.fleets.merged import merging_of
 from deltaid.model.record import Settings
@@ -51,7 +51,7 @@ class Template:
     """
 
     record: FactorRecord
-    condensed: Condensed
+    condensed: RecordingFactors
     names: tuple[str, ...]
     truth: np.ndarray
     load: np.ndarray | None = None
@@ -74,7 +74,7 @@ class Template:
         return wide
 
     @cached_property
-    def groups(self) -> list[tuple[Group, list[tuple[np.ndarray, np.ndarray]]]]:
+    def groups(self) -> list[tuple[FactorGroup, list[tuple[np.ndarray, np.ndarray]]]]:
         """The whole and every group, with R_G and R_N of each drive."""
         n, found = len(self.names), []
         for group in (self.condensed.whole, *self.condensed.groups):
@@ -148,7 +148,7 @@ def template(
     return Template(record, found, names, p, held)
 
 
-def own_columns(found: Condensed, count: int) -> Condensed:
+def own_columns(found: RecordingFactors, count: int) -> RecordingFactors:
     """The gathered columns of what has been condensed with courses."""
     return replace(
         found, names=found.names[:count], felt=tuple(at[at < count] for at in found.felt)

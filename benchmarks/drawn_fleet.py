@@ -23,7 +23,13 @@ from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, 
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import Condensed, FactorRecord, Group, Groups, Temperature
+from deltaid.fleets.factor_record import (
+    FactorGroup,
+    FactorGroups,
+    FactorRecord,
+    RecordingFactors,
+    Temperature,
+)
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
@@ -156,7 +162,7 @@ def made_alike(
 
 def _drawn(
     one: Template, p: np.ndarray, rng: np.random.Generator, sensing: Sensing, gain: np.ndarray
-) -> Condensed:
+) -> RecordingFactors:
     """Factors of a recording."""
     dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
     theta = one.to_columns @ values
@@ -169,7 +175,7 @@ def _drawn(
         a.append(np.concatenate([white, slow]))
         felt.append(at[at < n])
 
-    def drawn(group: Group, split: list[tuple[np.ndarray, np.ndarray]]) -> Group:
+    def drawn(group: FactorGroup, split: list[tuple[np.ndarray, np.ndarray]]) -> FactorGroup:
         factors = []
         for i, (R, N) in enumerate(split):
             own, e = len(R), N @ a[i]
@@ -192,7 +198,7 @@ def _drawn(
             factors.append(np.column_stack([Y, D, gain[i] * tau]))
         geometry = replace(geometry, factors=tuple(factors))
     whole, *groups = (drawn(*each) for each in one.groups)
-    packed = Groups.of(groups)
+    packed = FactorGroups.pack(groups)
     return replace(own_columns(one.condensed, n), whole=whole, groups=packed, geometry=geometry)
 
 

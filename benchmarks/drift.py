@@ -43,7 +43,7 @@ def alarms(case: Case, fleet: Fleet, every: int) -> tuple[np.ndarray, np.ndarray
         days = np.arange(n, dtype=float)
         y = fleet.y[:, :, :n].reshape(-1, n)
         beside = [
-            Regressors.of(
+            Regressors.for_recordings(
                 days,
                 fleet.recorded[k, :n] if case.known else np.full(n, np.nan),
                 np.zeros(n),
@@ -51,7 +51,7 @@ def alarms(case: Case, fleet: Fleet, every: int) -> tuple[np.ndarray, np.ndarray
             )
             for k in range(robots)
         ]
-        found.append(explained(days, y, np.full(y.shape, 0.2), beside).found.R)
+        found.append(explained(days, y, np.full(y.shape, 0.2), beside).evidence.R)
     return looks - 1.0, np.array(found).reshape(len(looks), robots, DRIVES)
 
 

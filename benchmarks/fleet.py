@@ -73,13 +73,16 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
     from deltaid.fleets.fleet import Recorded
     from deltaid.fleets.gather_one import GatherJob, How, gather_recorded
     from deltaid.fleets.place import Place
-    from deltaid.fleets.store import Store
+    from deltaid.fleets.store import FileStore
     from deltaid.model.record import Settings
     from deltaid.robot.load import load_robot
 
-    place, how = Place.of(folder, Store()), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
+    place, how = (
+        Place.named(folder, FileStore()),
+        How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF)),
+    )
     jobs = [
-        GatherJob.of(
+        GatherJob.for_recording(
             Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=place.store.stamp(str(one))),
             how,
         )

@@ -18,7 +18,7 @@ from _table import leave
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.member import Member, member
+from deltaid.fleets.member import TypeMember, member
 from deltaid.fleets.next_robot import next_robot
 from deltaid.fleets.population import Population, PopulationSettings
 from deltaid.fleets.type_fit import fitted
@@ -72,7 +72,7 @@ def weighed(
 
 def fleet(
     kind: DrawnType, mean: np.ndarray, robots: int, rng: np.random.Generator, seed: int
-) -> tuple[list[Member], np.ndarray, Member]:
+) -> tuple[list[TypeMember], np.ndarray, TypeMember]:
     """Robots of a type, their truths, and the first of them with its parts weighed."""
     truths = np.array([
         made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION) for _ in range(robots)
@@ -174,7 +174,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     settings, layout = PopulationSettings(fit=FIT), kind.dynamics.layout
     before = fitted(members, kind.robot, settings)
 
-    def one(k: int, what: str) -> Member:
+    def one(k: int, what: str) -> TypeMember:
         p = made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION)
         gain = 1.15 if what == "torque constants 15 % off" else 1.0
         if what == "tool 25 % of the platform heavier":

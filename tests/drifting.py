@@ -15,7 +15,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_inputs import DriftRecording
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
-from deltaid.fleets.factor_record import Group, Groups, Temperature
+from deltaid.fleets.factor_record import FactorGroup, FactorGroups, Temperature
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.merged import Merging, merging_of
 from deltaid.model.record import Settings
@@ -52,7 +52,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     by_name = dict(zip(kept, map_to(merging.columns, merging.dynamics) @ delta, strict=True))
     condensed = file.condensed
 
-    def moved(group: Group) -> Group:
+    def moved(group: FactorGroup) -> FactorGroup:
         factors = []
         for R, felt in zip(group.factors, condensed.felt, strict=True):
             own = np.array([by_name.get(condensed.names[k], 0.0) for k in felt])
@@ -69,7 +69,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     found = replace(
         condensed,
         whole=moved(condensed.whole),
-        groups=Groups.of(moved(one) for one in condensed.groups),
+        groups=FactorGroups.pack(moved(one) for one in condensed.groups),
         geometry=None if condensed.geometry is None else moved(condensed.geometry),
     )
     return FactorFile(type(record).model_construct(**own), found, name)

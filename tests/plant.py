@@ -12,7 +12,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.fleet import find_fleet
 from deltaid.fleets.run import FleetRun, run_fleet
-from deltaid.fleets.store import Store
+from deltaid.fleets.store import FileStore
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
@@ -69,7 +69,7 @@ class Plant:
 
     def run(self, **options) -> FleetRun:
         """A call on this machine, with one worker."""
-        fleet = find_fleet(str(self.manifest), Store())
+        fleet = find_fleet(str(self.manifest), FileStore())
         return run_fleet(fleet, self.output, **{"settings": SETTINGS, "workers": 1, **options})
 
     def table(self, name: str = "parameters.parquet") -> pl.DataFrame:

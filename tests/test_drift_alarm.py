@@ -14,25 +14,27 @@ from deltaid.fleets.drift_evidence import (
     SIZE,
     STEP,
     YEAR,
+    ChangeEvidence,
     Changes,
-    Evidence,
     evidence,
     first_prior,
     with_others,
 )
 from deltaid.fleets.drift_findings import finding
 from deltaid.fleets.drift_inputs import DriftSettings
-from deltaid.fleets.drift_noise import Scatter, whitened_sums
+from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Explained, Regressors, explained
 from deltaid.fleets.tool_changes import tool_changes
 
 # How usual changes are, as they are promised: a ramp up or down, a step up or down.
 RAMPS, STEPS = (0.6, 0.1), (0.2, 0.1)
-SCATTER = Scatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7, 0.3]))
+SCATTER = DailyScatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7, 0.3]))
 WEEK = 7.0
 
 
-def _found(days: np.ndarray, y: np.ndarray, variance: np.ndarray, changes: Changes) -> Evidence:
+def _found(
+    days: np.ndarray, y: np.ndarray, variance: np.ndarray, changes: Changes
+) -> ChangeEvidence:
     """Evidence of series with a level that may be anywhere."""
     base = np.stack([np.ones_like(y), y], axis=2)
     sums = whitened_sums(days, variance, base, changes.columns, SCATTER)
@@ -97,7 +99,7 @@ def _weekly(robots: int, weeks: int, seed: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def _looked(days: np.ndarray, y: np.ndarray) -> Explained:
-    beside = Regressors.of(days, 25.0 + np.sin(days), np.zeros(len(days)))
+    beside = Regressors.for_recordings(days, 25.0 + np.sin(days), np.zeros(len(days)))
     return explained(days, y, np.full(y.shape, 0.2), [beside] * (len(y) // 3))
 
 
@@ -108,7 +110,7 @@ def test_steady_drives_raise_no_more_alarms_than_is_promised() -> None:
     alarm = np.zeros(len(y), dtype=bool)
     for n in (52, 104):
         found = _looked(days[:n], y[:, :n])
-        alarm |= finding(found, 0, settings, 3).threshold <= found.found.R
+        alarm |= finding(found, 0, settings, 3).threshold <= found.evidence.R
     assert alarm.sum() <= settings.false_alarms * robots * days[-1] / YEAR
 
 
@@ -117,9 +119,9 @@ def test_an_alarm_begins_where_all_drives_share_the_false_alarms() -> None:
     days, y = _weekly(1, 60, 3)
     y[0] += 0.3 * np.maximum(np.arange(60) - 30, 0)
     found = _looked(days, y)
-    assert found.found.R[0] > 30.0
+    assert found.evidence.R[0] > 30.0
     for R, state in ((30.1, "rising"), (29.9, "steady")):
-        near = replace(found, found=replace(found.found, R=np.full(3, R)))
+        near = replace(found, evidence=replace(found.evidence, R=np.full(3, R)))
         assert finding(near, 0, DriftSettings(false_alarms=0.1), 3).state == state
 
 
@@ -127,8 +129,8 @@ def test_scatter_is_what_the_deviations_of_recordings_leave() -> None:
     """Recordings that err by 3 % scatter by √(1² + 3²) % where friction itself does by 1 %."""
     days, y = _weekly(10, 60, 5)
     std = np.full(y.shape, 3.0)
-    regressors = Regressors.of(days, 25.0 + np.sin(days), np.zeros(len(days)))
-    found = explained(days, np.sqrt(10.0) * y, std, [regressors] * 10).found
+    regressors = Regressors.for_recordings(days, 25.0 + np.sin(days), np.zeros(len(days)))
+    found = explained(days, np.sqrt(10.0) * y, std, [regressors] * 10).evidence
     sigma = np.sum(found.of_kinds * found.sigma, axis=0)
     assert np.sqrt(np.mean(sigma**2)) == pytest.approx(1.0, abs=0.1)
 

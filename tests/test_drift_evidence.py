@@ -21,7 +21,7 @@ from deltaid.fleets.drift_evidence import (
 )
 from deltaid.fleets.drift_findings import finding
 from deltaid.fleets.drift_inputs import DriftSettings
-from deltaid.fleets.drift_noise import Scatter, whitened_sums
+from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
 from deltaid.fleets.tool_changes import tool_changes
 
@@ -40,7 +40,11 @@ def _problem(seed: int = 0):
     variance[1, [0, 4, 5, 29]] = np.inf
     base = rng.standard_normal((2, len(DAYS), 3))
     base[..., 0] = 1.0
-    return variance, base, Scatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7, 0.3]))
+    return (
+        variance,
+        base,
+        DailyScatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7, 0.3])),
+    )
 
 
 def test_white_columns_have_the_sums_of_generalised_least_squares() -> None:
@@ -128,7 +132,9 @@ def _series(rng: np.random.Generator, robots: int, n: int = 140, drives: int = 3
 def _looked(days, T, y, n: int, known: bool = True, tools: tuple[float, ...] = ()):
     robots = len(y)
     beside = [
-        Regressors.of(days[:n], T[k, :n] if known else np.full(n, np.nan), np.zeros(n), tools)
+        Regressors.for_recordings(
+            days[:n], T[k, :n] if known else np.full(n, np.nan), np.zeros(n), tools
+        )
         for k in range(robots)
     ]
     flat = y[:, :, :n].reshape(-1, n)
@@ -144,7 +150,7 @@ def test_steady_fleets_are_left_alone_and_drift_is_found() -> None:
     alarm = np.zeros((24, 3), dtype=bool)
     soon = alarm.copy()
     for n in range(30, 141, 10):
-        hit = _looked(days, T, y, n).found.R.reshape(24, 3) >= 30.0
+        hit = _looked(days, T, y, n).evidence.R.reshape(24, 3) >= 30.0
         alarm |= hit
         soon |= hit & (n - 1 <= onset + 42)
         if n - 1 < onset:
@@ -195,7 +201,7 @@ def test_without_temperature_a_season_is_no_drift_and_that_is_said() -> None:
     rng = np.random.default_rng(3)
     days, T, y = _series(rng, 12)
     found = _looked(days, T, y, 140, known=False)
-    assert np.sum(found.found.R >= 30.0) <= 1
+    assert np.sum(found.evidence.R >= 30.0) <= 1
     one = finding(found, 0, DriftSettings(), 3)
     assert one.temperature.value is None
     assert "no temperature is known" in one.reason
@@ -243,7 +249,7 @@ def test_settings_that_cannot_be_are_refused(given: dict) -> None:
 
 
 def test_what_is_known_before_is_that_of_the_grid() -> None:
-    scatter = Scatter.grid()
+    scatter = DailyScatter.grid()
     prior = first_prior(np.array([np.inf, 2.0]), scatter, 3)
     np.testing.assert_allclose(np.exp(prior.log_kinds).sum(axis=0), 1.0)
     np.testing.assert_array_equal(prior.precision[0], np.diag([0.0, 0.25]))

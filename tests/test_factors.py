@@ -93,7 +93,7 @@ def _apart(robot) -> float:
     from deltaid.estimation.additions import extended
 
     dynamics, simple = compiled(robot), plain(robot)
-    columns = GatheredColumns.of(robot, prior_parameters(simple))
+    columns = GatheredColumns.for_robot(robot, prior_parameters(simple))
     motion = random_motion(dynamics.kinematics, np.random.default_rng(3))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 700))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -6,10 +6,10 @@ from scipy import stats
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
-from deltaid.fleets.belonging import LeftOut, _belonging, chance
+from deltaid.fleets.belonging import AgainstOthers, _belonging, chance
 from deltaid.fleets.belonging import left_out as left_out_of
 from deltaid.fleets.coordinates import Coordinates, _kind
-from deltaid.fleets.mixed_model import Mean, Rows
+from deltaid.fleets.mixed_model import Mean, RobotRows
 from deltaid.robot.load import load_robot
 
 RNG = np.random.default_rng(4)
@@ -17,8 +17,8 @@ ROOT = RNG.standard_normal((6, 9))
 V, E = ROOT @ ROOT.T / 9, RNG.standard_normal(6)
 
 
-def left_out(e: np.ndarray = E, freedom: float = 12.0) -> LeftOut:
-    return LeftOut(e, V, np.eye(6), np.zeros(6), len(e), freedom)
+def left_out(e: np.ndarray = E, freedom: float = 12.0) -> AgainstOthers:
+    return AgainstOthers(e, V, np.eye(6), np.zeros(6), len(e), freedom)
 
 
 def test_distance_and_its_chance() -> None:
@@ -74,9 +74,9 @@ def type_of_robots() -> Coordinates:
     return Coordinates(robot, reduction, kinds, (), reduction.scale, 0.5)
 
 
-def robot_of_type(e: np.ndarray, H: np.ndarray) -> LeftOut:
+def robot_of_type(e: np.ndarray, H: np.ndarray) -> AgainstOthers:
     """With white noise of a known level."""
-    return LeftOut(e, np.eye(len(e)), H, np.zeros(len(e)), len(e), 1e9)
+    return AgainstOthers(e, np.eye(len(e)), H, np.zeros(len(e)), len(e), 1e9)
 
 
 def test_a_robot_that_belongs_is_seldom_far_in_any_direction() -> None:
@@ -101,7 +101,7 @@ def test_torques_that_are_all_too_large_are_one_direction() -> None:
 def test_freedom_is_that_of_noise_and_spreads_by_their_shares() -> None:
     """Rows with noise of 1 and spreads h s; what may be anything is left aside."""
     h, s = np.array([1.0, 2.0, 3.0]), np.array([0.5, 1.0, 0.2])
-    rows = Rows.of([np.column_stack([np.diag(h), np.zeros(3), np.ones(3)])] * 2)
+    rows = RobotRows.stacked([np.column_stack([np.diag(h), np.zeros(3), np.ones(3)])] * 2)
     found = Mean(s**2, 1e12 * np.eye(3), np.zeros(3), 0.0)
     noise = 1 / (1 + (h * s) ** 2)
     for anything, kept in ((np.zeros(3), [0, 1, 2]), (np.array([0.0, 0.0, 1e9]), [0, 1])):

@@ -8,7 +8,7 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.fleets.factor_file import FactorFile, read, write
-from deltaid.fleets.factor_record import Group, Groups
+from deltaid.fleets.factor_record import FactorGroup, FactorGroups
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.fleets.merged import merged, merging_of
@@ -77,7 +77,7 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
     expected = identify_gathered(robot()[0].robot, [one, other], PLAIN).model
     heavier, at = 0.2, one.condensed.names.index("load.m")
 
-    def without(group: Group) -> Group:
+    def without(group: FactorGroup) -> FactorGroup:
         factors = [R.copy() for R in group.factors]
         for R, felt in zip(factors, one.condensed.felt, strict=True):
             if at in felt:
@@ -87,7 +87,7 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
     condensed = replace(
         one.condensed,
         whole=without(one.condensed.whole),
-        groups=Groups.of(without(group) for group in one.condensed.groups),
+        groups=FactorGroups.pack(without(group) for group in one.condensed.groups),
     )
     (load,) = one.record.loads
     taken = (load.taken[0] + heavier, *load.taken[1:])

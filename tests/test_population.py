@@ -13,8 +13,8 @@ from deltaid.errors import IdentificationError
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.member import Fact, Member, member
-from deltaid.fleets.mixed_model import Rows, alone
+from deltaid.fleets.member import MeasuredFact, TypeMember, member
+from deltaid.fleets.mixed_model import RobotRows, alone
 from deltaid.fleets.next_robot import next_robot, save_next, summary, widest
 from deltaid.fleets.population import MEMBERS, TYPES, Population, members_table, types_table
 from deltaid.fleets.type_fit import fitted
@@ -62,13 +62,13 @@ def alike(mean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return p
 
 
-def seen(name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0) -> Member:
+def seen(name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0) -> TypeMember:
     """A robot as its recordings show it."""
     values = gain * (rows() @ p) + rng.standard_normal(len(rows()))
-    return Member(name, LAYOUT.names, rows(), values, np.zeros((len(values), 0)), (), 60.0)
+    return TypeMember(name, LAYOUT.names, rows(), values, np.zeros((len(values), 0)), (), 60.0)
 
 
-def fleet(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[Member]]:
+def fleet(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[TypeMember]]:
     """Mean of a type, its robots, and what is seen of them."""
     rng = np.random.default_rng(seed)
     mean = surrogate_parameters(ROBOT, rng, 0.3)
@@ -81,7 +81,7 @@ def member_of(found: Population, name: str):
 
 
 @pytest.fixture(scope="module")
-def known() -> tuple[np.ndarray, np.ndarray, list[Member], Population]:
+def known() -> tuple[np.ndarray, np.ndarray, list[TypeMember], Population]:
     mean, truths, members = fleet(40, 1)
     return mean, truths, members, fitted(members, ROBOT)
 
@@ -125,7 +125,7 @@ def test_intervals_hold_and_what_no_torque_tells_stays_open(known) -> None:
 def test_one_weighed_robot_tells_of_all_others(known) -> None:
     _, truths, members, before = known
     c = np.eye(len(LAYOUT.names))[STRUT]
-    weighed = replace(members[0], facts=(Fact("scale", c, truths[0, STRUT], 1e-3),))
+    weighed = replace(members[0], facts=(MeasuredFact("scale", c, truths[0, STRUT], 1e-3),))
     found = fitted([weighed, *members[1:]], ROBOT)
     errors = [one.within.value[STRUT] - p[STRUT]
               for one, p in zip(found.members, truths, strict=True)]  # fmt: skip
@@ -138,7 +138,7 @@ def test_one_weighed_robot_tells_of_all_others(known) -> None:
 def test_the_same_measurement_in_all_descriptions_is_one(known) -> None:
     _, truths, members, _ = known
     c = np.eye(len(LAYOUT.names))[STRUT]
-    fact = Fact("scale", c, truths[0, STRUT], 1e-4)
+    fact = MeasuredFact("scale", c, truths[0, STRUT], 1e-4)
     every = fitted([replace(one, facts=(fact,)) for one in members], ROBOT)
     own = replace(members[0], facts=(fact,))
     one = fitted([own, *members[1:]], ROBOT)
@@ -183,7 +183,7 @@ def test_few_robots_say_what_they_cannot(known) -> None:
         found = fitted(members[:count], ROBOT)
         assert not found.spreads.known
         assert np.all(np.isnan(found.spread))
-        assert "cannot tell how much robots differ" in " ".join(found.told)
+        assert "cannot tell how much robots differ" in " ".join(found.notes)
         assert types_table("x", found)["spread"].null_count() == sum(found.free)
     inside = np.abs(found.mean.value - truths[0])[found.free] < 3 * found.mean.std[found.free]
     assert inside.mean() > 0.9
@@ -222,7 +222,7 @@ def test_widths_claim_no_more_than_is_known() -> None:
 def test_the_next_robot_has_the_type_as_its_prior(known, tmp_path: Path) -> None:
     _, truths, members, _ = known
     c = np.eye(len(LAYOUT.names))[STRUT]
-    fact = Fact("scale", c, truths[0, STRUT], 1e-3)
+    fact = MeasuredFact("scale", c, truths[0, STRUT], 1e-3)
     found = fitted([replace(members[0], facts=(fact,)), *members[1:]], ROBOT)
     save_next(found, "plant A", tmp_path / "type.yaml")
     robot = load_robot(str(tmp_path / "type.yaml"))
@@ -277,15 +277,15 @@ def test_a_prior_is_as_wide_as_more_than_half_of_the_recordings_ask_for(
     _, _, members = fleet(6, 1)
     asked = [{"P.m": 4.0 + k} if k < wide else None for k in range(6)]
     some = [replace(one, widened=own) for one, own in zip(members, asked, strict=True)]
-    reduction = Coordinates.of(ROBOT, some, Settings()).reduction
+    reduction = Coordinates.for_type(ROBOT, some, Settings()).reduction
     assert reduction.widened.get("P.m", 1.0) == factor
 
 
 def test_a_robot_alone_is_least_squares_of_its_rows_and_of_what_is_known() -> None:
     """Against a singular value decomposition of both, in units of the standard deviations."""
     _, _, members = fleet(6, 1)
-    coordinates = Coordinates.of(ROBOT, members, Settings())
-    rows = Rows.of([coordinates.rows(member, ()) for member in members])
+    coordinates = Coordinates.for_type(ROBOT, members, Settings())
+    rows = RobotRows.stacked([coordinates.rows(member, ()) for member in members])
     root = np.linalg.cholesky(coordinates.precision).T
     for (u, C), H, b in zip(
         alone(rows, coordinates.precision, coordinates.prior), rows.H, rows.b, strict=True

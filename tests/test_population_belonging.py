@@ -7,15 +7,15 @@ from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
 from deltaid.fleets.belonging import left_out
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, _kind
-from deltaid.fleets.mixed_model import Mean, Rows, mean, slope
+from deltaid.fleets.mixed_model import Mean, RobotRows, mean, slope
 from deltaid.fleets.spreads import fitted_spreads
 from deltaid.robot.load import load_robot
 
 
-def drawn(seed: int = 3) -> tuple[Rows, np.ndarray, np.ndarray, np.ndarray]:
+def drawn(seed: int = 3) -> tuple[RobotRows, np.ndarray, np.ndarray, np.ndarray]:
     """Rows of five robots over three numbers; variances between robots, and what was known."""
     rng = np.random.default_rng(seed)
-    rows = Rows.of([rng.standard_normal((n, 3 + 2)) for n in (4, 6, 3, 5, 7)])
+    rows = RobotRows.stacked([rng.standard_normal((n, 3 + 2)) for n in (4, 6, 3, 5, 7)])
     return rows, rng.uniform(0.2, 2.0, 3), np.diag(rng.uniform(0.1, 1.0, 3)), rng.normal(size=3)
 
 
@@ -90,7 +90,9 @@ def test_spreads_are_the_most_likely_ones(told: float) -> None:
     H = told * rng.standard_normal((12, size + 2, size))
     u = coordinates.prior + std * rng.standard_normal((12, size))
     b = np.einsum("rnu,ru->rn", H, u) + rng.standard_normal(H.shape[:2])
-    rows = Rows.of([np.column_stack([h, np.zeros(len(h)), y]) for h, y in zip(H, b, strict=True)])
+    rows = RobotRows.stacked(
+        [np.column_stack([h, np.zeros(len(h)), y]) for h, y in zip(H, b, strict=True)]
+    )
     found = fitted_spreads(rows, coordinates)
 
     def posterior(log: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from deltaid.model.options import FrictionLaws, Period
 if TYPE_CHECKING:
     from deltaid.fleets.fleet import Fleet
     from deltaid.fleets.run import FleetRun
-    from deltaid.fleets.store import Store
+    from deltaid.fleets.store import FileStore
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -100,7 +100,7 @@ def fleet(
     require_dask()
     from deltaid.fleets.fleet import find_fleet
     from deltaid.fleets.run import run_fleet
-    from deltaid.fleets.store import Store
+    from deltaid.fleets.store import FileStore
     from deltaid.model.record import Settings
 
     positive("--cutoff", cutoff)
@@ -114,7 +114,7 @@ def fleet(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
-    drift, store = drift_settings(limit, false_alarms, since), Store()
+    drift, store = drift_settings(limit, false_alarms, since), FileStore()
     if prior_out is not None:
         require_writable(prior_out)
     try:
@@ -161,7 +161,7 @@ def _require_one_type(found: "Fleet") -> None:
         )
 
 
-def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> None:
+def _write_prior(run: "FleetRun", output: str, store: "FileStore", path: Path) -> None:
     """The description of the next robot under a name of the user's.
 
     Raises:
@@ -171,8 +171,10 @@ def _write_prior(run: "FleetRun", output: str, store: "Store", path: Path) -> No
     from deltaid.fleets.place import Place
     from deltaid.fleets.type_step import next_robot_file
 
-    place = Place.of(output, store)
-    data = [store.read(place.at(next_robot_file(fit.job))) for fit in run.types if not fit.reasons]
+    place = Place.named(output, store)
+    data = [
+        store.read(place.path_to(next_robot_file(fit.job))) for fit in run.types if not fit.reasons
+    ]
     if not data or data[0] is None:
         raise DeltaidError(
             "there is nothing to write: no robot of the fleet could be used",

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
 from deltaid.fleets.coordinates import Coordinates
-from deltaid.fleets.mixed_model import Mean, Rows, U, mean
+from deltaid.fleets.mixed_model import Mean, RobotRows, U, mean
 from deltaid.fleets.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
 
 # Rounds of naming at most.
@@ -28,6 +28,7 @@ _ROUNDS = 8
 _FEW = 16
 # From so many robots on one can be named.
 LEAST = ENOUGH + 1
+# Below this share of the largest a row or an eigenvalue is rounding.
 _ROUNDING = 1e-9
 
 
@@ -48,7 +49,7 @@ class Along:
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class AgainstOthers:
     """A robot against the others.
 
     Attributes:
@@ -68,7 +69,7 @@ class LeftOut:
 
     @cached_property
     def distance(self) -> float:
-        """eᵀV⁻¹e."""
+        """Squared distance eᵀV⁻¹e of the robot."""
         return float(self.e @ np.linalg.solve(self.V, self.e))
 
     def chance(self, distance: float, rank: int) -> float:
@@ -88,7 +89,9 @@ class LeftOut:
         return Along(float(g @ g), int(used.sum()), half @ g, np.linalg.norm(half, axis=1))
 
 
-def left_out(rows: Rows, k: int, mean: Mean, freedom: tuple[float, float], anything: U) -> LeftOut:
+def left_out(
+    rows: RobotRows, k: int, mean: Mean, freedom: tuple[float, float], anything: U
+) -> AgainstOthers:
     """Robot k against the others; what may be anything has that variance.
 
     Args:
@@ -96,7 +99,7 @@ def left_out(rows: Rows, k: int, mean: Mean, freedom: tuple[float, float], anyth
     """
     information, right = mean.information, mean.right
     if rows.counts[k]:
-        (A,), (c,), _ = rows.at(slice(k, k + 1)).whitened(mean.variance)
+        (A,), (c,), _ = rows.only(slice(k, k + 1)).whitened(mean.variance)
         information, right = information - A.T @ A, right - A.T @ c
     size = np.linalg.norm(rows.H[k], axis=1)
     used = size > _ROUNDING * size.max(initial=0.0)  # rows beyond the rank of a triangle are zero
@@ -110,20 +113,20 @@ def left_out(rows: Rows, k: int, mean: Mean, freedom: tuple[float, float], anyth
     if not shares.size:  # all of its rows may be anything
         shares = np.ones(1)
     inverse = float(np.mean(shares**2) / freedom[0] + np.mean((1 - shares) ** 2) / freedom[1])
-    return LeftOut(e, V, H, constant, max(len(H) - aside, 0), 1.0 / inverse)
+    return AgainstOthers(e, V, H, constant, max(len(H) - aside, 0), 1.0 / inverse)
 
 
-def chance(robot: LeftOut, coordinates: Coordinates, m: U) -> float:
+def chance(robot: AgainstOthers, coordinates: Coordinates, m: U) -> float:
     """How often a robot that belongs is as far from the others as this one."""
     owners = coordinates.owners().values()
     bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
-    found = [robot.along(HF) for HF in (torques(robot, coordinates, m)[:, None], *bodies)]
-    chances = [robot.chance(own.gain, own.rank) for own in found if own.rank]
+    parts = [robot.along(HF) for HF in (torques(robot, coordinates, m)[:, None], *bodies)]
+    chances = [robot.chance(own.gain, own.rank) for own in parts if own.rank]
     chances.append(robot.chance(robot.distance, robot.rows))
     return min(1.0, len(chances) * min(chances))
 
 
-def torques(robot: LeftOut, coordinates: Coordinates, m: U) -> Float[np.ndarray, " rows"]:
+def torques(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Float[np.ndarray, " rows"]:
     """A robot's rows for all torques of the type."""
     return robot.H[:, : coordinates.size] @ m[: coordinates.size] + robot.constant
 
@@ -141,17 +144,17 @@ class Sorted:
 
     coordinates: Coordinates
     freedom: Float[np.ndarray, " robots"]
-    rows: Rows
+    rows: RobotRows
     spreads: Spreads
     mean: Mean
     chances: Float[np.ndarray, " robots"]
 
     @classmethod
-    def of(
+    def fitted_to(
         cls,
         coordinates: Coordinates,
         freedom: Float[np.ndarray, " robots"],
-        rows: Rows,
+        rows: RobotRows,
         start: Spreads | None = None,
     ) -> "Sorted":
         """Spreads and mean of rows that are marked."""
@@ -159,19 +162,19 @@ class Sorted:
         type_mean = mean(rows, spreads.variance(), coordinates.precision, coordinates.prior)
         return cls(coordinates, freedom, rows, spreads, type_mean, np.ones(len(freedom)))
 
-    def with_rows(self, rows: Rows) -> "Sorted":
+    def with_rows(self, rows: RobotRows) -> "Sorted":
         """The same chances, with spreads and mean of other rows."""
-        fitted = Sorted.of(self.coordinates, self.freedom, rows, self.spreads)
+        fitted = Sorted.fitted_to(self.coordinates, self.freedom, rows, self.spreads)
         return replace(fitted, chances=self.chances)
 
-    def against_others(self, k: int, anything: U) -> LeftOut:
+    def against_others(self, k: int, anything: U) -> AgainstOthers:
         """Robot k, as of `left_out`."""
         freedom = (float(self.freedom[k]), self.spreads.freedom)
         return left_out(self.rows, k, self.mean, freedom, anything)
 
 
 def sorted_out(
-    rows: Rows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"], naming: float
+    rows: RobotRows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"], naming: float
 ) -> Sorted:
     """Fit a type to the robots that belong to it.
 
@@ -182,10 +185,10 @@ def sorted_out(
     """
     count = len(freedom)
     if count < LEAST:
-        return Sorted.of(coordinates, freedom, rows)
+        return Sorted.fitted_to(coordinates, freedom, rows)
     counts, robots = np.arange(len(rows.H)) >= count, range(count)
-    counts[:count] = _core(rows.at(slice(count)), coordinates)
-    fitted = Sorted.of(coordinates, freedom, rows.counting(counts))
+    counts[:count] = _core(rows.only(slice(count)), coordinates)
+    fitted = Sorted.fitted_to(coordinates, freedom, rows.counting(counts))
     visited = list[bytes]()
     for _ in range(_ROUNDS):
         excluded = [fitted.against_others(k, coordinates.worn) for k in robots]
@@ -207,7 +210,7 @@ def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
         chances = np.ones(count)
         for k in range(count):
             others = rows.counting(rows.counts & (np.arange(len(rows.H)) != k))
-            without = Sorted.of(coordinates, fitted.freedom, others)
+            without = Sorted.fitted_to(coordinates, fitted.freedom, others)
             robot = without.against_others(k, coordinates.worn)
             chances[k] = chance(robot, coordinates, without.mean.m)
         inside = np.flatnonzero(rows.counts[:count])
@@ -218,7 +221,7 @@ def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
 
 
 def _belonging(
-    chances: np.ndarray, robots: Sequence[LeftOut], naming: float, *, first: bool
+    chances: np.ndarray, robots: Sequence[AgainstOthers], naming: float, *, first: bool
 ) -> np.ndarray:
     """Those that count next. A core's spreads are too small: at first the middle robot is as far as
     it should be."""
@@ -230,7 +233,7 @@ def _belonging(
     return np.array(scaled) >= naming
 
 
-def _core(rows: Rows, coordinates: Coordinates) -> np.ndarray:
+def _core(rows: RobotRows, coordinates: Coordinates) -> np.ndarray:
     """The half of the robots that are nearest to a mean that far ones hardly pull."""
     free = replace(rows, extra=rows.extra + coordinates.worn)
     A, c, _ = free.whitened(prior_spreads(coordinates).variance())

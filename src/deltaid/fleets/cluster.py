@@ -57,7 +57,7 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
-            found = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+            connected = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
             raise DeltaidError(
                 f"no scheduler answers: {error or type(error).__name__}",
@@ -65,10 +65,10 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
                 cure="give the address that `dask scheduler` has printed, such as "
                 "tcp://10.0.0.5:8786",
             ) from None
-        with found:
-            _require_same_version(found, scheduler)
-            _share_code(found)
-            yield found
+        with connected:
+            _require_same_version(connected, scheduler)
+            _share_code(connected)
+            yield connected
         return
     with (
         config.set(_settings()),
@@ -77,10 +77,10 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
             dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0,
             silence_logs=logging.CRITICAL,
         ) as cluster,
-        Client(cluster, set_as_default=False) as found,
+        Client(cluster, set_as_default=False) as connected,
     ):  # fmt: skip
-        _share_code(found)
-        yield found
+        _share_code(connected)
+        yield connected
 
 
 def _share_code(client: "Client") -> None:
@@ -94,10 +94,10 @@ def _share_code(client: "Client") -> None:
 
 def _settings() -> dict[str, Any]:
     """Of a cluster on this machine: processes that start in a third of the time where they can."""
-    found: dict[str, Any] = {"distributed.scheduler.allowed-failures": _FAILURES}
+    options: dict[str, Any] = {"distributed.scheduler.allowed-failures": _FAILURES}
     if "forkserver" in get_all_start_methods():
-        found["distributed.worker.multiprocessing-method"] = "forkserver"
-    return found
+        options["distributed.worker.multiprocessing-method"] = "forkserver"
+    return options
 
 
 def require_shared(client: "Client", folder: Path) -> None:
@@ -113,7 +113,7 @@ def require_shared(client: "Client", folder: Path) -> None:
         seen = _of_each(client, _sees, str(probe))
     finally:
         probe.unlink()
-    blind = sorted(address for address, found in seen.items() if found is False)
+    blind = sorted(address for address, answer in seen.items() if answer is False)
     if blind:
         raise DeltaidError(
             f"is not seen by {len(blind)} of {len(seen)} workers, such as {blind[0]}",

@@ -11,15 +11,14 @@ from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
-from deltaid.fleets.member import Fact, Member, eliminated
+from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
 from deltaid.fleets.mixed_model import Square, U
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
 
-# What spreads of one size are, and what they are likely to be beforehand: the middle, as a share of
-# the size of an entry, and the standard deviation of the logarithm.
+# Kinds of entries that have one spread, and its likely size beforehand as a share of an entry's.
 KINDS = {
     "mass": 0.03,
     "first moments": 0.03,
@@ -30,6 +29,7 @@ KINDS = {
     "coulomb": 0.2,
     "friction": 0.2,
 }
+# Standard deviation of the logarithm of any spread beforehand: a factor of 4.5 either way.
 VAGUE = 1.5
 # A size is at most so many times that of the description, or that part of it.
 _OTHER = 10.0
@@ -61,8 +61,8 @@ class Coordinates:
     spread: float
 
     @classmethod
-    def of(
-        cls, robot: RobotDescription, members: Sequence[Member], settings: Settings
+    def for_type(
+        cls, robot: RobotDescription, members: Sequence[TypeMember], settings: Settings
     ) -> "Coordinates":
         """Those of some robots of a type."""
         names = parameter_layout(robot).names
@@ -144,7 +144,9 @@ class Coordinates:
             variables.setdefault(f"{word}{variable.owner}", []).append(k)
         return variables
 
-    def rows(self, member: Member, facts: Sequence[Fact]) -> Float[np.ndarray, "rows augmented"]:
+    def rows(
+        self, member: TypeMember, facts: Sequence[MeasuredFact]
+    ) -> Float[np.ndarray, "rows augmented"]:
         """A member's rows and some of its facts: over u, over p_0, and the right side."""
         names, count = self.reduction.layout.names, len(self.quantities)
         place = {name: i for i, name in enumerate(member.names)}
@@ -165,7 +167,7 @@ class Coordinates:
         return triangle(np.column_stack([over, shared, constant, b[:, 0] - constant]))
 
 
-def _widened(members: Sequence[Member]) -> dict[str, float]:
+def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
     """Prior widening that most members require."""
     factors: dict[str, list[float]] = {}
     for member in members:

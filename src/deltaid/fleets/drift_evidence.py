@@ -28,7 +28,7 @@ from jaxtyping import Float
 from scipy.linalg import inv
 from scipy.special import logsumexp, stdtr
 
-from deltaid.fleets.drift_noise import Scatter, Sums
+from deltaid.fleets.drift_noise import DailyScatter, Sums
 
 # Of σ before any recording [%]: degrees of freedom and size.
 FREEDOM, SIZE = 4.0, 1.0
@@ -36,6 +36,7 @@ FREEDOM, SIZE = 4.0, 1.0
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
 RAMP, STEP = 2.5, 6.0
+# Mean lengths of a month and a year [days].
 MONTH, YEAR = 30.4375, 365.25
 # Onsets lie a week apart, or so many in all.
 _APART, _MOST = 7.0, 60
@@ -82,7 +83,7 @@ class Changes:
 
     @property
     def is_ramp(self) -> np.ndarray:
-        """Which are ramps."""
+        """Which changes are ramps."""
         return self.scale == RAMP
 
 
@@ -97,7 +98,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ChangeEvidence:
     """Evidence of recordings for changes.
 
     Attributes:
@@ -136,7 +137,7 @@ class Evidence:
         return np.exp(log - logsumexp(log, axis=(0, 1, 3), keepdims=True))
 
 
-def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
+def evidence(sums: Sums, changes: Changes, prior: Prior) -> ChangeEvidence:
     """Evidence of all changes."""
     p, nu = prior.mean.shape[1], FREEDOM + sums.count - 1.0
     X = sums.base[..., :p, :p]
@@ -164,13 +165,15 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> Evidence:
     log = log_factor + log_none[None, :, :, None]
     R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
     covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
-    return Evidence(
+    return ChangeEvidence(
         log_none, log_factor, size, deviation, nu, plain, per_size, covariance, sigma,
         np.exp(np.minimum(R, 600.0)),
     )  # fmt: skip
 
 
-def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, series: int) -> Prior:
+def first_prior(
+    scale: Float[np.ndarray, " regressors"], scatter: DailyScatter, series: int
+) -> Prior:
     """Prior of any drive, by standard deviations of coefficients in units of σ."""
     p = len(scale)
     precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
@@ -179,7 +182,7 @@ def first_prior(scale: Float[np.ndarray, " regressors"], scatter: Scatter, serie
 
 
 def with_others(
-    alone: Evidence,
+    alone: ChangeEvidence,
     changes: Changes,
     prior: Prior,
     unlike: Float[np.ndarray, " regressors"],
@@ -223,7 +226,7 @@ def with_others(
 
 
 def _moments(
-    e: Evidence, changed: Float[np.ndarray, " series"]
+    e: ChangeEvidence, changed: Float[np.ndarray, " series"]
 ) -> tuple[
     Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
 ]:

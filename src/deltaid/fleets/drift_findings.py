@@ -35,7 +35,7 @@ class Between:
 
 
 @dataclass(frozen=True)
-class Finding:
+class DriftFinding:
     """The finding on one drive.
 
     Attributes:
@@ -79,10 +79,10 @@ class _Draws:
     size: Float[np.ndarray, " draws"]
 
 
-def finding(series: Explained, drive: int, settings: DriftSettings, drives: int) -> Finding:
+def finding(series: Explained, drive: int, settings: DriftSettings, drives: int) -> DriftFinding:
     """The finding on one drive from the series of its robot."""
     threshold = drives / settings.false_alarms
-    R, recorded = float(series.found.R[drive]), np.isfinite(series.y[drive])
+    R, recorded = float(series.evidence.R[drive]), np.isfinite(series.y[drive])
     count = int(recorded.sum())
     span = float(np.ptp(series.days[recorded])) if count else 0.0
     too_few = count < FEWEST or span < SHORTEST
@@ -107,7 +107,7 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
     temperature, names = Between(), series.regressors.names
     if "temperature" in names and not too_few:
         temperature = Between(*_between(b[:, names.index("temperature")] / 100.0))
-    return Finding(
+    return DriftFinding(
         state=state,
         change=Between(*_between(onsets)) if alarm else Between(),
         rate=rate,
@@ -117,7 +117,7 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
         level=level,
         limit=limit,
         recordings=count,
-        scatter=float(series.found.of_kinds[:, drive] @ series.found.sigma[:, drive]) / 100.0,
+        scatter=float(series.evidence.of_kinds[:, drive] @ series.evidence.sigma[:, drive]) / 100.0,
         R=R,
         threshold=threshold,
         reason=_reason(state, too_few, count, span, series, rate, note),
@@ -126,7 +126,7 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
 
 def _drawn(series: Explained, drive: int, *, alarm: bool) -> _Draws:
     """Changes by their probability; without an alarm a trend over all the time, either way."""
-    rng, evidence = np.random.default_rng(0), series.found
+    rng, evidence = np.random.default_rng(0), series.evidence
     nu = evidence.freedom[drive]
     shares = evidence.of_changes[:, :, drive] if alarm else evidence.of_kinds[None, :, [drive]]
     flat = rng.choice(shares.size, _DRAWS, p=shares.ravel() / shares.sum())
@@ -152,7 +152,7 @@ def _likeliest(draws: _Draws) -> tuple[State, _Draws]:
 
 def _coefficients(series: Explained, drive: int, draws: _Draws) -> Float[np.ndarray, "draws own"]:
     """Coefficients beside the change, drawn with it."""
-    evidence, rng = series.found, np.random.default_rng(1)
+    evidence, rng = series.evidence, np.random.default_rng(1)
     plain = evidence.plain[draws.scatter, drive]
     per_size = evidence.per_size[draws.scatter, drive, :, draws.at]
     root = np.linalg.cholesky(evidence.covariance[:, drive])

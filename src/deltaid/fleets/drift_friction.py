@@ -34,7 +34,7 @@ _TOLD, _WIDE = 0.3, 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class FrictionUnknowns:
     """Unknowns of one recording.
 
     Attributes:
@@ -62,7 +62,7 @@ class FrictionSeries:
     """
 
     drives: tuple[str, ...]
-    unknowns: Unknowns
+    unknowns: FrictionUnknowns
     values: Float[np.ndarray, "n unknowns"]
     covariance: Float[np.ndarray, "n unknowns unknowns"]
     products: Float[np.ndarray, "n unknowns unknowns"]
@@ -129,7 +129,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
     return FrictionSeries(robot.drives, unknowns, *arrays)
 
 
-def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
+def _unknowns(merging: Merging, model: IdentifiedModel) -> FrictionUnknowns:
     robot, layout = model.robot, merging.dynamics.layout
     place = {k: at for at, k in enumerate(merging.active.tolist())}
     rows = list[tuple[str, int, int, float, float]]()
@@ -155,11 +155,13 @@ def _unknowns(merging: Merging, model: IdentifiedModel) -> Unknowns:
                     rows.append((entry.name, -1, place[first + k], mean, size**-2))
         first += len(held_load.parameters)
     names, drives, at, mean, precision = zip(*rows, strict=True)
-    return Unknowns(names, np.array(drives), np.array(at), np.array(mean), np.array(precision))
+    return FrictionUnknowns(
+        names, np.array(drives), np.array(at), np.array(mean), np.array(precision)
+    )
 
 
 def _friction(
-    merging: Merging, unknowns: Unknowns, model: IdentifiedModel, file: FactorFile
+    merging: Merging, unknowns: FrictionUnknowns, model: IdentifiedModel, file: FactorFile
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values, covariance and products of one recording."""
     part, dof, at = merging.part(file), merging.dynamics.dof, unknowns.at

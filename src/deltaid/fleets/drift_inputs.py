@@ -47,15 +47,15 @@ class DriftRecording:
         """Largest mass held [kg]; the identified one of a load without a declared mass."""
         if self.load is not None:
             return self.load
-        found = {load.name: load.parameters[0].value for load in self.file.record.model.loads}
+        identified = {load.name: load.parameters[0].value for load in self.file.record.model.loads}
         masses = [
-            found.get(load.load.name, load.load.mass or 0.0) for load in self.file.record.loads
+            identified.get(load.load.name, load.load.mass or 0.0) for load in self.file.record.loads
         ]
         return max(masses, default=0.0)
 
     @property
     def label(self) -> str:
-        """Its name."""
+        """Name of the recording."""
         return self.name or self.file.record.log
 
 

@@ -18,13 +18,14 @@ from jaxtyping import Float
 # memories and large shares are rare.
 MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
 SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
+# Prior weight of no memory at all beside these.
 _NONE = 2.0
 # Rows whose products are taken at once.
 _AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class DailyScatter:
     """Kinds of scatter: memory T [days], share ρ, and how usual each is, together 1."""
 
     memory: Float[np.ndarray, " kinds"]
@@ -32,7 +33,7 @@ class Scatter:
     usual: Float[np.ndarray, " kinds"]
 
     @classmethod
-    def grid(cls) -> "Scatter":
+    def grid(cls) -> "DailyScatter":
         """None without memory, and all of the grid."""
         kinds = [(T, share, a * b) for T, a in MEMORIES.items() for share, b in SHARES.items()]
         memory, share, usual = np.array([(1.0, 0.0, _NONE), *kinds]).T
@@ -63,7 +64,7 @@ def whitened_sums(
     variance: Float[np.ndarray, "series n"],
     base: Float[np.ndarray, "series n base"],
     alternatives: Float[np.ndarray, "n alternatives"],
-    scatter: Scatter,
+    scatter: DailyScatter,
 ) -> Sums:
     """Sums over time of products of white columns.
 

@@ -13,13 +13,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from deltaid.fleets.drift_evidence import (
     SIZE,
     YEAR,
+    ChangeEvidence,
     Changes,
-    Evidence,
     evidence,
     first_prior,
     with_others,
 )
-from deltaid.fleets.drift_noise import Scatter, whitened_sums
+from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 
 # Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
 # drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's
@@ -57,7 +57,7 @@ class Regressors:
     unknown: Float[np.ndarray, " n"]
 
     @classmethod
-    def of(
+    def for_recordings(
         cls,
         days: Float[np.ndarray, " n"],
         temperature: Float[np.ndarray, " n"],
@@ -104,7 +104,7 @@ class Explained:
     start: Float[np.ndarray, " series"]
     regressors: Regressors
     changes: Changes
-    found: Evidence
+    evidence: ChangeEvidence
 
 
 def _slow(
@@ -160,7 +160,7 @@ def evidence_of(
     scale: Float[np.ndarray, " regressors"],
     unlike: Float[np.ndarray, " regressors"],
     drives: int,
-) -> Evidence:
+) -> ChangeEvidence:
     """Evidence of changes beside regressors, whose first is the level.
 
     Args:
@@ -171,7 +171,7 @@ def evidence_of(
     """
     variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
     base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
-    scatter = Scatter.grid()
+    scatter = DailyScatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
     prior = first_prior(scale, scatter, len(z))
     alone = evidence(sums, changes, prior)

@@ -1,6 +1,4 @@
-"""Drift as tidy tables, one row a fact, for whatever dashboard there is, and as a table and sentences
-for the user.
-"""
+"""Drift as tidy tables, one row a fact, for whatever dashboard there is, and as a few lines."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
@@ -13,7 +11,7 @@ import polars as pl
 
 from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
-from deltaid.fleets.drift_findings import Between, Finding
+from deltaid.fleets.drift_findings import Between, DriftFinding
 from deltaid.fleets.robot_drift import RobotDrift
 from deltaid.view.numbers import number
 from deltaid.view.page import Table
@@ -127,81 +125,85 @@ def save(table: pl.DataFrame, path: Path) -> None:
 _COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit reached", "% a degree")
 
 
-def drift_shown(found: RobotDrift) -> Table:
+def drift_shown(drift: RobotDrift) -> Table:
     """What is said of each drive."""
-    first, last = found.recordings[0].time, found.recordings[-1].time
+    first, last = drift.recordings[0].time, drift.recordings[-1].time
     rows = tuple(
         (
             drive,
-            one.state,
-            f"{number(one.level)} {unit}" if one.level == one.level else "unknown",
-            "" if one.change.value is None else _date(found.date(one.change.value)),
-            _change(one),
-            _limit(found, one),
-            "" if one.temperature.value is None else f"{100 * one.temperature.value:+.2f}",
+            finding.state,
+            f"{number(finding.level)} {unit}" if finding.level == finding.level else "unknown",
+            "" if finding.change.value is None else _date(drift.date(finding.change.value)),
+            _change(finding),
+            _limit(drift, finding),
+            "" if finding.temperature.value is None else f"{100 * finding.temperature.value:+.2f}",
         )
-        for drive, one, unit in zip(found.drives, found.findings, found.units, strict=True)
+        for drive, finding, unit in zip(drift.drives, drift.findings, drift.units, strict=True)
     )
     return Table(
         _COLUMNS,
         rows,
         "",
-        title=f"{found.robot}: {len(found.recordings)} recordings, {first:%Y-%m-%d} to "
+        title=f"{drift.robot}: {len(drift.recordings)} recordings, {first:%Y-%m-%d} to "
         f"{last:%Y-%m-%d}",
     )
 
 
-def sentences(found: RobotDrift) -> list[str]:
+def sentences(drift: RobotDrift) -> list[str]:
     """What each finding rests on, tools that were changed, what bounds false alarms."""
     lines = [
         f"{drive}: {text}"
-        for drive, one in zip(found.drives, found.findings, strict=True)
-        if one.state != "steady" and (text := _told(found, one))
+        for drive, finding in zip(drift.drives, drift.findings, strict=True)
+        if finding.state != "steady" and (text := _details(drift, finding))
     ]
-    for tool in found.tools:
+    for tool in drift.tools:
         way = "heavier" if tool.mass > 0 else "lighter"
         lines.append(
             f"what the robot holds became {way} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on "
-            f"{_date(found.date(tool.day))}, which nothing had told; friction was not taken for it"
+            f"{_date(drift.date(tool.day))}, which nothing had told; friction was not taken for it"
         )
-    if found.common is not None:
-        lines.append(found.common)
-    return [*lines, f"false alarms: {found.bound}"]
+    if drift.common is not None:
+        lines.append(drift.common)
+    return [*lines, f"false alarms: {drift.bound}"]
 
 
-def _told(found: RobotDrift, one: Finding) -> str:
+def _details(drift: RobotDrift, finding: DriftFinding) -> str:
     """What stands in the table with its intervals, and why."""
     parts = list[str]()
-    if one.change.value is not None:
-        parts.append(f"since {_between(found, one.change)}")
-    if one.horizon.value is not None and one.horizon.low is not None and one.limit is not None:
-        when = _between(found, one.horizon)
-        parts.append(f"friction of {number(one.limit)} is reached on {when}")
-    return "; ".join([*parts, *([one.reason] if one.reason else [])])
+    if finding.change.value is not None:
+        parts.append(f"since {_between(drift, finding.change)}")
+    if (
+        finding.horizon.value is not None
+        and finding.horizon.low is not None
+        and finding.limit is not None
+    ):
+        when = _between(drift, finding.horizon)
+        parts.append(f"friction of {number(finding.limit)} is reached on {when}")
+    return "; ".join([*parts, *([finding.reason] if finding.reason else [])])
 
 
-def _between(found: RobotDrift, days: Between) -> str:
-    middle, low, high = found.dates(days)
+def _between(drift: RobotDrift, days: Between) -> str:
+    middle, low, high = drift.dates(days)
     return f"{_date(middle)} (95 %: {_date(low)} to {_date(high)})"
 
 
-def _change(one: Finding) -> str:
-    if one.state == "stepped" and one.step.value is not None:
-        return f"{100 * one.step.value:+.2g} % at once"
-    return _percent(one.rate)
+def _change(finding: DriftFinding) -> str:
+    if finding.state == "stepped" and finding.step.value is not None:
+        return f"{100 * finding.step.value:+.2g} % at once"
+    return _percent(finding.rate)
 
 
-def _limit(found: RobotDrift, one: Finding) -> str:
-    if one.horizon.value is None:
+def _limit(drift: RobotDrift, finding: DriftFinding) -> str:
+    if finding.horizon.value is None:
         return ""
-    return "passed" if one.horizon.low is None else _date(found.date(one.horizon.value))
+    return "passed" if finding.horizon.low is None else _date(drift.date(finding.horizon.value))
 
 
 def _date(day: datetime | None) -> str:
     return "unknown" if day is None else f"{day:%Y-%m-%d}"
 
 
-def _percent(one: Between) -> str:
-    if one.value is None or one.low is None or one.high is None:
+def _percent(share: Between) -> str:
+    if share.value is None or share.low is None or share.high is None:
         return "unknown"
-    return f"{100 * one.value:+.2f} ({100 * one.low:+.2f} … {100 * one.high:+.2f})"
+    return f"{100 * share.value:+.2f} ({100 * share.low:+.2f} … {100 * share.high:+.2f})"

@@ -161,7 +161,7 @@ class GatheredColumns:
     additions: tuple[Addition, ...]  # speed columns, then carried load, then all others
 
     @classmethod
-    def of(
+    def for_robot(
         cls,
         robot: RobotDescription,
         p: Float[np.ndarray, " parameters"],

@@ -15,7 +15,13 @@ from pydantic import ValidationError
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.files import write_bytes
-from deltaid.fleets.factor_record import FORMAT, Condensed, FactorRecord, Groups, packed
+from deltaid.fleets.factor_record import (
+    FORMAT,
+    FactorGroups,
+    FactorRecord,
+    RecordingFactors,
+    packed,
+)
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
@@ -34,7 +40,7 @@ class FactorFile:
     """A recording's factors with what they rest on."""
 
     record: FactorRecord
-    condensed: Condensed
+    condensed: RecordingFactors
     path: str = ""  # of the file; empty for what has been gathered just now
     key: str = ""  # a checksum of what it follows from
 
@@ -108,7 +114,7 @@ def _refusal(reason: str, where: str) -> RecordingError:
     return RecordingError(reason, where=where, cure=cure)
 
 
-def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condensed:
+def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> RecordingFactors:
     drives, shifts = len(record.felt), len(record.quantities)
     single, names = ["whole", "geometry"][: 1 + bool(shifts)], table["group"].to_list()[::drives]
     rows = [(name, i) for name in names for i in range(drives)]
@@ -118,7 +124,7 @@ def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condens
     whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(single)))
     sizes = tuple(len(places) + 1 for places in record.felt)
     wide = tuple(n + shifts for n in sizes)
-    return Condensed(
+    return RecordingFactors(
         record.names,
         tuple(np.array(places, dtype=int) for places in record.felt),
         next(iter(_groups(whole[:drives], sizes, "exact", where))),
@@ -127,7 +133,7 @@ def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> Condens
     )
 
 
-def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str) -> Groups:
+def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str) -> FactorGroups:
     names = tuple(table["group"].to_list()[:: len(sizes)])
     lengths = [n * (n + 1) // 2 for n in sizes]
     if table[column].list.len().to_list() != lengths * len(names):
@@ -136,4 +142,4 @@ def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str
     if not np.all(np.isfinite(numbers)):
         raise _refusal("holds numbers that are not finite", where)
     beside = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
-    return Groups(names, sizes, numbers, *beside)
+    return FactorGroups(names, sizes, numbers, *beside)

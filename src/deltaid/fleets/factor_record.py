@@ -33,7 +33,7 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class FactorGroup:
     """Some samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it feels."""
 
     name: str  # which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'
@@ -43,7 +43,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
+class FactorGroups:
     """Many groups, packed as a file holds them, unpacked on access."""
 
     names: tuple[str, ...]
@@ -54,8 +54,8 @@ class Groups:
     torque_max: Float[np.ndarray, "groups drives"]
 
     @classmethod
-    def of(cls, groups: Iterable[Group]) -> "Groups":
-        """Packed."""
+    def pack(cls, groups: Iterable[FactorGroup]) -> "FactorGroups":
+        """Groups as a file holds them."""
         groups = tuple(groups)
         return cls(
             tuple(group.name for group in groups),
@@ -68,10 +68,10 @@ class Groups:
     def __len__(self) -> int:
         return len(self.names)
 
-    def __iter__(self) -> Iterator[Group]:
+    def __iter__(self) -> Iterator[FactorGroup]:
         return self.named("")
 
-    def named(self, first: str) -> Iterator[Group]:
+    def named(self, first: str) -> Iterator[FactorGroup]:
         """Those whose names begin so."""
         ends = np.cumsum([n * (n + 1) // 2 for n in self.sizes])[:-1]
         for k, name in enumerate(self.names):
@@ -79,7 +79,7 @@ class Groups:
                 factors = tuple(np.zeros((n, n)) for n in self.sizes)
                 for R, numbers in zip(factors, np.split(self.packed[k], ends), strict=True):
                     R[np.triu_indices(len(R))] = numbers
-                yield Group(name, factors, self.samples[k], self.torque_max[k])
+                yield FactorGroup(name, factors, self.samples[k], self.torque_max[k])
 
 
 def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
@@ -88,15 +88,15 @@ def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
 
 
 @dataclass(frozen=True, eq=False)
-class Condensed:
-    """A recording's factors."""
+class RecordingFactors:
+    """Triangular factors of one recording."""
 
     names: tuple[str, ...]  # of the columns that were gathered
     felt: tuple[Int[np.ndarray, " _"], ...]  # places of those that each drive feels among them
-    whole: Group  # all samples
-    groups: Groups  # the same in stretches of time, then by place
+    whole: FactorGroup  # all samples
+    groups: FactorGroups  # the same in stretches of time, then by place
     # some samples, with what tolerances of the description do to them before τ, if there are any
-    geometry: Group | None = None
+    geometry: FactorGroup | None = None
 
 
 class KnownLag(Part):
@@ -181,7 +181,10 @@ class FactorRecord(Part):
 
 
 def record_of(
-    robot: RobotDescription, result: Judged, condensed: Condensed, quantities: tuple[str, ...]
+    robot: RobotDescription,
+    result: Judged,
+    condensed: RecordingFactors,
+    quantities: tuple[str, ...],
 ) -> FactorRecord:
     """The record of a recording that has been gathered: the robot as described, its result by
     itself, its factors, and names of tolerances among these."""

@@ -7,11 +7,11 @@ import polars as pl
 
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import period_of
-from deltaid.fleets.gather_one import Outcome, poor
+from deltaid.fleets.gather_one import GatherResult, poor
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.keys import FIT_SETTINGS, digest
 from deltaid.fleets.place import Place
-from deltaid.fleets.step import Job, Part, Step, Tables, read_factors
+from deltaid.fleets.step import FleetJob, FleetStep, StepPart, Tables, read_factors
 from deltaid.model.options import Period
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
@@ -40,13 +40,13 @@ SCHEMA = {
 
 
 def fit_jobs(
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[GatherResult],
     period: Period,
     descriptions: Mapping[str, RobotDescription],
     settings: Settings,
-) -> list[Job]:
+) -> list[FleetJob]:
     """All fits that recordings ask for: by robot, its periods in order and then all of them."""
-    robots: dict[tuple[str, str], dict[str, list[Outcome]]] = {}
+    robots: dict[tuple[str, str], dict[str, list[GatherResult]]] = {}
     for outcome in sorted(outcomes, key=lambda outcome: outcome.recorded):
         if outcome.file:
             recorded = outcome.recorded
@@ -57,17 +57,19 @@ def fit_jobs(
         kind: digest([version("deltaid"), description.model_dump(mode="json"), fit])
         for kind, description in descriptions.items()
     }
-    jobs = list[Job]()
+    jobs = list[FleetJob]()
     for (robot, kind), periods in robots.items():
         for names, own in _with_all(periods):
             files = tuple(outcome.file for outcome in own)
             sources = sorted((outcome.sha256, outcome.file) for outcome in own)
             key = digest([common[kind], robot, names, sources])
-            jobs.append(Job(robot, kind, names, files, key, descriptions[kind], settings))
+            jobs.append(FleetJob(robot, kind, names, files, key, descriptions[kind], settings))
     return jobs
 
 
-def _with_all(periods: dict[str, list[Outcome]]) -> list[tuple[tuple[str, ...], list[Outcome]]]:
+def _with_all(
+    periods: dict[str, list[GatherResult]],
+) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
     """Periods, and all of them together; the only one is all."""
     if len(periods) == 1:
         ((name, own),) = periods.items()
@@ -81,7 +83,7 @@ def model_file(robot: str) -> str:
     return f"{MODELS}/{robot}.yaml"
 
 
-def _fit(job: Job, files: list[FactorFile], place: Place) -> Tables:
+def _fit(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
     """The rows of the table of parameters, and the model where it is of all recordings."""
     model = identify_gathered(job.description, files, job.settings).model
     if ALL in job.names:
@@ -97,12 +99,12 @@ def _fit(job: Job, files: list[FactorFile], place: Place) -> Tables:
     return {PARAMETERS: pl.DataFrame(rows, schema=SCHEMA, orient="row")}
 
 
-def _model_of_all(job: Job) -> str:
+def _model_of_all(job: FleetJob) -> str:
     return model_file(job.robot) if ALL in job.names else ""
 
 
-FITS = Step(
+FITS = FleetStep(
     ("fitted", "periods"),
     read_factors,
-    {"fit": Part(_fit, {PARAMETERS: SCHEMA}, _model_of_all)},
+    {"fit": StepPart(_fit, {PARAMETERS: SCHEMA}, _model_of_all)},
 )

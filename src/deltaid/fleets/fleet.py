@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deltaid.errors import DescriptionError
 from deltaid.fleets.manifest import Entry, RecordedFile, beside, read_manifest
-from deltaid.fleets.store import Store, has_pattern
+from deltaid.fleets.store import FileStore, has_pattern
 from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
 
@@ -80,7 +80,7 @@ class Fleet:
     entries: tuple[tuple[str, str], ...] = ()
 
 
-def find_fleet(manifest: str, store: Store, period: Period | None = None) -> Fleet:
+def find_fleet(manifest: str, store: FileStore, period: Period | None = None) -> Fleet:
     """The fleet of a manifest; paths are seen from its folder.
 
     Args:
@@ -91,7 +91,7 @@ def find_fleet(manifest: str, store: Store, period: Period | None = None) -> Fle
         StoreError: a store cannot be reached.
     """
     read, absent, types = read_manifest(manifest, store), list[Absent](), dict[str, str]()
-    found, entries = dict[str, Recorded](), list[tuple[str, str]]()
+    recordings, entries = dict[str, Recorded](), list[tuple[str, str]]()
     named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
     single = store.stamps(pattern for pattern, _ in named if not has_pattern(pattern))
     for pattern, (robot, kind, file, columns) in named:
@@ -107,19 +107,23 @@ def find_fleet(manifest: str, store: Store, period: Period | None = None) -> Fle
         if not matches:
             what = "no file answers to it" if has_pattern(pattern) else "no such file"
             absent.append(Absent(robot, pattern, f"{what}\n  → check the manifest"))
-        for one in _recorded((robot, kind, file, columns), matches, manifest):
-            if isinstance(one, Absent):
-                absent.append(one)
-            elif found.setdefault(one.path, one) != one:
+        for recording in _recorded((robot, kind, file, columns), matches, manifest):
+            if isinstance(recording, Absent):
+                absent.append(recording)
+            elif (first := recordings.setdefault(recording.path, recording)) != recording:
                 raise DescriptionError(
-                    f"{one.path} is given twice, for {found[one.path].robot} and for {one.robot}"
-                    if found[one.path].robot != one.robot
-                    else f"{one.path} is given twice, with different words about it",
+                    f"{first.path} is given twice, for {first.robot} and for {recording.robot}"
+                    if first.robot != recording.robot
+                    else f"{first.path} is given twice, with different words about it",
                     where=manifest,
                     cure="give each recording once; patterns may overlap",
                 )
     return Fleet(
-        tuple(sorted(found.values())), types, period or read.period, tuple(absent), tuple(entries)
+        tuple(sorted(recordings.values())),
+        types,
+        period or read.period,
+        tuple(absent),
+        tuple(entries),
     )
 
 

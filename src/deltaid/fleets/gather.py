@@ -19,7 +19,7 @@ from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import Places
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import ENDING, FactorFile, read_key, write
-from deltaid.fleets.factor_record import Condensed, Group, Groups, record_of
+from deltaid.fleets.factor_record import FactorGroup, FactorGroups, RecordingFactors, record_of
 from deltaid.fleets.keys import digest, safe, ways
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
@@ -126,7 +126,7 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
     Lags see the slope of the fitted model's torques.
     """
     extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
-    columns = GatheredColumns.of(problem.dynamics.robot, _plain_values(problem), extra)
+    columns = GatheredColumns.for_robot(problem.dynamics.robot, _plain_values(problem), extra)
     p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
     p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
     groups = alone(problem.dynamics.dof)
@@ -134,7 +134,7 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
     return replace(columns, additions=(*columns.additions, lags))
 
 
-def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
+def condensed(columns: GatheredColumns, recording: Recording) -> RecordingFactors:
     """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
@@ -152,21 +152,24 @@ def condensed(columns: GatheredColumns, recording: Recording) -> Condensed:
     stretches = max(min(_STRETCHES, room - most_places), 2)
     blocks = gather(rows, recording, places, count=stretches)
 
-    def group(name: str, part: Information) -> Group:
+    def group(name: str, part: Information) -> FactorGroup:
         factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
-        return Group(name, tuple(factors), part.samples, part.torque_max)
+        return FactorGroup(name, tuple(factors), part.samples, part.torque_max)
 
     groups = [group(f"time {k}", block) for k, block in enumerate(blocks)]
     for name, sums in _by_place(places.sums, names, most_places):
         factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, with_tau, strict=True))
-        groups.append(Group(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
+        groups.append(FactorGroup(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
     whole = group("whole", merge(blocks))
-    return Condensed(tuple(columns.place), felt, whole, Groups.of(groups))
+    return RecordingFactors(tuple(columns.place), felt, whole, FactorGroups.pack(groups))
 
 
 def with_geometry(
-    condensed: Condensed, columns: GatheredColumns, problem: FittedProblem, recording: Recording
-) -> tuple[Condensed, tuple[str, ...]]:
+    condensed: RecordingFactors,
+    columns: GatheredColumns,
+    problem: FittedProblem,
+    recording: Recording,
+) -> tuple[RecordingFactors, tuple[str, ...]]:
     """The same with the effect of the description's tolerances on some rows, and their names."""
     if columns.dynamics.robot.tolerances.exact:
         return condensed, ()
@@ -182,7 +185,7 @@ def with_geometry(
         triangle(part[:, [*felt, *shifts]])
         for part, felt in zip(every, condensed.felt, strict=True)
     )
-    geometry = Group("geometry", tuple(factors), none, none)
+    geometry = FactorGroup("geometry", tuple(factors), none, none)
     return replace(condensed, geometry=geometry), rows.names
 
 

@@ -75,7 +75,7 @@ class GatherJob:
     key: str
 
     @classmethod
-    def of(cls, recorded: Recorded, how: How) -> "GatherJob":
+    def for_recording(cls, recorded: Recorded, how: How) -> "GatherJob":
         """By the recording's stamp: nothing is read for it."""
         known = [recorded.path, recorded.stamp, how.digest, version("deltaid")]
         return cls(recorded, how, digest(known))
@@ -88,7 +88,7 @@ class GatherJob:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class GatherResult:
     """What became of one recording.
 
     Attributes:
@@ -114,7 +114,7 @@ class Outcome:
     verdicts: str = ""
 
 
-def gather_recorded(job: GatherJob, place: Place) -> Outcome:
+def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
     """Gather a recording into a fleet's folder, unless it is there.
 
     A recording that cannot be used is an outcome with its reason, and no error.
@@ -126,11 +126,11 @@ def gather_recorded(job: GatherJob, place: Place) -> Outcome:
                 file = _gathered(job, place)
             size = place.size(job.file)
         except StoreError as error:
-            return Outcome(job.recorded, "", reason=str(error))
+            return GatherResult(job.recorded, "", reason=str(error))
         except DeltaidError as error:
-            return Outcome(job.recorded, job.key, reason=str(error))
+            return GatherResult(job.recorded, job.key, reason=str(error))
     record = file.record
-    return Outcome(
+    return GatherResult(
         job.recorded,
         job.key,
         file=job.file,

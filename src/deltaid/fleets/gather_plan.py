@@ -49,7 +49,9 @@ class GatherPlan:
     hows: dict[tuple[str, str, float | None], How] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool) -> "GatherPlan":
+    def from_manifest(
+        cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool
+    ) -> "GatherPlan":
         """What a fleet's manifest says; what cannot be read does not stop the rest."""
         wrong = dict[str, DeltaidError]()
 
@@ -121,7 +123,9 @@ def with_cutoffs(
                 cure="check these with `deltaid check`, or give --cutoff",
             )
     if cutoffs != known:
-        place.store.write(place.at(DECIDED), json.dumps({"cutoff_hz": cutoffs}, indent=2).encode())
+        place.store.write(
+            place.path_to(DECIDED), json.dumps({"cutoff_hz": cutoffs}, indent=2).encode()
+        )
     return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
 
 
@@ -130,13 +134,13 @@ def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
     recordings = [recorded for recorded in fleet.recordings if recorded.type == kind]
     for recorded in sorted(recordings, key=lambda recorded: (recorded.time, recorded.path)):
         try:
-            yield GatherJob.of(recorded, plan.how(recorded))
+            yield GatherJob.for_recording(recorded, plan.how(recorded))
         except DeltaidError:
             continue
 
 
 def _decided(place: Place) -> dict[str, float]:
-    data = place.store.read(place.at(DECIDED))
+    data = place.store.read(place.path_to(DECIDED))
     if data is None:
         return {}
     try:
@@ -144,7 +148,7 @@ def _decided(place: Place) -> dict[str, float]:
     except (ValueError, KeyError, AttributeError, TypeError):
         raise DeltaidError(
             "does not hold a cut-off for each type",
-            where=place.at(DECIDED),
+            where=place.path_to(DECIDED),
             cure="remove it, and all is gathered again, or give --cutoff",
         ) from None
 

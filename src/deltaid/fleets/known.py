@@ -9,7 +9,7 @@ import polars as pl
 
 from deltaid.errors import DeltaidError
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gather_one import Outcome
+from deltaid.fleets.gather_one import GatherResult
 from deltaid.fleets.place import Place
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
@@ -57,7 +57,7 @@ class Quarantined:
 
 
 @dataclass(frozen=True)
-class Known:
+class EarlierCalls:
     """What is known from earlier calls.
 
     Attributes:
@@ -73,7 +73,9 @@ class Known:
     tables: Mapping[str, pl.DataFrame]
 
     @classmethod
-    def of(cls, place: Place, schemas: Mapping[str, Mapping[str, Any]], *, retry: bool) -> "Known":
+    def read(
+        cls, place: Place, schemas: Mapping[str, Mapping[str, Any]], *, retry: bool
+    ) -> "EarlierCalls":
         """What the tables in a folder hold.
 
         Args:
@@ -88,7 +90,7 @@ class Known:
         if table is not None and table.schema != pl.Schema(RECORDINGS_SCHEMA):
             raise DeltaidError(
                 "has other columns than this version writes",
-                where=place.at(RECORDINGS),
+                where=place.path_to(RECORDINGS),
                 cure="remove it, and it is made again; recordings that have been thrown away since "
                 "are then forgotten",
             )
@@ -128,10 +130,12 @@ class Known:
         ordered = order.join(rows, on="key", how="inner", maintain_order="left_right")
         return ordered.select(*schema)
 
-    def gathered(self, recorded: Recorded, key: str, listing: Mapping[str, int]) -> Outcome | None:
+    def gathered(
+        self, recorded: Recorded, key: str, listing: Mapping[str, int]
+    ) -> GatherResult | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""
         if key in self.refused:
-            return Outcome(recorded, key, reason=self.refused[key], is_new=False)
+            return GatherResult(recorded, key, reason=self.refused[key], is_new=False)
         if key not in self.rows:
             return None
         row = self.recordings.row(self.rows[key], named=True)
@@ -139,7 +143,9 @@ class Known:
             return None
         return _outcome(recorded, row)
 
-    def gone(self, here: Set[str], listing: Mapping[str, int]) -> Iterator[tuple[Outcome, str]]:
+    def gone(
+        self, here: Set[str], listing: Mapping[str, int]
+    ) -> Iterator[tuple[GatherResult, str]]:
         """What became of recordings that are not `here` and whose factors are still there whole,
         each with the checksum of how it was gathered."""
         for row in self.recordings.iter_rows(named=True):
@@ -148,7 +154,7 @@ class Known:
                 yield _outcome(recorded, row), row["how"]
 
 
-def recordings_table(outcomes: Sequence[Outcome], how: Mapping[Recorded, str]) -> pl.DataFrame:
+def recordings_table(outcomes: Sequence[GatherResult], how: Mapping[Recorded, str]) -> pl.DataFrame:
     """One row a recording."""
     rows = [
         {key: getattr(outcome.recorded, key) for key in _RECORDED}
@@ -170,23 +176,23 @@ def quarantine_csv(lines: Sequence[Quarantined]) -> bytes:
     return frame.write_csv().encode()
 
 
-def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> Outcome:
+def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
     known: dict[str, Any] = {key: row[key] for key in _OUTCOME}
-    return Outcome(recorded, is_new=False, size=row["bytes"], **known)
+    return GatherResult(recorded, is_new=False, size=row["bytes"], **known)
 
 
 def _refused(place: Place) -> dict[str, str]:
     """Reasons of what was refused and would be again, by key."""
-    data = place.store.read(place.at(QUARANTINE))
+    data = place.store.read(place.path_to(QUARANTINE))
     if not data:
         return {}
     try:
         table = pl.read_csv(BytesIO(data), infer_schema=False)
-        found = table.select(pl.col("key").fill_null(""), "reason").rows()
+        reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
     except pl.exceptions.PolarsError as error:
         raise DeltaidError(
             f"cannot be read: {str(error).splitlines()[0]}",
-            where=place.at(QUARANTINE),
+            where=place.path_to(QUARANTINE),
             cure="remove it; it is made again",
         ) from None
-    return {key: reason for key, reason in found if key}
+    return {key: reason for key, reason in reasons if key}

@@ -16,7 +16,7 @@ import polars as pl
 from pydantic import Field, field_validator
 
 from deltaid.errors import DescriptionError, nearest
-from deltaid.fleets.store import Store, is_address
+from deltaid.fleets.store import FileStore, is_address
 from deltaid.model.options import Period
 from deltaid.robot.load import parse
 from deltaid.robot.part import Part
@@ -94,8 +94,8 @@ class Manifest(Part):
                     cure="give each robot one type, or the two robots names of their own",
                 )
             given = robot.recordings
-            for one in (given,) if isinstance(given, str) else given:
-                file = RecordedFile(path=one) if isinstance(one, str) else one
+            for entry in (given,) if isinstance(given, str) else given:
+                file = RecordedFile(path=entry) if isinstance(entry, str) else entry
                 yield robot.robot, kind, file, file.columns or robot.columns or self.columns
 
 
@@ -103,7 +103,7 @@ class Manifest(Part):
 Entry = tuple[str, str, RecordedFile, str | None]
 
 
-def read_manifest(name: str, store: Store) -> Manifest:
+def read_manifest(name: str, store: FileStore) -> Manifest:
     """The manifest of a path or address.
 
     Raises:
@@ -167,8 +167,10 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         raise DescriptionError("has no rows", where=where, cure="give a row a recording")
     return Manifest(
         robots=tuple(
-            FleetRobot(robot=one["robot"], type=one.get("type"), recordings=tuple(one["files"]))
-            for one in robots.values()
+            FleetRobot(
+                robot=robot["robot"], type=robot.get("type"), recordings=tuple(robot["files"])
+            )
+            for robot in robots.values()
         )
     )
 

@@ -39,7 +39,7 @@ _OWN = ("zero of", "tilt about", "torque constant", " of limb ")
 
 
 @dataclass(frozen=True, eq=False)
-class Fact:
+class MeasuredFact:
     """A measured value of the robot: cᵀp = v ± σ.
 
     Attributes:
@@ -54,7 +54,7 @@ class Fact:
 
 
 @dataclass(frozen=True, eq=False)
-class Member:
+class TypeMember:
     """Rows and facts of one robot.
 
     Attributes:
@@ -77,7 +77,7 @@ class Member:
     shared: Float[np.ndarray, "rows quantities"]
     quantities: tuple[str, ...]
     freedom: float
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[MeasuredFact, ...] = ()
     widened: Mapping[str, float] | None = None
     recordings: int = 1
 
@@ -90,7 +90,7 @@ class Member:
 
 def member(
     name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
-) -> Member:
+) -> TypeMember:
     """The member that factor files of one robot determine.
 
     Args:
@@ -108,14 +108,18 @@ def member(
     files, chosen = prepared(files, described(robot), settings)
     estimate = _of_problem(name, fitted(files, unmeasured(chosen), settings))
     facts = tuple(
-        Fact(f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}", row.coefficients, row.value,
-             row.std)
+        MeasuredFact(
+            f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
+            row.coefficients,
+            row.value,
+            row.std,
+        )
         for row in weighings(chosen)
-    )  # fmt: skip
+    )
     return replace(estimate, facts=facts, recordings=len(files))
 
 
-def _of_problem(name: str, problem: FittedProblem) -> Member:
+def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
     """The member that a fit without measured values determines.
 
     Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
@@ -134,7 +138,7 @@ def _of_problem(name: str, problem: FittedProblem) -> Member:
     wide = np.column_stack([K[:, count:], K[:, :count], shifts[:, common], estimate.values])
     rows = solve_triangular(L, wide / size[:, None], lower=True)
     rows = eliminated(rows, K.shape[1] - count)
-    return Member(
+    return TypeMember(
         name=name,
         names=problem.layout.names[:count],
         rows=rows[:, :count],
@@ -163,7 +167,7 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
     return robot.changed(bodies=bodies, measured=())
 
 
-def write_member(member: Member, path: Path) -> None:
+def write_member(member: TypeMember, path: Path) -> None:
     """Write a member as an archive of NumPy."""
     known: dict[str, Any] = {
         entry.name: getattr(member, entry.name)
@@ -177,7 +181,7 @@ def write_member(member: Member, path: Path) -> None:
     np.savez_compressed(path, known=np.array(json.dumps(known)), **arrays)
 
 
-def read_member(data: bytes, where: str) -> Member:
+def read_member(data: bytes, where: str) -> TypeMember:
     """The member of an archive.
 
     Raises:
@@ -192,8 +196,9 @@ def read_member(data: bytes, where: str) -> Member:
             f"is damaged: {error}", where=where, cure="remove it; it is made again"
         ) from None
     known["facts"] = tuple(
-        Fact(**fact | {"coefficients": np.array(fact["coefficients"])}) for fact in known["facts"]
+        MeasuredFact(**fact | {"coefficients": np.array(fact["coefficients"])})
+        for fact in known["facts"]
     )
     for key in ("names", "quantities"):
         known[key] = tuple(known[key])
-    return Member(**known, **arrays)
+    return TypeMember(**known, **arrays)

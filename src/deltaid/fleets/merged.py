@@ -15,7 +15,7 @@ from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.span import Span
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import Group
+from deltaid.fleets.factor_record import FactorGroup
 from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.gathering import Gathered, balanced
@@ -33,7 +33,7 @@ Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MergedPart:
     """A recording's part of a fit."""
 
     information: Information  # all of it, with what is known of its lags
@@ -64,7 +64,7 @@ class Merging:
     def _map(self) -> Float[np.ndarray, "kept columns"]:
         return map_to(self.columns, self.dynamics, self.additions)
 
-    def part(self, file: FactorFile, *, fine: bool = True) -> Part:
+    def part(self, file: FactorFile, *, fine: bool = True) -> MergedPart:
         """A recording's part of the fit, its stretches of time one by one if that is `fine`."""
         whole, views = list[Rows](), list[Rows]()
         for i, R in enumerate(file.condensed.whole.factors):
@@ -82,7 +82,7 @@ class Merging:
             view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
-        def rows(group: Group) -> list[Rows]:
+        def rows(group: FactorGroup) -> list[Rows]:
             return [R @ view for R, view in zip(group.factors, views, strict=True)]
 
         groups, everything = file.condensed.groups, self._information(file.condensed.whole, whole)
@@ -90,7 +90,7 @@ class Merging:
         places = {
             group.name: np.stack([A.T @ A for A in rows(group)]) for group in groups.named("place")
         }
-        return Part(everything, tuple(stretches) if fine else (everything,), places)
+        return MergedPart(everything, tuple(stretches) if fine else (everything,), places)
 
     def geometry(self, file: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
         """What tolerances of the description do to rows of a recording, weighted as in the fit."""
@@ -103,7 +103,7 @@ class Merging:
         Y, D, tau = np.split(np.vstack(rows), [len(self.active), -1], axis=1)
         return GeometricRows(Y, tau[:, 0], D, file.record.quantities)
 
-    def _information(self, group: Group, rows: Sequence[Rows]) -> Information:
+    def _information(self, group: FactorGroup, rows: Sequence[Rows]) -> Information:
         size = len(self.active) + 1
         wide = np.zeros((len(rows), max(size, *(len(A) for A in rows)), size))
         for i, A in enumerate(rows):
@@ -184,7 +184,7 @@ def merging_of(files: Sequence[FactorFile], robot: RobotDescription, settings: S
         for load in joined(holding(files))
     )
     constants = LawConstants(dynamics)
-    columns = GatheredColumns.of(robot, prior_parameters(plain(robot)), loads)
+    columns = GatheredColumns.for_robot(robot, prior_parameters(plain(robot)), loads)
     return Merging(columns, dynamics, (*loads, constants) if constants.parameters else loads)
 
 

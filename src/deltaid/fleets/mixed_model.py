@@ -31,7 +31,7 @@ Square = Float[np.ndarray, "u u"]
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class RobotRows:
     """Rows of all robots, padded with zeros.
 
     Attributes:
@@ -48,7 +48,7 @@ class Rows:
     counts: np.ndarray
 
     @classmethod
-    def of(cls, blocks: Sequence[Float[np.ndarray, "_ augmented"]]) -> "Rows":
+    def stacked(cls, blocks: Sequence[Float[np.ndarray, "_ augmented"]]) -> "RobotRows":
         """Those of robots that all count: rows over u, over p_0, and their values."""
         wide = np.zeros((len(blocks), max(len(block) for block in blocks), blocks[0].shape[1]))
         for k, block in enumerate(blocks):
@@ -56,16 +56,16 @@ class Rows:
         H, constant, b = wide[:, :, :-2], wide[:, :, -2], wide[:, :, -1]
         return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(blocks), dtype=bool))
 
-    def at(self, robots: slice) -> "Rows":
+    def only(self, robots: slice) -> "RobotRows":
         """Those of some robots."""
         every = (self.H, self.b, self.constant, self.extra, self.counts)
-        return Rows(*(array[robots] for array in every))
+        return RobotRows(*(array[robots] for array in every))
 
-    def parts(self) -> "Iterator[tuple[slice, Rows]]":
+    def parts(self) -> "Iterator[tuple[slice, RobotRows]]":
         """Some robots at a time."""
         for first in range(0, len(self.H), _AT_ONCE):
             robots = slice(first, first + _AT_ONCE)
-            yield robots, self.at(robots)
+            yield robots, self.only(robots)
 
     def whitened(self, variance: U) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, c and log |V|, for variances of the type."""
@@ -78,7 +78,7 @@ class Rows:
         logs = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
         return solved[:, :, :-1], solved[:, :, -1], logs
 
-    def counting(self, counts: np.ndarray) -> "Rows":
+    def counting(self, counts: np.ndarray) -> "RobotRows":
         """With others of the type."""
         return replace(self, counts=counts)
 
@@ -100,17 +100,17 @@ class Mean:
 
     @property
     def covariance(self) -> Square:
-        """Λ⁻¹."""
+        """Covariance Λ⁻¹ of the mean."""
         half = inverse(np.linalg.cholesky(self.information).T)
         return half @ half.T
 
     @property
     def m(self) -> U:
-        """The mean."""
+        """The mean of the robots that count."""
         return np.linalg.solve(self.information, self.right)
 
 
-def mean(rows: Rows, variance: U, precision: Square, prior: U) -> Mean:
+def mean(rows: RobotRows, variance: U, precision: Square, prior: U) -> Mean:
     """The mean of the robots that count."""
     information, right = precision.copy(), precision @ prior
     evidence = -0.5 * float(prior @ right)
@@ -125,7 +125,7 @@ def mean(rows: Rows, variance: U, precision: Square, prior: U) -> Mean:
     return Mean(variance, information, right, float(evidence))
 
 
-def slope(rows: Rows, mean: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
+def slope(rows: RobotRows, mean: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndarray, " kinds"]:
     """∂ log L / ∂ log s of every kind."""
     s, m, covariance = mean.variance, mean.m, mean.covariance
     gained = np.zeros(len(s))
@@ -139,7 +139,7 @@ def slope(rows: Rows, mean: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np.ndar
     return np.array([gained[kinds == k].sum() for k in range(kinds.max() + 1)])
 
 
-def within(rows: Rows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+def within(rows: RobotRows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
     """u of robots given all of them, and its covariance, some robots at a time.
 
     Given the mean u is normal about m + S Aᵀ(c − A m).
@@ -155,7 +155,7 @@ def within(rows: Rows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarr
         yield robots, m + variance * np.einsum("rnu,rn->ru", A, c - A @ m), C
 
 
-def alone(rows: Rows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]:
+def alone(rows: RobotRows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]:
     """u of each robot and its covariance by its own rows and the description."""
     n, root = len(prior), np.linalg.cholesky(precision).T
     described = np.column_stack([root, root @ prior])[None]

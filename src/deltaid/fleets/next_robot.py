@@ -27,6 +27,7 @@ from deltaid.robot.load import save_yaml
 _DIGITS = 3
 # Weights of the barrier, one after the other; steps at each, and when they have settled.
 _BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
+# Least eigenvalue of a precision whose diagonal is one: what is below is rounding.
 _ROUNDING = 1e-12
 
 
@@ -66,7 +67,7 @@ def save_next(population: Population, fleet: str, path: Path) -> None:
 def summary(fleet: Population) -> Sequence[str]:
     """The type in a few lines: robots, spreads, those that do not belong."""
     lines, spreads = [f"{len(fleet.members)} robots, {fleet.count} of the type"], fleet.spreads
-    lines += fleet.told
+    lines += fleet.notes
     if spreads.known:
         reach = 1.96 * np.sqrt(np.diag(spreads.covariance))
         ends = zip(spreads.log - reach, spreads.log + reach, spreads.there, strict=True)

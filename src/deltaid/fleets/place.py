@@ -11,7 +11,7 @@ import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.factor_file import FactorFile, read
-from deltaid.fleets.store import Store, is_address
+from deltaid.fleets.store import FileStore, is_address
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Place:
     """
 
     root: str
-    store: Store = field(default_factory=Store)
+    store: FileStore = field(default_factory=FileStore)
 
     @classmethod
-    def of(cls, folder: str | Path, store: Store) -> "Place":
+    def named(cls, folder: str | Path, store: FileStore) -> "Place":
         """The folder of a name."""
         text = str(folder)
         return cls(text.rstrip("/") if is_address(text) else str(Path(text).resolve()), store)
@@ -58,7 +58,7 @@ class Place:
                 cure="check the folder's permissions, or give another place",
             )
 
-    def at(self, name: str) -> str:
+    def path_to(self, name: str) -> str:
         """Path or address of a file in it."""
         return f"{self.root}/{name}"
 
@@ -68,7 +68,7 @@ class Place:
         Raises:
             DeltaidError: it is no table.
         """
-        data = self.store.read(self.at(name))
+        data = self.store.read(self.path_to(name))
         if data is None:
             return None
         try:
@@ -76,7 +76,7 @@ class Place:
         except (OSError, pl.exceptions.PolarsError) as error:
             raise DeltaidError(
                 f"is no Parquet table: {str(error).splitlines()[0]}",
-                where=self.at(name),
+                where=self.path_to(name),
                 cure="remove it; it is made again",
             ) from None
 
@@ -101,7 +101,7 @@ class Place:
             StoreError: the store cannot be reached.
         """
         try:
-            with self.store.local(self.at(name)) as path:
+            with self.store.local(self.path_to(name)) as path:
                 file = read(path)
         except (FileNotFoundError, RecordingError):
             return None
@@ -109,11 +109,11 @@ class Place:
 
     def size(self, name: str) -> int:
         """Bytes of a file; zero if there is none."""
-        return int(self.store.stamp(self.at(name)).partition(" ")[0] or 0)
+        return int(self.store.stamp(self.path_to(name)).partition(" ")[0] or 0)
 
     def listing(self, folder: str) -> dict[str, int]:
         """Sizes of all files in one of its folders, by their names seen from itself."""
-        sizes = self.store.listing(self.at(folder))
+        sizes = self.store.listing(self.path_to(folder))
         return {f"{folder}/{name}": size for name, size in sizes.items()}
 
     def save_file(self, name: str, write: Callable[[Path], None]) -> int:
@@ -122,5 +122,5 @@ class Place:
             path = Path(folder) / name.rpartition("/")[2]
             write(path)
             data = path.read_bytes()
-        self.store.write(self.at(name), data)
+        self.store.write(self.path_to(name), data)
         return len(data)

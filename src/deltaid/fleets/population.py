@@ -106,7 +106,7 @@ class Population:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of p."""
+        """Layout of the parameters p."""
         return self.coordinates.reduction.layout
 
     @property
@@ -120,7 +120,7 @@ class Population:
         return sum(member.belongs for member in self.members)
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """What to know of it, in words."""
         notes, moved = [], ", ".join(self.moved[:_SHOWN])
         if not self.spreads.known:
@@ -143,27 +143,28 @@ class Population:
         return tuple(notes)
 
 
-def types_table(name: str, found: Population) -> pl.DataFrame:
+def types_table(name: str, population: Population) -> pl.DataFrame:
     """A row a parameter that the fit may change: the type's mean, and the spread between robots,
     null where it cannot be known."""
-    rows, notes = [], "; ".join(found.told)
-    for k in np.flatnonzero(found.free).tolist():
-        own = found.layout.parameters[k]
-        spread = (found.spread[k], found.spread_low[k], found.spread_high[k])
+    rows, notes = [], "; ".join(population.notes)
+    for k in np.flatnonzero(population.free).tolist():
+        own = population.layout.parameters[k]
+        spread = (population.spread[k], population.spread_low[k], population.spread_high[k])
         ends = (float(value) if np.isfinite(value) else None for value in spread)
-        mean = found.mean.entry(k, own.low)
-        rows.append((name, own.name, *mean, *ends, own.unit, own.prior, found.count, notes))
+        mean = population.mean.entry(k, own.low)
+        rows.append((name, own.name, *mean, *ends, own.unit, own.prior, population.count, notes))
     return pl.DataFrame(rows, schema=TYPES, orient="row")
 
 
-def members_table(name: str, found: Population) -> pl.DataFrame:
+def members_table(name: str, population: Population) -> pl.DataFrame:
     """A row a robot and parameter; of robots that do not belong by themselves alone."""
-    rows, free = [], np.flatnonzero(found.free).tolist()
-    for robot in found.members:
+    rows, free = [], np.flatnonzero(population.free).tolist()
+    for robot in population.members:
         for k in free:
-            own, value = found.layout.parameters[k], robot.within.value[k]
+            own = population.layout.parameters[k]
+            deviation = robot.within.value[k] - population.mean.value[k]
             rows.append(
                 (robot.name, name, own.name, *robot.within.entry(k, own.low), robot.alone_std[k],
-                 value - found.mean.value[k], own.unit, robot.belongs, robot.reason, robot.chance)
+                 deviation, own.unit, robot.belongs, robot.reason, robot.chance)
             )  # fmt: skip
     return pl.DataFrame(rows, schema=MEMBERS, orient="row")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.fleets.belonging import Along, LeftOut, torques
+from deltaid.fleets.belonging import AgainstOthers, Along, torques
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.mixed_model import U
 
@@ -21,15 +21,15 @@ class _Cause:
 
     at: tuple[int, ...]
     owner: str
-    found: Along
+    part: Along
 
     @property
     def gain(self) -> float:
         """By how much the distance falls, less the cost of its coefficients."""
-        return self.found.gain - _COST * self.found.rank
+        return self.part.gain - _COST * self.part.rank
 
 
-def reason(robot: LeftOut, coordinates: Coordinates, m: U, naming: float) -> str:
+def reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float) -> str:
     """What is different in a robot that does not belong.
 
     Args:
@@ -44,8 +44,8 @@ def reason(robot: LeftOut, coordinates: Coordinates, m: U, naming: float) -> str
     text = _described(chosen, coordinates)
     if others:
         text += f", or {_described(max(others, key=lambda cause: cause.gain), coordinates)}"
-    distance = max(robot.distance - chosen.found.gain, 0.0)
-    if robot.chance(distance, robot.rows - chosen.found.rank) < naming:
+    distance = max(robot.distance - chosen.part.gain, 0.0)
+    if robot.chance(distance, robot.rows - chosen.part.rank) < naming:
         return f"it is unlike the others in more than one place, most of all {text}: another type?"
     if not chosen.at:
         return f"{text}: torque constants, gear ratio or unit of torques?"
@@ -53,7 +53,7 @@ def reason(robot: LeftOut, coordinates: Coordinates, m: U, naming: float) -> str
     return text + (": another tool, or a load that is not declared?" if carried else "")
 
 
-def _causes(robot: LeftOut, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
+def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
     """Torques as a whole, single entries, and whole bodies; platform and tool last."""
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
@@ -66,7 +66,7 @@ def _causes(robot: LeftOut, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
 
 
 def _described(cause: _Cause, coordinates: Coordinates) -> str:
-    values, stds = cause.found.values, cause.found.stds
+    values, stds = cause.part.values, cause.part.stds
     if not cause.at:
         return f"its torques are {1 + values[0]:.3f} ± {stds[0]:.3f} times the type's"
     k = int(np.argmax(np.abs(values) / np.where(stds > 0, stds, np.inf)))
@@ -76,7 +76,7 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
 
 
 def friction_reason(
-    robot: LeftOut, coordinates: Coordinates, m: U, naming: float
+    robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float
 ) -> tuple[list[int], str]:
     """Variables and text of the joint whose friction deviates most; none if none does."""
     joints: dict[str, list[int]] = {}

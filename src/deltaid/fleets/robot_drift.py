@@ -7,13 +7,14 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from deltaid.errors import RecordingError
-from deltaid.fleets.drift_findings import Between, Finding, finding
+from deltaid.fleets.drift_findings import Between, DriftFinding, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
 from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
 from deltaid.fleets.drift_series import Regressors, explained, in_percent
 from deltaid.fleets.tool_changes import ToolChange, tool_changes
 from deltaid.model.record import IdentifiedModel
 
+# Length of a day [s].
 _DAY = 86400.0
 
 
@@ -33,7 +34,7 @@ class RobotDrift:
     units: tuple[str, ...]
     recordings: tuple[DriftRecording, ...]
     friction: FrictionSeries
-    findings: tuple[Finding, ...]
+    findings: tuple[DriftFinding, ...]
     tools: tuple[ToolChange, ...]
     settings: DriftSettings
 
@@ -119,7 +120,7 @@ def drift_of(
     days = np.array([time.total_seconds() / _DAY for time in since])
     tools = tool_changes(days, *friction.held)
     degrees, load = np.array([(recording.degrees, recording.held) for recording in recordings]).T
-    beside = Regressors.of(days, degrees, load, [tool.day for tool in tools])
+    beside = Regressors.for_recordings(days, degrees, load, [tool.day for tool in tools])
     series = explained(days, *in_percent(friction.mean, friction.std), [beside])
     drives = model.robot.drives
     return RobotDrift(

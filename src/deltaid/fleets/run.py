@@ -17,12 +17,12 @@ from deltaid.fleets.gather_all import (
     gather_all,
     how_digest,
 )
-from deltaid.fleets.gather_one import Outcome
+from deltaid.fleets.gather_one import GatherResult
 from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
 from deltaid.fleets.known import (
     QUARANTINE,
     RECORDINGS,
-    Known,
+    EarlierCalls,
     Quarantined,
     quarantine_csv,
     recordings_table,
@@ -30,8 +30,8 @@ from deltaid.fleets.known import (
 from deltaid.fleets.place import Place
 from deltaid.fleets.site.site import SITE
 from deltaid.fleets.site.site import write as write_site
-from deltaid.fleets.step import JOURNAL, Call, Done, Say
-from deltaid.fleets.store import Store
+from deltaid.fleets.step import JOURNAL, Call, JobResult, Say
+from deltaid.fleets.store import FileStore
 from deltaid.fleets.study_step import MEMBERS, STUDIES, member_file, study_jobs
 from deltaid.fleets.type_step import TYPE_FITS, type_jobs
 from deltaid.model.record import Settings
@@ -55,10 +55,10 @@ class FleetRun:
         computed: how many recordings were looked at, fits made, and robots studied in this call.
     """
 
-    outcomes: tuple[Outcome, ...]
-    fits: tuple[Done, ...]
-    studies: tuple[Done, ...]
-    types: tuple[Done, ...]
+    outcomes: tuple[GatherResult, ...]
+    fits: tuple[JobResult, ...]
+    studies: tuple[JobResult, ...]
+    types: tuple[JobResult, ...]
     quarantine: tuple[Quarantined, ...]
     computed: tuple[int, int, int]
 
@@ -74,7 +74,7 @@ def run_fleet(
     *,
     settings: Settings | None = None,
     drift: DriftSettings | None = None,
-    store: Store | None = None,
+    store: FileStore | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
     force: bool = False,
@@ -102,11 +102,11 @@ def run_fleet(
         DeltaidError: Dask is not installed, nobody answers, workers do not see the folder, or it
             cannot be written to.
     """
-    settings, place = settings or Settings(), Place.of(folder, store or Store())
+    settings, place = settings or Settings(), Place.named(folder, store or FileStore())
     place.require()
-    plan = GatherPlan.of(fleet, place, settings, force=force)
+    plan = GatherPlan.from_manifest(fleet, place, settings, force=force)
     schemas = {name: columns for step in STEPS for name, columns in step.tables.items()}
-    known = Known.of(place, schemas, retry=retry)
+    known = EarlierCalls.read(place, schemas, retry=retry)
     with ExitStack() as stack:
 
         @cache
@@ -122,7 +122,7 @@ def run_fleet(
         plan = with_cutoffs(plan, fleet, place, started)
         call = Call(fleet, place, plan, known, started, progress)
 
-        def fit_all() -> tuple[list[Done], int]:
+        def fit_all() -> tuple[list[JobResult], int]:
             return FITS.run(call, fit_jobs(outcomes, fleet.period, plan.robots, settings))
 
         outcomes, gathered = gather_all(call)
@@ -152,7 +152,7 @@ def run_fleet(
 
 
 def _quarantine(
-    fleet: Fleet, outcomes: Sequence[Outcome], results: Sequence[Done]
+    fleet: Fleet, outcomes: Sequence[GatherResult], results: Sequence[JobResult]
 ) -> Iterable[Quarantined]:
     used = {(outcome.recorded.robot, outcome.recorded.path) for outcome in outcomes if outcome.file}
     for absent in fleet.absent:
@@ -182,11 +182,11 @@ def _write(call: Call, run: FleetRun) -> None:
             new = {result.job.key: result.tables[name] for result in made}
             place.save(f"{name}.parquet", call.known.with_new(name, schema, keys, new))
     place.save(RECORDINGS, recordings_table(run.outcomes, how))
-    place.store.write(place.at(QUARANTINE), quarantine_csv(run.quarantine))
+    place.store.write(place.path_to(QUARANTINE), quarantine_csv(run.quarantine))
     used = {member_file(study.job) for study in run.studies}
     for name in {**place.listing(JOURNAL), **place.listing(MEMBERS)}:
         if name not in used:
-            place.store.remove(place.at(name))
+            place.store.remove(place.path_to(name))
 
 
 def _write_site(place: Place) -> None:
@@ -198,11 +198,11 @@ def _write_site(place: Place) -> None:
         folder = Path(name)
         names = [f"{name}.parquet" for step in STEPS for name in step.tables]
         for table in (*names, RECORDINGS, QUARANTINE):
-            data = place.store.read(place.at(table))
+            data = place.store.read(place.path_to(table))
             if data is not None:
                 (folder / table).write_bytes(data)
         write_site(folder, place.root.rstrip("/").rpartition("/")[2])
         for page in sorted((folder / SITE).rglob("*")):
             if page.is_file():
-                address = place.at(page.relative_to(folder).as_posix())
+                address = place.path_to(page.relative_to(folder).as_posix())
                 place.store.write(address, page.read_bytes())

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates
-from deltaid.fleets.mixed_model import Mean, Rows, Square, U, mean, slope
+from deltaid.fleets.mixed_model import Mean, RobotRows, Square, U, mean, slope
 
 # Bounds of the search for spreads, as shares.
 _LEAST, _MOST = 1e-4, 2.0
@@ -51,7 +51,7 @@ class Spreads:
         return float(0.5 / np.mean(np.diag(self.covariance)))
 
     def variance(self, log: np.ndarray | None = None) -> U:
-        """S."""
+        """Variances S of the type."""
         variances = np.exp(2 * (self.log if log is None else log))
         return np.where(self.at >= 0, variances[self.at], 0.0)
 
@@ -96,7 +96,9 @@ def prior_spreads(coordinates: Coordinates) -> Spreads:
     return Spreads(kinds, at, log, VAGUE**2 * np.eye(n), False, np.zeros(n, dtype=bool))
 
 
-def fitted_spreads(rows: Rows, coordinates: Coordinates, start: Spreads | None = None) -> Spreads:
+def fitted_spreads(
+    rows: RobotRows, coordinates: Coordinates, start: Spreads | None = None
+) -> Spreads:
     """The most likely spreads of the robots that count."""
     before = prior_spreads(coordinates)
     if rows.counts.sum() < ENOUGH:

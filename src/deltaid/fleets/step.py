@@ -16,7 +16,7 @@ from deltaid.fleets.cluster import ALONE, done
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan
-from deltaid.fleets.known import Known
+from deltaid.fleets.known import EarlierCalls
 from deltaid.fleets.place import Place
 from deltaid.fleets.store import StoreError
 from deltaid.model.record import Settings
@@ -51,7 +51,7 @@ class Call:
     fleet: Fleet
     place: Place
     plan: GatherPlan
-    known: Known
+    known: EarlierCalls
     client: "Callable[[], Client]"
     say: Say
 
@@ -79,7 +79,7 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Job:
+class FleetJob:
     """A robot in some periods, a robot in all of them, or a type.
 
     Attributes:
@@ -102,7 +102,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Done:
+class JobResult:
     """What became of a job.
 
     Attributes:
@@ -113,20 +113,20 @@ class Done:
         damaged: factor files that cannot be read, and have to be gathered again.
     """
 
-    job: Job
+    job: FleetJob
     tables: Tables = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     lasting: bool = True
     damaged: tuple[str, ...] = ()
 
 
-def _no_file(job: Job) -> str:
+def _no_file(job: FleetJob) -> str:
     del job
     return ""
 
 
 @dataclass(frozen=True)
-class Part:
+class StepPart:
     """A part of what a step makes of a job.
 
     Attributes:
@@ -142,7 +142,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Step:
+class FleetStep:
     """What is done with every robot or type once recordings have been gathered.
 
     Attributes:
@@ -153,7 +153,7 @@ class Step:
 
     words: tuple[str, str]
     read: Callable[[Any, Place], Any]
-    parts: Mapping[str, Part]
+    parts: Mapping[str, StepPart]
 
     @property
     def tables(self) -> dict[str, Mapping[str, Any]]:
@@ -161,9 +161,9 @@ class Step:
         parts = self.parts.values()
         return {name: columns for part in parts for name, columns in part.tables.items()}
 
-    def run(self, call: Call, jobs: Sequence[Job]) -> tuple[list[Done], int]:
+    def run(self, call: Call, jobs: Sequence[FleetJob]) -> tuple[list[JobResult], int]:
         """What became of all jobs, in their order, and how many were done now."""
-        results = dict[str, Done]()
+        results = dict[str, JobResult]()
         rows = {name: call.known.keys(name) for name in self.tables}
         files = {part.file(job) for job in jobs for part in self.parts.values()} - {""}
         for folder in {file.partition("/")[0] for file in files}:
@@ -175,27 +175,27 @@ class Step:
                 if part.file(job) in files or any(job.key not in rows[name] for name in part.tables)
             ]
             if not missing:
-                results[job.key] = Done(job)
+                results[job.key] = JobResult(job)
             elif job.key in call.known.refused:
                 reason = call.known.refused[job.key]
-                results[job.key] = Done(job, reasons=dict.fromkeys(missing, reason))
+                results[job.key] = JobResult(job, reasons=dict.fromkeys(missing, reason))
         left = [job for job in jobs if job.key not in results]
 
-        def failed(job: Job, why: str) -> Done:
-            return Done(job, reasons=dict.fromkeys(self.parts, why), lasting=False)
+        def failed(job: FleetJob, why: str) -> JobResult:
+            return JobResult(job, reasons=dict.fromkeys(self.parts, why), lasting=False)
 
         for result in call.done(self.words, self.work, left, failed):
             results[result.job.key] = result
         return [results[job.key] for job in jobs], len(left)
 
-    def work(self, job: Job, place: Place) -> Done:
+    def work(self, job: FleetJob, place: Place) -> JobResult:
         """Do a job, but for what a call that was ended before its end has done of it.
 
         What cannot be done has its reason, and is no error.
         """
         tables, reasons, lasting = Tables(), dict[str, str](), True
         with ALONE, threads(1):
-            left = dict[str, Part]()
+            left = dict[str, StepPart]()
             for what, part in self.parts.items():
                 finished = _finished(part, job, place)
                 if finished is None:
@@ -205,8 +205,8 @@ class Step:
             try:
                 given = self.read(job, place) if left else None
             except DeltaidError as error:
-                damaged = error.files if isinstance(error, DamagedError) else ()
-                return Done(job, tables, dict.fromkeys(left, str(error)), False, damaged)
+                damaged = error.files if isinstance(error, DamagedFactorsError) else ()
+                return JobResult(job, tables, dict.fromkeys(left, str(error)), False, damaged)
             for what, part in left.items():
                 try:
                     made = part.make(job, given, place)
@@ -216,10 +216,10 @@ class Step:
                 except DeltaidError as error:
                     reasons[what] = str(error)
                     lasting = lasting and not isinstance(error, StoreError)
-        return Done(job, tables, reasons, lasting)
+        return JobResult(job, tables, reasons, lasting)
 
 
-class DamagedError(StoreError):
+class DamagedFactorsError(StoreError):
     """Factor files cannot be read; `files` are their names, seen from the fleet's folder."""
 
     def __init__(self, files: Sequence[str]) -> None:
@@ -227,7 +227,7 @@ class DamagedError(StoreError):
         self.files = tuple(files)
 
 
-def read_factors(job: Job, place: Place) -> list[FactorFile]:
+def read_factors(job: FleetJob, place: Place) -> list[FactorFile]:
     """The factor files of a job.
 
     Raises:
@@ -241,11 +241,11 @@ def read_factors(job: Job, place: Place) -> list[FactorFile]:
         else:
             files.append(file)
     if damaged:
-        raise DamagedError(damaged)
+        raise DamagedFactorsError(damaged)
     return files
 
 
-def _finished(part: Part, job: Job, place: Place) -> Tables | None:
+def _finished(part: StepPart, job: FleetJob, place: Place) -> Tables | None:
     """What a call that was ended before its end has left of a part; None if not all of it."""
     tables = {name: place.finished(_journal(job, name)) for name in part.tables}
     file = part.file(job)
@@ -255,5 +255,5 @@ def _finished(part: Part, job: Job, place: Place) -> Tables | None:
     return whole if len(whole) == len(tables) else None
 
 
-def _journal(job: Job, table: str) -> str:
+def _journal(job: FleetJob, table: str) -> str:
     return f"{JOURNAL}/{job.key}-{table}.parquet"

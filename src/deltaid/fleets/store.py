@@ -44,7 +44,7 @@ def has_pattern(path: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Store:
+class FileStore:
     """Where files lie.
 
     Attributes:
@@ -75,16 +75,16 @@ class Store:
         Raises:
             DeltaidError: the store cannot be reached.
         """
-        folders, found = dict[str, list[str]](), dict[str, str]()
+        folders, stamps = dict[str, list[str]](), dict[str, str]()
         for path in dict.fromkeys(paths):
             folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
         for folder, own in folders.items():
             if folder and len(own) >= _MANY:
                 there = self._listed(folder)
-                found |= {path: there[path] for path in own if path in there}
+                stamps |= {path: there[path] for path in own if path in there}
             else:
-                found |= {path: stamp for path in own if (stamp := self.stamp(path))}
-        return found
+                stamps |= {path: stamp for path in own if (stamp := self.stamp(path))}
+        return stamps
 
     def _listed(self, folder: str) -> dict[str, str]:
         system = self.system(folder)
@@ -92,7 +92,7 @@ class Store:
             listed = _asked(lambda: system.ls(folder, detail=True), folder)
         except FileNotFoundError:
             return {}
-        return _stamps({one["name"]: one for one in listed}, folder)
+        return _stamps({info["name"]: info for info in listed}, folder)
 
     def stamp(self, path: str) -> str:
         """A file's stamp; empty if there is no such file.
@@ -102,8 +102,8 @@ class Store:
         """
         try:
             if not is_address(path):
-                found = os.stat(path)
-                return f"{found.st_size} {found.st_mtime_ns}" if S_ISREG(found.st_mode) else ""
+                status = os.stat(path)
+                return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
             info = _asked(lambda: self.system(path).info(path), path)
             return _stamp(info) if info.get("type") == "file" else ""
         except (FileNotFoundError, NotADirectoryError):
@@ -173,8 +173,8 @@ class Store:
             }
         system = self.system(folder)
         base = system._strip_protocol(folder).rstrip("/") + "/"
-        found = _asked(lambda: system.find(folder, detail=True), folder)
-        return {name.removeprefix(base): int(info["size"] or 0) for name, info in found.items()}
+        files = _asked(lambda: system.find(folder, detail=True), folder)
+        return {name.removeprefix(base): int(info["size"] or 0) for name, info in files.items()}
 
     def remove(self, path: str) -> None:
         """Remove a file, if it is there.
@@ -230,13 +230,13 @@ class Store:
 _CHANGED = ("has changed since it was listed",)
 
 
-def _stamps(found: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:
+def _stamps(infos: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:
     """Stamps of the files of a listing, by their addresses."""
     protocol = f"{address.partition('://')[0]}://"
     return {
-        f"{protocol}{name.removeprefix(protocol)}": _stamp(found[name])
-        for name in sorted(found)
-        if found[name].get("type") == "file"
+        f"{protocol}{name.removeprefix(protocol)}": _stamp(infos[name])
+        for name in sorted(infos)
+        if infos[name].get("type") == "file"
     }
 
 
@@ -249,12 +249,12 @@ def _stamp(info: Mapping[str, Any]) -> str:
 
 def _failures() -> tuple[type[BaseException], ...]:
     """What libraries of stores raise when they cannot get through; most of it is an OSError."""
-    found: list[type[BaseException]] = [OSError]
+    failures: list[type[BaseException]] = [OSError]
     for module, name in (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
                          ("botocore.exceptions", "ClientError")):  # fmt: skip
         if module in sys.modules:
-            found.append(getattr(sys.modules[module], name))
-    return tuple(found)
+            failures.append(getattr(sys.modules[module], name))
+    return tuple(failures)
 
 
 def _asked(ask: Callable[[], _Result], path: str) -> _Result:

@@ -14,12 +14,12 @@ from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_t
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fit_step import ALL, model_file
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gather_one import Outcome
+from deltaid.fleets.gather_one import GatherResult
 from deltaid.fleets.keys import digest
 from deltaid.fleets.member import member, write_member
 from deltaid.fleets.place import Place
 from deltaid.fleets.robot_drift import robot_drift
-from deltaid.fleets.step import Done, Job, Part, Step, Tables, read_factors
+from deltaid.fleets.step import FleetJob, FleetStep, JobResult, StepPart, Tables, read_factors
 from deltaid.fleets.store import StoreError
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
@@ -33,7 +33,7 @@ TABLES = {
 
 
 @dataclass(frozen=True)
-class StudyJob(Job):
+class StudyJob(FleetJob):
     """A robot with all of its recordings.
 
     Attributes:
@@ -46,7 +46,7 @@ class StudyJob(Job):
 
 
 def study_jobs(
-    fits: Sequence[Done], outcomes: Iterable[Outcome], drift: DriftSettings
+    fits: Sequence[JobResult], outcomes: Iterable[GatherResult], drift: DriftSettings
 ) -> list[StudyJob]:
     """One for each robot that has been fitted by all of its recordings."""
     by_file = {outcome.file: outcome.recorded for outcome in outcomes if outcome.file}
@@ -61,7 +61,7 @@ def study_jobs(
     return jobs
 
 
-def member_file(job: Job) -> str:
+def member_file(job: FleetJob) -> str:
     """Where it is kept what a robot tells of its type."""
     return f"{MEMBERS}/{job.robot}-{job.key[:12]}.npz"
 
@@ -70,10 +70,10 @@ def _read(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedMode
     """Factor files, and the model by all of them."""
     files, name = read_factors(job, place), model_file(job.robot)
     try:
-        with place.store.local(place.at(name)) as path:
+        with place.store.local(place.path_to(name)) as path:
             model = load(path).identified
     except FileNotFoundError:
-        raise StoreError("is not there", where=place.at(name), cure="call again") from None
+        raise StoreError("is not there", where=place.path_to(name), cure="call again") from None
     assert model is not None
     return files, model
 
@@ -104,8 +104,8 @@ def _member(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], plac
     return {}
 
 
-STUDIES = Step(
+STUDIES = FleetStep(
     ("studied", "robots"),
     _read,
-    {"drift": Part(_drift, TABLES), "type": Part(_member, file=member_file)},
+    {"drift": StepPart(_drift, TABLES), "type": StepPart(_member, file=member_file)},
 )

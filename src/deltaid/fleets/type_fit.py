@@ -15,8 +15,8 @@ from deltaid.estimation.regularizer import Quadratic, Regularizer
 from deltaid.estimation.scatter import half_width
 from deltaid.fleets.belonging import LEAST, Sorted, sorted_out
 from deltaid.fleets.coordinates import ANYTHING, Coordinates
-from deltaid.fleets.member import Member
-from deltaid.fleets.mixed_model import Rows, Square, U, alone, mean, within
+from deltaid.fleets.member import TypeMember
+from deltaid.fleets.mixed_model import RobotRows, Square, U, alone, mean, within
 from deltaid.fleets.population import Estimates, MemberEstimate, Population, PopulationSettings
 from deltaid.fleets.reasons import friction_reason, reason
 from deltaid.fleets.spreads import NORMAL
@@ -27,7 +27,7 @@ _ROUNDING = 1e-13
 
 
 def fitted(
-    members: Sequence[Member], robot: RobotLike, settings: PopulationSettings | None = None
+    members: Sequence[TypeMember], robot: RobotLike, settings: PopulationSettings | None = None
 ) -> Population:
     """A type from its robots.
 
@@ -50,7 +50,7 @@ def fitted(
             where="members",
             cure="give all recordings of a robot to one call of `member`",
         )
-    coordinates = Coordinates.of(type_, members, settings.fit)
+    coordinates = Coordinates.for_type(type_, members, settings.fit)
     first = _sorted(coordinates, members, settings.naming).mean
     coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
     sorting = _sorted(coordinates, members, settings.naming)
@@ -58,7 +58,7 @@ def fitted(
     return _population(sorting, members, reasons, settings.naming)
 
 
-def _sorted(coordinates: Coordinates, members: Sequence[Member], naming: float) -> Sorted:
+def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: float) -> Sorted:
     """Those that belong. Measurements in several robots' descriptions count once, as another
     robot's."""
     times = Counter(fact.key for member in members for fact in member.facts)
@@ -73,7 +73,7 @@ def _sorted(coordinates: Coordinates, members: Sequence[Member], naming: float) 
                           shared=first.shared[:0])  # fmt: skip
         rows.append(coordinates.rows(nothing, list(common.values())))
     freedom = np.array([member.freedom for member in members])
-    return sorted_out(Rows.of(rows), coordinates, freedom, naming)
+    return sorted_out(RobotRows.stacked(rows), coordinates, freedom, naming)
 
 
 def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
@@ -99,7 +99,7 @@ def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
 
 
 def _population(
-    sorting: Sorted, members: Sequence[Member], reasons: Sequence[str], naming: float
+    sorting: Sorted, members: Sequence[TypeMember], reasons: Sequence[str], naming: float
 ) -> Population:
     """Results, averaged over the uncertainty of the spreads."""
     coordinates, rows, count = sorting.coordinates, sorting.rows, len(members)
@@ -108,7 +108,7 @@ def _population(
     every = [mean(rows, sorting.spreads.variance(log), precision, prior) for log in logs]
     values, variances = np.zeros((count, size)), np.zeros((count, size, size))
     for drawn in every:
-        for robots, u, C in within(rows.at(slice(count)), drawn):
+        for robots, u, C in within(rows.only(slice(count)), drawn):
             values[robots] += u / len(logs)
             variances[robots] += (C + u[:, :, None] * u[:, None, :]) / len(logs)
     variances -= values[:, :, None] * values[:, None, :]

@@ -6,43 +6,44 @@ from importlib.metadata import version
 import polars as pl
 
 from deltaid.fleets.keys import digest, safe
-from deltaid.fleets.member import Member, read_member
+from deltaid.fleets.member import TypeMember, read_member
 from deltaid.fleets.next_robot import save_next
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
-from deltaid.fleets.step import Done, Job, Part, Step, Tables
+from deltaid.fleets.step import FleetJob, FleetStep, JobResult, StepPart, Tables
 from deltaid.fleets.study_step import member_file
 from deltaid.fleets.type_fit import PopulationSettings, fitted
 
 TABLES = {"types": {**TYPES, "key": pl.String}, "members": {**MEMBERS, "key": pl.String}}
 
 
-def type_jobs(studies: Iterable[Done]) -> list[Job]:
+def type_jobs(studies: Iterable[JobResult]) -> list[FleetJob]:
     """One for each type that has robots."""
-    types: dict[str, list[Job]] = {}
+    types: dict[str, list[FleetJob]] = {}
     for study in studies:
         if "type" not in study.reasons:
             types.setdefault(study.job.type, []).append(study.job)
-    jobs = list[Job]()
+    jobs = list[FleetJob]()
     for kind, robots in sorted(types.items()):
         key = digest([version("deltaid"), kind, sorted(robot.key for robot in robots)])
         files, first = tuple(map(member_file, robots)), robots[0]
-        jobs.append(Job("", kind, (kind,), files, key, first.description, first.settings))
+        jobs.append(FleetJob("", kind, (kind,), files, key, first.description, first.settings))
     return jobs
 
 
-def next_robot_file(job: Job) -> str:
+def next_robot_file(job: FleetJob) -> str:
     """Where the description of the next robot of a type is."""
     return f"types/{safe(job.type.removesuffix('.yaml'))}.yaml"
 
 
-def _read(job: Job, place: Place) -> list[Member]:
+def _read(job: FleetJob, place: Place) -> list[TypeMember]:
     return [
-        read_member(place.store.read(place.at(name)) or b"", place.at(name)) for name in job.files
+        read_member(place.store.read(place.path_to(name)) or b"", place.path_to(name))
+        for name in job.files
     ]
 
 
-def _fit(job: Job, members: list[Member], place: Place) -> Tables:
+def _fit(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
     """The type's mean and spreads, and its robots within it; the next robot's description."""
     population = fitted(members, job.description, PopulationSettings(fit=job.settings))
     fleet = place.root.rpartition("/")[2]
@@ -57,4 +58,6 @@ def _fit(job: Job, members: list[Member], place: Place) -> Tables:
     }
 
 
-TYPE_FITS = Step(("compared", "types"), _read, {"type": Part(_fit, TABLES, next_robot_file)})
+TYPE_FITS = FleetStep(
+    ("compared", "types"), _read, {"type": StepPart(_fit, TABLES, next_robot_file)}
+)

@@ -19,9 +19,13 @@ def levels(
     tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
     """How friction spreads over robots of a type, drive by drive."""
-    kinds = [kind for kind in labels if any(one.type == kind and one.drives for one in robots)]
+    kinds = [
+        kind for kind in labels if any(robot.type == kind and robot.drives for robot in robots)
+    ]
     panels = [
-        level_panel([one for one in robots if one.type == kind], labels[kind], unit_of(tables))
+        level_panel(
+            [robot for robot in robots if robot.type == kind], labels[kind], unit_of(tables)
+        )
         for kind in kinds[:_TYPES]
     ]
     panels = [panel for panel in panels if panel.traces[0]["x"]]
@@ -34,7 +38,9 @@ def levels(
 
 def level_panel(robots: Iterable[Robot], title: str, unit: str) -> Panel:
     """Friction of all drives of some robots."""
-    known = [(one.name, row) for one in robots for row in one.drives if row["level"] is not None]
+    known = [
+        (robot.name, row) for robot in robots for row in robot.drives if row["level"] is not None
+    ]
     rows = pl.DataFrame(
         [(name, row["level"]) for name, row in known],
         schema={"robot": pl.String, "y": pl.Float64},
@@ -70,8 +76,8 @@ def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]
 def type_section(
     tables: Tables, robots: Sequence[Robot], types: Mapping[str, str], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
-    count = Counter(one.type for one in robots)
-    foreign = Counter(one.type for one in robots if one.belongs is False)
+    count = Counter(robot.type for robot in robots)
+    foreign = Counter(robot.type for robot in robots if robot.belongs is False)
     rows = tuple(
         (
             labels[kind],

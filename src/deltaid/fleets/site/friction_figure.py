@@ -56,7 +56,6 @@ def time_axis(seen: pl.DataFrame) -> Data:
 
 
 def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
-    """What was seen."""
     return {
         "type": "scatter",
         "x": dates(seen["time"]),

@@ -32,7 +32,7 @@ def overview(
         types: addresses of the types' pages.
         labels: what types are called.
     """
-    urgent = [one for one in robots if one.urgency < Urgency.NONE]
+    urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
     return Page(
         title=title,
         subtitle=_subtitle(robots, types),
@@ -52,11 +52,11 @@ def overview(
 
 def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     """In one sentence how many robots need attention, then which and why."""
-    urgent = [one for one in robots if one.urgency < Urgency.NONE]
-    act = sum(one.urgency is Urgency.ACT for one in urgent)
+    urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
+    act = sum(robot.urgency is Urgency.ACT for robot in urgent)
     lines = [
-        f"{one.name}: {'; '.join(concern.text for concern in one.concerns)}."
-        for one in urgent[:_TOLD]
+        f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
+        for robot in urgent[:_TOLD]
     ]
     if len(urgent) > _TOLD:
         lines.append(f"And {len(urgent) - _TOLD} more, told below.")
@@ -69,7 +69,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
         grade, said = Trust.FAIR, f"{many} attention."
     elif tables.absent & {"drift", "recordings"}:
         grade, said = Trust.UNTESTED, "No robot is known to need attention, but tables are missing."
-    elif 2 * _unknown(robots) > sum(len(one.drives) for one in robots):
+    elif 2 * _unknown(robots) > sum(len(robot.drives) for robot in robots):
         said = "No robot is known to need attention, but there is too little to tell of most."
         grade = Trust.UNTESTED
     else:
@@ -79,7 +79,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
 
 def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     """What nobody can tell yet, and what was not used."""
-    drives = [row for one in robots for row in one.drives]
+    drives = [row for robot in robots for row in robot.drives]
     unknown = _unknown(robots)
     lines = []
     if unknown:
@@ -87,16 +87,16 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
             f"Of {unknown} of {len(drives)} drives there is too little to tell whether their "
             "friction changes."
         )
-    bad = sum(one.quarantined for one in robots)
+    bad = sum(robot.quarantined for robot in robots)
     if bad:
-        all_of_them = sum(one.recordings for one in robots)
+        all_of_them = sum(robot.recordings for robot in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
     return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
 
 
 def _unknown(robots: Sequence[Robot]) -> int:
     """Drives of which nobody can tell yet whether their friction changes."""
-    return sum(row["state"] == "unknown" for one in robots for row in one.drives)
+    return sum(row["state"] == "unknown" for robot in robots for row in robot.drives)
 
 
 def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
@@ -110,24 +110,24 @@ def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
 
 
 def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
-    firsts = [one.first for one in robots if one.first is not None]
-    lasts = [one.last for one in robots if one.last is not None]
+    firsts = [robot.first for robot in robots if robot.first is not None]
+    lasts = [robot.last for robot in robots if robot.last is not None]
     span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
     count = len(types)
     return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
 
 
 def _facts(tables: Tables, robots: Sequence[Robot], urgent: Sequence[Robot]) -> tuple[Fact, ...]:
-    recordings = sum(one.recordings for one in robots)
-    bad = sum(one.quarantined for one in robots)
+    recordings = sum(robot.recordings for robot in robots)
+    bad = sum(robot.quarantined for robot in robots)
     facts = [Fact("need attention", str(len(urgent)), f"of {len(robots)} robots")]
     if "recordings" not in tables.absent:
         facts += [Fact("recordings", str(recordings)), Fact("in quarantine", str(bad))]
     if "drift" not in tables.absent:
-        rising = sum(row["state"] == "rising" for one in robots for row in one.drives)
+        rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
         facts.append(Fact("drives with rising friction", str(rising)))
     if "members" not in tables.absent:
-        foreign = sum(one.belongs is False for one in robots)
+        foreign = sum(robot.belongs is False for robot in robots)
         facts.append(Fact("not like their type", str(foreign)))
     return tuple(facts)
 
@@ -138,8 +138,8 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
         return ()
     listed = urgent[:_LISTED]
     rows = tuple(
-        (one.name, WORDS[one.urgency], "; ".join(concern.text for concern in one.concerns))
-        for one in listed
+        (robot.name, WORDS[robot.urgency], "; ".join(concern.text for concern in robot.concerns))
+        for robot in listed
     )
     more = len(urgent) - len(listed)
     return (
@@ -149,29 +149,29 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
             "Robots that need attention: act within four weeks, or look when there is time."
             + f" {more} more are the next in the table of all robots." * (more > 0),
             marked=frozenset(range(len(rows))),
-            links=tuple(links[one.name] for one in listed),
+            links=tuple(links[robot.name] for robot in listed),
         ),
     )
 
 
 def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     """Friction over time of drives where it changes."""
-    changed = [(one, row) for one in urgent for row in one.changed]
+    changed = [(robot, row) for robot in urgent for row in robot.changed]
     panels = list[Panel]()
-    for one, row in changed[:_PANELS]:
-        whose = (pl.col("robot") == one.name) & (pl.col("drive") == row["drive"])
+    for robot, row in changed[:_PANELS]:
+        whose = (pl.col("robot") == robot.name) & (pl.col("drive") == row["drive"])
         seen = main_quantity(tables.friction.filter(whose))
         if len(seen):
-            panels.append(friction_panel(f"{one.name}, {row['drive']}", seen, row))
+            panels.append(friction_panel(f"{robot.name}, {row['drive']}", seen, row))
     if not panels:
         return ()
     more = len(changed) - len(panels)
-    told = f" {more} more drives are on the pages of their robots." if more else ""
+    note = f" {more} more drives are on the pages of their robots." if more else ""
     return (
         Chart(
             grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True),
             "Friction over time of drives where it changes. Dotted: the day of the change, with "
-            f"the days it may have been.{told}",
+            f"the days it may have been.{note}",
         ),
     )
 
@@ -180,19 +180,19 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
     """All robots, to be sorted and searched."""
     rows = tuple(
         (
-            one.name,
-            WORDS[one.urgency],
-            labels.get(one.type, one.type) or NOTHING,
-            _changed(one),
-            day(one.until),
-            {True: "yes", False: "no", None: NOTHING}[one.belongs],
-            day(one.last),
-            str(one.recordings),
-            str(one.quarantined),
-            shown(one.noise, 3),
-            share(one.worst_error),
+            robot.name,
+            WORDS[robot.urgency],
+            labels.get(robot.type, robot.type) or NOTHING,
+            _changed(robot),
+            day(robot.until),
+            {True: "yes", False: "no", None: NOTHING}[robot.belongs],
+            day(robot.last),
+            str(robot.recordings),
+            str(robot.quarantined),
+            shown(robot.noise, 3),
+            share(robot.worst_error),
         )
-        for one in robots
+        for robot in robots
     )
     columns = ("robot", "state", "type", "friction", "limit on", "like its type",
                "last recording", "recordings", "in quarantine", "noise",
@@ -202,8 +202,8 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
         rows,
         "Noise and torque error, the worst drive's, are those of the last fit. A click on a head "
         "sorts.",
-        marked=frozenset(k for k, one in enumerate(robots) if one.urgency < Urgency.NONE),
-        links=tuple(links[one.name] for one in robots),
+        marked=frozenset(k for k, robot in enumerate(robots) if robot.urgency < Urgency.NONE),
+        links=tuple(links[robot.name] for robot in robots),
         choices=(1, 2, 5),
     )
 

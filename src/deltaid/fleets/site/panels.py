@@ -101,7 +101,7 @@ def dots(rows: pl.DataFrame, value: str, text: str) -> Data:
     """A box with a dot for each row, which says a text."""
     return {
         "type": "box",
-        "text": [style.label(one) for one in rows[text].to_list()],
+        "text": [style.label(name) for name in rows[text].to_list()],
         "boxpoints": "all",
         "jitter": 0.5,
         "pointpos": 0,

@@ -14,12 +14,12 @@ SEEN = ("data", "sum", "measured", "sensors")
 
 def parameter_section(parameters: pl.DataFrame) -> tuple[Section, ...]:
     """Parameters over the periods, and all of the last one and of all recordings together."""
-    told = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
-    if told.is_empty():
+    fitted = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
+    if fitted.is_empty():
         return ()
-    whole, single = (told.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
+    whole, single = (fitted.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
     ordered = (single if len(single) else whole).sort("period", maintain_order=True)
-    last = last_period(told)
+    last = last_period(fitted)
     tables = [_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}.")]
     if len(whole) and whole["recordings"][0] != last["recordings"][0]:
         tables.insert(0, _values(whole, ordered, "Fitted to all recordings together."))
@@ -75,7 +75,6 @@ def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
 
 
 def _panel(rows: pl.DataFrame) -> Panel:
-    """One parameter."""
     value, decided = rows["value"], rows["decided_by"].to_list()
     trace = {
         "type": "scatter",

@@ -54,9 +54,9 @@ def days(low: datetime | None, high: datetime | None) -> str:
 def bounds(drives: Sequence[Row]) -> list[str]:
     """What bounds false alarms of drift, in words, each once."""
     words = (
-        one["bound"] or f"at most {number(one['false_alarms'])} a robot-year"
-        for one in drives
-        if one["bound"] or one["false_alarms"] is not None
+        drive["bound"] or f"at most {number(drive['false_alarms'])} a robot-year"
+        for drive in drives
+        if drive["bound"] or drive["false_alarms"] is not None
     )
     return list(dict.fromkeys(words))
 
@@ -65,31 +65,31 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
     """What is known of each drive's friction over time, and why."""
     rows = tuple(
         (
-            one["drive"],
-            one["state"],
-            day(one["change"]),
-            days(one["change_low"], one["change_high"]),
-            share(one["rate"]),
-            _shares(one["rate_low"], one["rate_high"]),
-            share(one["temperature_slope"]),
-            count(one["recordings"]),
+            drive["drive"],
+            drive["state"],
+            day(drive["change"]),
+            days(drive["change_low"], drive["change_high"]),
+            share(drive["rate"]),
+            _shares(drive["rate_low"], drive["rate_high"]),
+            share(drive["temperature_slope"]),
+            count(drive["recordings"]),
         )
-        for one in drives
+        for drive in drives
     )
     columns = ("drive", "friction", "changed on", "between", "a month", "between", "per K",
                "recordings")  # fmt: skip
-    states = [one["state"] for one in drives]
+    states = [drive["state"] for drive in drives]
     marked = frozenset(k for k, state in enumerate(states) if state not in ("steady", "unknown"))
     limits = tuple(
         (
-            one["drive"],
-            f"{shown(one['level'])} {one['unit']}" if one["level"] is not None else NOTHING,
-            shown(one["limit"]),
-            day(one["horizon"]),
-            days(one["horizon_low"], one["horizon_high"]),
-            one["reason"],
+            drive["drive"],
+            f"{shown(drive['level'])} {drive['unit']}" if drive["level"] is not None else NOTHING,
+            shown(drive["limit"]),
+            day(drive["horizon"]),
+            days(drive["horizon_low"], drive["horizon_high"]),
+            drive["reason"],
         )
-        for one in drives
+        for drive in drives
     )
     return (
         Table(columns, rows, caption, marked=marked),

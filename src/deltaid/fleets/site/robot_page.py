@@ -45,7 +45,7 @@ def robot_page(robot: Robot, label: str, parts: Mapping[str, pl.DataFrame]) -> P
 
 
 def _verdict(robot: Robot) -> Summary:
-    lines = [f"{one.text[0].upper()}{one.text[1:]}." for one in robot.concerns]
+    lines = [f"{concern.text[0].upper()}{concern.text[1:]}." for concern in robot.concerns]
     if robot.concerns:
         said = "Act now." if robot.urgency is Urgency.ACT else "Look at it when there is time."
         return Summary(_GRADES[robot.urgency], said, tuple(lines))
@@ -96,7 +96,6 @@ def _friction(
 
 
 def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
-    """Temperature over time."""
     rows = friction.filter(pl.col("temperature").is_not_null()).unique("time").sort("time")
     if rows.is_empty():
         return ()

@@ -62,9 +62,9 @@ def write(folder: Path, name: str = "") -> Path:
 
 def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
-    kinds = tuple(sorted({one.type for one in robots} | set(tables.types["type"].to_list())))
+    kinds = tuple(sorted({robot.type for robot in robots} | set(tables.types["type"].to_list())))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
-    pages, of_types = file_names(one.name for one in robots), file_names(kinds)
+    pages, of_types = file_names(robot.name for robot in robots), file_names(kinds)
     yield from _shared()
     links = {name: address(ROBOTS, file) for name, file in pages.items()}
     types = {kind: address(TYPES, of_types[kind]) for kind in kinds}
@@ -72,17 +72,17 @@ def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tu
     home = (title, f"{_UP}index.html")
     parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
     empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}
-    for one in robots:
+    for robot in robots:
         own = {
-            name: part[one.name] if one.name in part else empty[name]
+            name: part[robot.name] if robot.name in part else empty[name]
             for name, part in parts.items()
         }
-        way = (home, (labels[one.type], _UP + types[one.type]))
-        page = robot_page(one, labels[one.type], own)
-        yield f"{ROBOTS}/{pages[one.name]}", _rendered(page, _UP, way)
+        way = (home, (labels[robot.type], _UP + types[robot.type]))
+        page = robot_page(robot, labels[robot.type], own)
+        yield f"{ROBOTS}/{pages[robot.name]}", _rendered(page, _UP, way)
     above = {name: _UP + link for name, link in links.items()}
     for kind in kinds:
-        own = [one for one in robots if one.type == kind]
+        own = [robot for robot in robots if robot.type == kind]
         means, members = (
             frame.filter(pl.col("type") == kind) for frame in (tables.types, tables.members)
         )

@@ -71,12 +71,12 @@ class Robot:
     @property
     def urgency(self) -> Urgency:
         """Of what is most urgent."""
-        return min((one.urgency for one in self.concerns), default=Urgency.NONE)
+        return min((concern.urgency for concern in self.concerns), default=Urgency.NONE)
 
     @property
     def changed(self) -> tuple[Row, ...]:
         """Drives whose friction has changed."""
-        return tuple(one for one in self.drives if one["state"] in _CHANGED)
+        return tuple(drive for drive in self.drives if drive["state"] in _CHANGED)
 
     @property
     def until(self) -> datetime | None:
@@ -99,7 +99,7 @@ def robots_of(tables: Tables) -> tuple[Robot, ...]:
         if name
     ]
     far = datetime.max
-    return tuple(sorted(robots, key=lambda one: (one.urgency, one.until or far, one.name)))
+    return tuple(sorted(robots, key=lambda robot: (robot.urgency, robot.until or far, robot.name)))
 
 
 _PARTS = ("recordings", "drift", "parameters", "members", "quarantine")
@@ -118,7 +118,7 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
     last = None if parameters is None else last_period(parameters).row(-1, named=True)
     drives = () if drift is None else tuple(drift.to_dicts())
-    concerns = [one for row in drives if (one := _friction(row, now)) is not None]
+    concerns = [concern for row in drives if (concern := _friction(row, now)) is not None]
     concerns += _recorded(rows, usable, now)
     foreign = [] if members is None else members.filter(~pl.col("belongs")).to_dicts()
     concerns += _foreign(foreign)
@@ -135,15 +135,15 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         noise=last["noise"] if last else None,
         worst_error=last["worst_error"] if last else None,
         belongs=None if members is None or members["belongs"].has_nulls() else not foreign,
-        concerns=tuple(sorted(concerns, key=lambda one: one.urgency)),
+        concerns=tuple(sorted(concerns, key=lambda concern: concern.urgency)),
     )
 
 
 def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
     """A robot's parameters of its last period; of all recordings where there is no other."""
     periods = parameters.filter(pl.col("period") != ALL)
-    found = parameters if periods.is_empty() else periods
-    return found.filter(pl.col("period") == found["period"].max())
+    rows = parameters if periods.is_empty() else periods
+    return rows.filter(pl.col("period") == rows["period"].max())
 
 
 def _friction(row: Row, now: datetime | None) -> Concern | None:
@@ -203,18 +203,18 @@ def _refused(quarantine: pl.DataFrame | None, last: str, *, recorded: bool) -> l
     """What the quarantine holds beside recordings that are there; no period before the last fit."""
     if quarantine is None:
         return []
-    found = list[Concern]()
+    concerns = list[Concern]()
     what = pl.col("what")
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
     for row in others.tail(1).iter_rows(named=True):
         which = "all of its recordings together" if row["which"] == ALL else row["which"]
         said = _CANNOT.get(row["what"], f"no fit of {which}")
-        found.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
+        concerns.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
     if not recorded and len(absent := quarantine.filter(what == "recording")):
         row = absent.row(-1, named=True)
         why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"
-        found.append(Concern(Urgency.ACT, why))
-    return found
+        concerns.append(Concern(Urgency.ACT, why))
+    return concerns
 
 
 def _short(reason: str, most: int = 160) -> str:

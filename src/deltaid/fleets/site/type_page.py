@@ -37,17 +37,21 @@ def type_page(
         links: addresses of the robots' pages.
         unit: of friction.
     """
-    foreign = [one for one in robots if one.belongs is False]
+    foreign = [robot for robot in robots if robot.belongs is False]
     return Page(
         title=label or "Robots of no type",
         subtitle=f"{len(robots)} robots" + (f", described by {kind}" if kind != label else ""),
-        verdict=_verdict(robots, foreign, told=any(one.belongs is not None for one in robots)),
+        verdict=_verdict(
+            robots, foreign, is_known=any(robot.belongs is not None for robot in robots)
+        ),
         facts=(
             Fact("robots", str(len(robots))),
-            Fact("need attention", str(sum(one.urgency < Urgency.NONE for one in robots))),
+            Fact("need attention", str(sum(robot.urgency < Urgency.NONE for robot in robots))),
             Fact(
                 "do not belong",
-                str(len(foreign)) if any(one.belongs is not None for one in robots) else NOTHING,
+                str(len(foreign))
+                if any(robot.belongs is not None for robot in robots)
+                else NOTHING,
             ),
         ),
         front=(*_foreign(foreign, links), *_deviations(members)),
@@ -59,15 +63,17 @@ def type_page(
     )
 
 
-def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, told: bool) -> Summary:
-    if not told:
+def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: bool) -> Summary:
+    if not is_known:
         return Summary(Trust.UNTESTED, "Whether its robots are alike is not known.")
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
-    names = ", ".join(one.name for one in foreign[:10])
+    names = ", ".join(robot.name for robot in foreign[:10])
     more = f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
-    one = len(foreign) == 1
-    said = f"{len(foreign)} of {len(robots)} robots {'does' if one else 'do'} not belong: {names}"
+    single = len(foreign) == 1
+    said = (
+        f"{len(foreign)} of {len(robots)} robots {'does' if single else 'do'} not belong: {names}"
+    )
     return Summary(Trust.FAIR, f"{said}{more}.")
 
 
@@ -76,13 +82,13 @@ def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block,
         return ()
     start = "does not belong to its type: "
     rows = tuple(
-        (one.name, "; ".join(c.text.removeprefix(start) for c in one.concerns
+        (robot.name, "; ".join(c.text.removeprefix(start) for c in robot.concerns
                              if c.text.startswith(start)))
-        for one in foreign
+        for robot in foreign
     )  # fmt: skip
     return (
         Table(("robot", "why it does not belong"), rows, marked=frozenset(range(len(rows))),
-              links=tuple(links[one.name] for one in foreign)),
+              links=tuple(links[robot.name] for robot in foreign)),
     )  # fmt: skip
 
 
@@ -118,9 +124,9 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
     columns = ("parameter", "mean", "±", "unit", "95 % interval", "spread", "its 95 % interval",
                "prior", "robots")  # fmt: skip
     said = "The spread is the standard deviation between robots, in the same unit."
-    told = dict.fromkeys(one for one in types["told"].to_list() if one)
+    notes = dict.fromkeys(text for text in types["told"].to_list() if text)
     return (
-        Section("Mean and spread", (*map(Text, told), Table(columns, rows, said)),
+        Section("Mean and spread", (*map(Text, notes), Table(columns, rows, said)),
                 "what robots have in common", unfolded=True),
     )  # fmt: skip
 
@@ -144,21 +150,21 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
             largest[row["robot"]] = row["parameter"], size
     rows = tuple(
         (
-            one.name,
-            {True: "yes", False: "no", None: NOTHING}[one.belongs],
-            largest.get(one.name, (NOTHING,))[0],
-            shown(largest[one.name][1], 3) if one.name in largest else NOTHING,
-            day(one.last),
-            str(one.recordings),
+            robot.name,
+            {True: "yes", False: "no", None: NOTHING}[robot.belongs],
+            largest.get(robot.name, (NOTHING,))[0],
+            shown(largest[robot.name][1], 3) if robot.name in largest else NOTHING,
+            day(robot.last),
+            str(robot.recordings),
         )
-        for one in robots
+        for robot in robots
     )
     columns = ("robot", "belongs", "differs most in", "by [spreads]", "last recording",
                "recordings")  # fmt: skip
     return Table(
         columns,
         rows,
-        marked=frozenset(k for k, one in enumerate(robots) if one.belongs is False),
-        links=tuple(links[one.name] for one in robots),
+        marked=frozenset(k for k, robot in enumerate(robots) if robot.belongs is False),
+        links=tuple(links[robot.name] for robot in robots),
         choices=(1,),
     )
