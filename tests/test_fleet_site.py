@@ -252,11 +252,11 @@ def test_what_nobody_can_tell_is_not_called_good(tmp_path: Path) -> None:
         changed(folder, "drift", robot, state="unknown")
     write(folder)
     said = words(folder / "site" / "index.html")
-    assert "there is too little to tell of most" in said
-    assert "Of 9 of 9 drives there is too little to tell" in said
+    assert "most have not enough data" in said
+    assert "Not enough data on 9 of 9 drives" in said
     assert 'class="verdict untested"' in (folder / "site" / "index.html").read_text("utf-8")
     robot = words(folder / "site" / "robots" / "R001.html")
-    assert "Whether friction changes cannot be told yet." in robot
+    assert "Not enough data to say whether friction changes." in robot
     kind = words(folder / "site" / "types" / f"{TYPES[0]}.html")
     assert "Whether its robots are alike is not known." in kind  # two robots cannot tell
 

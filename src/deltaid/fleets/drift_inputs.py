@@ -1,6 +1,5 @@
 """Inputs of drift: recordings with their time, temperature and load, and settings of the search."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -8,12 +7,8 @@ from typing import Literal
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.fleet import DATE, datetime_of
 
-# A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
-_DATE = re.compile(
-    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
-    r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
-)
 # Stamps beyond this are seconds since 1970, and not since a recording began.
 _SINCE_1970 = 1e9
 
@@ -80,10 +75,9 @@ def _time(file: FactorFile) -> datetime:
         f"nothing says when {record.log} was made: its stamps do not count from 1970, and its name "
         "has no date"
     )
-    if match := _DATE.search(record.log):
-        year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
+    if match := DATE.search(record.log):
         try:
-            return datetime(year, month, day, hour, minute, second)
+            return datetime_of(match)
         except ValueError:
             reason = f"the date in {record.log} is none"
     raise RecordingError(

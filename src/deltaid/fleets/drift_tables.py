@@ -160,7 +160,7 @@ def sentences(drift: RobotDrift) -> list[str]:
         way = "heavier" if tool.mass > 0 else "lighter"
         lines.append(
             f"what the robot holds became {way} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on "
-            f"{_date(drift.date(tool.day))}, which nothing had told; friction was not taken for it"
+            f"{_date(drift.date(tool.day))}, undeclared; it is not counted as friction"
         )
     if drift.common is not None:
         lines.append(drift.common)

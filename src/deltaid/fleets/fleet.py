@@ -13,7 +13,7 @@ from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
 
 # A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
-_DATE = re.compile(
+DATE = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
 )
@@ -150,9 +150,14 @@ def _recorded(entry: Entry, matches: dict[str, str], manifest: str) -> Iterable[
         yield Recorded(robot, time, path, kind, mapping, file.load, file.temperature, stamp)
 
 
-def _numbers(match: re.Match[str]) -> tuple[int, int, int, int, int, int]:
+def datetime_of(match: re.Match[str]) -> datetime:
+    """The date, and perhaps time, that `DATE` matches.
+
+    Raises:
+        ValueError: there is no such day, such as the 31st of February.
+    """
     year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
-    return year, month, day, hour, minute, second
+    return datetime(year, month, day, hour, minute, second)
 
 
 def _time(file: RecordedFile, path: str) -> datetime | None:
@@ -166,9 +171,9 @@ def _time(file: RecordedFile, path: str) -> datetime | None:
     name = Path(path).name
     folders = _KEYS.sub("", path.replace("\\", "/")).replace("/", "-")
     for text in (name, folders):
-        for match in reversed(list(_DATE.finditer(text))):
+        for match in reversed(list(DATE.finditer(text))):
             try:
-                return datetime(*_numbers(match))
-            except ValueError:  # such as the 31st of February
+                return datetime_of(match)
+            except ValueError:
                 continue
     return None

@@ -12,8 +12,8 @@ from deltaid.fleets.site.state import Robot, Urgency, day
 from deltaid.fleets.site.tables import Tables
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Trust
 
-# Robots that the verdict tells of, those in the table below it, panels of friction.
-_TOLD, _LISTED, _PANELS = 3, 20, 12
+# Robots that the verdict names, those in the table below it, panels of friction.
+_NAMED, _LISTED, _PANELS = 3, 20, 12
 
 
 def overview(
@@ -56,10 +56,10 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     act = sum(robot.urgency is Urgency.ACT for robot in urgent)
     lines = [
         f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
-        for robot in urgent[:_TOLD]
+        for robot in urgent[:_NAMED]
     ]
-    if len(urgent) > _TOLD:
-        lines.append(f"And {len(urgent) - _TOLD} more, told below.")
+    if len(urgent) > _NAMED:
+        lines.append(f"And {len(urgent) - _NAMED} more, listed below.")
     lines += _untold(tables, robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
@@ -70,7 +70,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     elif tables.absent & {"drift", "recordings"}:
         grade, said = Trust.UNTESTED, "No robot is known to need attention, but tables are missing."
     elif 2 * _unknown(robots) > sum(len(robot.drives) for robot in robots):
-        said = "No robot is known to need attention, but there is too little to tell of most."
+        said = "No robot is known to need attention, but most have not enough data."
         grade = Trust.UNTESTED
     else:
         grade, said = Trust.GOOD, f"None of {len(robots)} robots needs attention."
@@ -84,8 +84,8 @@ def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
     lines = []
     if unknown:
         lines.append(
-            f"Of {unknown} of {len(drives)} drives there is too little to tell whether their "
-            "friction changes."
+            f"Not enough data on {unknown} of {len(drives)} drives to say whether their friction "
+            "changes."
         )
     bad = sum(robot.quarantined for robot in robots)
     if bad:

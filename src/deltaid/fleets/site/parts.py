@@ -52,7 +52,7 @@ def days(low: datetime | None, high: datetime | None) -> str:
 
 
 def bounds(drives: Sequence[Row]) -> list[str]:
-    """What bounds false alarms of drift, in words, each once."""
+    """Bounds of false alarms of drift, in words, each once."""
     words = (
         drive["bound"] or f"at most {number(drive['false_alarms'])} a robot-year"
         for drive in drives

@@ -40,20 +40,20 @@ def robot_page(robot: Robot, label: str, parts: Mapping[str, pl.DataFrame]) -> P
             *_recordings(parts["recordings"]),
             *_failed(parts["quarantine"]),
         )
-        or (Section("Nothing", (Text("No table says anything of this robot."),)),),
+        or (Section("Nothing", (Text("No table has this robot."),)),),
     )
 
 
 def _verdict(robot: Robot) -> Summary:
     lines = [f"{concern.text[0].upper()}{concern.text[1:]}." for concern in robot.concerns]
     if robot.concerns:
-        said = "Act now." if robot.urgency is Urgency.ACT else "Look at it when there is time."
+        said = "Act now." if robot.urgency is Urgency.ACT else "Inspect it when there is time."
         return Summary(_GRADES[robot.urgency], said, tuple(lines))
     states = {row["state"] for row in robot.drives}
     if states != {"steady"}:
-        lines.append("Whether friction changes cannot be told yet.")
-        return Summary(Trust.UNTESTED, "Nothing speaks for looking at it.", tuple(lines))
-    return Summary(Trust.GOOD, "Nothing speaks for looking at it.", ("All friction is steady.",))
+        lines.append("Not enough data to say whether friction changes.")
+        return Summary(Trust.UNTESTED, "No inspection needed.", tuple(lines))
+    return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
 
 
 def _facts(robot: Robot) -> tuple[Fact, ...]:

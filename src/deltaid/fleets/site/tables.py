@@ -54,7 +54,7 @@ _COLUMNS: dict[str, dict[str, Any]] = {
 COLUMNS = {name: pl.Schema(columns) for name, columns in _COLUMNS.items()}
 # Of which nothing is said where they are missing.
 _FURTHER = ("step", "step_low", "step_high", "bound", "told")
-_TELLS = {
+_SHOWS = {
     "recordings": "recordings and their verdicts",
     "quarantine": "fits that failed",
     "parameters": "parameters over time",
@@ -99,7 +99,7 @@ def read_tables(folder: Path) -> Tables:
         path = folder / f"{name}.{'csv' if name == 'quarantine' else 'parquet'}"
         if not path.is_file():
             absent.add(name)
-            words.append(f"{path.name} is missing, so this site says nothing of {_TELLS[name]}.")
+            words.append(f"{path.name} is missing, so this site does not show {_SHOWS[name]}.")
             frames[name] = pl.DataFrame(schema=columns)
             continue
         frame = _read(path)
