@@ -138,7 +138,7 @@ def test_zeros_alone_are_off_and_nothing_says_so() -> None:
     error = np.median(recorded(of, "q") - of.happenings[0].truth.q, axis=0)
     np.testing.assert_allclose(error, of.sensors[0].homing, atol=1e-6)
     assert of.machine.plant.oracle.limbs[0].strut == of.robot.limbs.geometry()[0].strut
-    assert of.determines == ()
+    assert of.tells == ()
     assert np.all(error != 0)
 
 
