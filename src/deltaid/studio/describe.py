@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from deltaid.errors import DeltaidError
 from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
 from deltaid.studio.drafting.kinds import KINDS
-from deltaid.studio.drafting.questions import asked
+from deltaid.studio.drafting.questions import Question, asked
 from deltaid.studio.steps import Step
 
 
@@ -24,10 +24,11 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
     from deltaid.studio.drafting.interview import interview
     from deltaid.studio.drafting.text import written
 
+    given = _answered(kind, answers)
     missing = [
         question.text
         for question in asked(kind)
-        if question.assumed is None and not answers.get(question.key, "").strip()
+        if question.assumed is None and question not in given
     ]
     if missing:
         raise DeltaidError(
@@ -36,23 +37,17 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
             cure="measure it, or look it up: nobody can guess",
         )
     draft = Draft(kind, name, KINDS[kind].split(",")[0])
-    for question in asked(kind):
-        if text := answers.get(question.key, "").strip():
-            value = quantity(text, question.unit, question.text)
-            draft = draft.answered(question.key, question.require(value), GIVEN)
+    for question, text in given.items():
+        value = quantity(text, question.unit, question.text)
+        draft = draft.answered(question.key, question.require(value), GIVEN)
     return written(interview(draft))
 
 
 def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:
     """The command that writes the same description."""
-    given = [
-        word
-        for question in asked(kind)
-        if (text := answers.get(question.key, "").strip())
-        for word in (question.option, text)
-    ]
-    known = {question.key: answers[question.key] for question in asked(kind)
-             if answers.get(question.key, "").strip()}  # fmt: skip
+    given = _answered(kind, answers)
+    options = [word for question, text in given.items() for word in (question.option, text)]
+    known = {question.key: answers[question.key] for question in given}
     python = f"""\
 from pathlib import Path
 
@@ -61,5 +56,11 @@ from deltaid.studio.describe import drafted
 text = drafted({kind!r}, {file.partition(".")[0]!r}, {known!r})
 Path({file!r}).write_text(text, encoding="utf-8")
 """
-    arguments = ("new", file, "--kind", kind, *given, "--yes")
+    arguments = ("new", file, "--kind", kind, *options, "--yes")
     return Step("new", arguments, python, (), (file,))
+
+
+def _answered(kind: str, answers: Mapping[str, str]) -> dict[Question, str]:
+    """Questions that have an answer, and what was written."""
+    texts = {question: answers.get(question.key, "").strip() for question in asked(kind)}
+    return {question: text for question, text in texts.items() if text}

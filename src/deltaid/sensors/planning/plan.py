@@ -8,18 +8,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.progress import Progress, Watch, watched
-from deltaid.recording.mapping import ColumnMapping, MappingLike, as_mapping
+from deltaid.progress import Watch, watched
+from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.sensors.planning.bench import Bench, Outlook, PlanSettings
 from deltaid.sensors.planning.knowledge import Unknowns, unknowns
 from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
-from deltaid.sensors.planning.rows import PlannedMotion, generic_motion, motion_of_file
+from deltaid.sensors.planning.rows import generic_motion, motion_of_file
 from deltaid.sensors.planning.shopping import BODIES, GAINS, Step, shopping
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
@@ -110,77 +110,53 @@ def sensor_plan(
     Raises:
         DeltaidError: no such goal, combination or body; a file that cannot be used.
     """
+    model, mapping, settings = load(robot), as_mapping(columns), settings or PlanSettings()
     with watched(progress, "sensor plan") as say:
-        return _planned(
-            load(robot), motion, offers, goal, budget, combinations, settings or PlanSettings(),
-            as_mapping(columns), say,
-        )  # fmt: skip
-
-
-def _planned(
-    model: Model,
-    motion: RecordingLike | None,
-    offers: Offers | str | Path | None,
-    goal: str,
-    budget: float | None,
-    combinations: Sequence[Sequence[str]],
-    settings: PlanSettings,
-    columns: ColumnMapping | None,
-    progress: Progress,
-) -> SensorPlan:
-    """The plan, of what has been opened."""
-    if not isinstance(offers, Offers):
-        offers = shipped_offers() if offers is None else load_offers(offers)
-    dynamics = compiled(model.as_description())
-    progress("looking at the motion")
-    planned = _motion(model, dynamics, motion, columns, settings)
-    gain_spread = settings.gain_spread
-    if gain_spread is None:
-        gain_spread = SPREAD if goal == GAINS else 0.0
-    entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
-    if goal == GAINS and gain_spread == 0:
-        raise DeltaidError(
-            "gains that are known exactly are no goal", where="--gain-spread", cure="give a spread"
+        if not isinstance(offers, Offers):
+            offers = shipped_offers() if offers is None else load_offers(offers)
+        dynamics = compiled(model.as_description())
+        say("looking at the motion")
+        if motion is None:
+            planned = generic_motion(dynamics, settings.duration, settings.seed)
+        else:
+            planned = motion_of_file(model, dynamics, motion, mapping)
+        gain_spread = settings.gain_spread
+        if gain_spread is None:
+            gain_spread = SPREAD if goal == GAINS else 0.0
+        entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
+        if goal == GAINS and gain_spread == 0:
+            raise DeltaidError(
+                "gains that are known exactly are no goal",
+                where="--gain-spread",
+                cure="give a spread",
+            )
+        work = Bench.prepare(dynamics, planned, offers, entries, goal, settings, say)
+        say("comparing")
+        steps = shopping(work.start, work.goal, work.uses, entries.W, budget, settings.steps)
+        named = (*combinations, *offers.combinations)
+        return SensorPlan(
+            model=model,
+            motion=planned.words,
+            settings=settings,
+            offers=offers,
+            goal=work.goal.words,
+            goal_name=goal,
+            unknowns=entries,
+            torques=work.torques,
+            described=work.described,
+            uses=tuple(work.outlook([use]) for use in work.uses),
+            combinations=tuple(
+                work.outlook(some) for some in (work.find(names, offers) for names in named) if some
+            ),
+            steps=tuple(
+                (step, work.outlook([bought.use for bought in steps[: k + 1]]))
+                for k, step in enumerate(steps)
+            ),
+            openings=openings(
+                dynamics, planned, work.torque, work.sure, work.uses, [step.use for step in steps]
+            ),
+            notes=(*_notes(entries, goal, gain_spread), *work.left_out),
         )
-    work = Bench.prepare(dynamics, planned, offers, entries, goal, settings, progress)
-    progress("comparing")
-    steps = shopping(work.start, work.goal, work.uses, entries.W, budget, settings.steps)
-    named = (*combinations, *offers.combinations)
-    return SensorPlan(
-        model=model,
-        motion=planned.words,
-        settings=settings,
-        offers=offers,
-        goal=work.goal.words,
-        goal_name=goal,
-        unknowns=entries,
-        torques=work.torques,
-        described=work.described,
-        uses=tuple(work.outlook([use]) for use in work.uses),
-        combinations=tuple(
-            work.outlook(some) for some in (work.find(names, offers) for names in named) if some
-        ),
-        steps=tuple(
-            (step, work.outlook([bought.use for bought in steps[: k + 1]]))
-            for k, step in enumerate(steps)
-        ),
-        openings=openings(
-            dynamics, planned, work.torque, work.sure, work.uses, [step.use for step in steps]
-        ),
-        notes=(*_notes(entries, goal, gain_spread), *work.left_out),
-    )
-
-
-def _motion(
-    model: Model,
-    dynamics: Dynamics,
-    given: RecordingLike | None,
-    columns: ColumnMapping | None,
-    settings: PlanSettings,
-) -> PlannedMotion:
-    if given is None:
-        return generic_motion(dynamics, settings.duration, settings.seed)
-    return motion_of_file(model, dynamics, given, columns)
 
 
 def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
