@@ -14,6 +14,7 @@ from deltaid.checks.residual import checked_residual
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, Verdict
+from deltaid.recording.recording import Recording
 from deltaid.robot.load import load_robot
 from sweeps import swept
 from test_lag import DURATION, RATE, frame, moving
@@ -43,6 +44,14 @@ def said(added: Added | None = None, late: float = 0.0, noise: float = 0.01) -> 
     return {v.key: v for v in verdicts}
 
 
+def load(mass: float) -> np.ndarray:
+    """Torques of a load in the middle of the platform."""
+    (dynamics, p, _), (_, z, _, qd, qdd) = moving(), truth()
+    heavier = p.copy()
+    heavier[dynamics.layout.names.index("P.m")] += mass
+    return dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
+
+
 def bad(verdicts: dict[str, Verdict]) -> list[str]:
     return [key for key, v in verdicts.items() if v.grade in (Grade.DOUBTFUL, Grade.WRONG)]
 
@@ -68,15 +77,15 @@ def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
 
 @pytest.mark.parametrize(("hidden", "why"), [(False, "--lag none"), (True, "may look like a lag")])
 def test_a_lag_that_is_not_corrected_says_why_and_what_it_costs(hidden: bool, why: str) -> None:
-    robot, table = load_robot("clavel-delta3"), frame(np.full(3, 3e-3), noise=0.01)
-    record = evidence(robot, table, settings=Settings(lag="none" if why[0] == "-" else "estimate"))
+    robot, settings = load_robot("clavel-delta3"), Settings(lag="estimate" if hidden else "none")
+    record = evidence(robot, frame(np.full(3, 3e-3), noise=0.01), settings=settings)
     assert isinstance(record.fitted, FittedProblem)
+    assert isinstance(record.surveyed, Recording)
     assert record.study is not None
     study = replace(record.study, hidden=hidden)
-    (lag, *_) = checked_residual(with_fit(record, record.fitted, record.setup.recordings[0], study))
-    harm = re.search(r"makes the inertia of drive\d [\d.]+ % too (small|large)", lag.seen)
-    assert harm, lag.seen
-    assert re.search(f"not corrected: .*{why}", lag.seen), lag.seen
+    (lag, *_) = checked_residual(with_fit(record, record.fitted, record.surveyed, study))
+    cost = r"makes the inertia of drive\d [\d.]+ % too (small|large); not corrected: .*"
+    assert re.search(cost + why, lag.seen), lag.seen
 
 
 def test_friction_of_another_law_is_told_by_its_joint() -> None:
@@ -107,13 +116,7 @@ def test_friction_that_falls_while_the_robot_warms_up_is_drift() -> None:
 
 
 def test_a_load_is_told_by_its_mass_and_times() -> None:
-    dynamics, p, _ = moving()
-    _, z, _, qd, qdd = truth()
-    heavier = p.copy()
-    heavier[dynamics.layout.names.index("P.m")] += 0.4
-    load = dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
-
-    verdicts = said(lambda t, q, qd, tau: load * ((t > 3.0) & (t < 7.0))[:, None])
+    verdicts = said(lambda t, q, qd, tau: load(0.4) * ((t > 3.0) & (t < 7.0))[:, None])
     assert bad(verdicts) == ["load-change"]
     change = verdicts["load-change"]
     assert change.number == pytest.approx(0.4, rel=0.05)
@@ -127,13 +130,7 @@ def test_a_load_is_told_by_its_mass_and_times() -> None:
 
 
 def test_a_load_that_comes_and_goes_is_followed() -> None:
-    _, z, _, qd, qdd = truth()
-    dynamics, p, _ = moving()
-    heavier = p.copy()
-    heavier[dynamics.layout.names.index("P.m")] += 1.5
-    load = dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
-
-    verdicts = said(lambda t, q, qd, tau: load * (t % 0.6 > 0.3)[:, None])
+    verdicts = said(lambda t, q, qd, tau: load(1.5) * (t % 0.6 > 0.3)[:, None])
     assert bad(verdicts) == ["load-change"]
     change = verdicts["load-change"]
     assert change.number == pytest.approx(1.5, rel=0.05)
