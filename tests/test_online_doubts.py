@@ -12,7 +12,8 @@ from deltaid.online.doubts import doubts
 from deltaid.online.events import LoadEntry, WeighedLoad
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.gripper_doubts import gripper_doubts
-from deltaid.online.replay import EMPTY, HOLDS, Replay, open_replay
+from deltaid.online.instant import EMPTY, HOLDS
+from deltaid.online.replay import Replay, open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import RunEvidence
 from deltaid.online.watch import Watched, watch

@@ -28,6 +28,7 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.robot.task import Task
 
+# Resolution of a common encoder, 20 bits a turn [rad].
 ENCODER_STEP = 2 * np.pi / 2**20
 # What a controller knows of the robot: always the same, or by time [s].
 Knowledge = ControlModel | Callable[[float], ControlModel]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from deltaid.exports.text import plain_letters
 
+# Letters of a line at most.
 _WIDTH = 100
 
 

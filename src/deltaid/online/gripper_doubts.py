@@ -7,7 +7,7 @@ import numpy as np
 from deltaid.errors import Doubt
 from deltaid.online.events import WeighedLoad
 from deltaid.online.grip_timing import Offset
-from deltaid.online.replay import EMPTY, HOLDS
+from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.suspicion import RunEvidence
 
 # Share of the time that the gripper calls empty with a contact, beyond which something is held.

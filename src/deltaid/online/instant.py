@@ -26,6 +26,8 @@ from deltaid.online.graph import StateField, chosen, only_if
 from deltaid.online.layout import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
+# What a gripper says.
+NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # How long a signal may wait: seconds and cycles.
 _LONGEST, _MOST = 0.05, 500
 # How long filters remember what they began with, in their time constants.
@@ -42,7 +44,7 @@ def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
         Field("q", dof, "drive coordinates", angle),
         Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
         Field("tau", dof, "torques or forces as the drives report them"),
-        Field("gripper", 1, "1 holds, 0 empty, -1 not told", initial=-1.0),
+        Field("gripper", 1, "1 holds, 0 empty, -1 not told", initial=NOT_TOLD),
     )
 
 

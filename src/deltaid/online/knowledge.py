@@ -32,6 +32,7 @@ _OF_FIT, _OF_FRICTION, _SLOW = 1.0, 0.25, 0.05
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.
 _PERIOD, _SAMPLES = 8.0, 800
+# Largest load where nothing is said of it, in masses of what carries it.
 _LOAD_SHARE = 3.0
 # What carries a load may be heavier or lighter than identified, beside what the intervals say, by
 # this share of the largest load: nothing that a model lacks is wholly without a mean.

@@ -16,13 +16,13 @@ from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import MorePart, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
+from deltaid.online.instant import NOT_TOLD
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.shown import Named
 
 # Half of a 95 % interval in standard deviations.
 HALF = 1.959964
-_NOT_TOLD = -1.0
 
 Rows = Float[np.ndarray, "samples dof"]
 
@@ -215,7 +215,7 @@ class Online(Named):
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
-        told = _NOT_TOLD if gripper is None else float(gripper)
+        told = NOT_TOLD if gripper is None else float(gripper)
         parts = [q, *self._velocity(qd), tau, [told]]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
@@ -234,7 +234,7 @@ class Online(Named):
             tau: torques.
             gripper: 1 holds, 0 empty, -1 not told.
         """
-        told = np.full(len(q), _NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
+        told = np.full(len(q), NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
         parts = [q, *self._velocity(qd), tau, told]
         return self._estimate(self._advance(np.column_stack(parts)))
 

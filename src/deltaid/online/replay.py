@@ -17,6 +17,7 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.verdict import percent
 from deltaid.online.columns import RecordedSpeeds, judged_wiring, speeds_of
+from deltaid.online.instant import EMPTY, HOLDS, NOT_TOLD
 from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
@@ -26,7 +27,6 @@ from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 
-NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
 # Cycles a second that an observer can be run at.
 _LEAST_RATE = 100.0
 # Brakes hold for so long [s] at least: a robot that rests for a moment may need hardly any torque.

@@ -15,9 +15,10 @@ from jaxtyping import Bool, Float
 from deltaid.online.cycle import Cycle
 from deltaid.online.graph import CyclePart, OutputField
 from deltaid.online.grip_timing import GripTiming, Offset
+from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
-from deltaid.online.replay import EMPTY, HOLDS, Cycles
+from deltaid.online.replay import Cycles
 
 # No gain is known better than by so much, and filters remember a torque for so long [s].
 _SURE, _REMEMBERED = 0.004, 0.05
