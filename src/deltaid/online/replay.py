@@ -187,7 +187,7 @@ def open_replay(
                 where=f"--gripper {gripper}",
                 cure="leave out one of the two",
             )
-        mapping = mapping.changed(load=Load(column=gripper)).of(mapping.source)
+        mapping = mapping.changed(load=Load(column=gripper)).known_as(mapping.source)
     kinematics = model.dynamics.kinematics
     opened = open_log(log, kinematics, mapping, need_rest=False)
     if opened.rate < _LEAST_RATE:
