@@ -106,7 +106,7 @@ class MappingProposal:
         Raises:
             DescriptionError: quantities that are needed were not found.
         """
-        return ColumnMapping.from_dict(self.data, "proposed columns").of("proposed columns")
+        return ColumnMapping.from_dict(self.data, "proposed columns").known_as("proposed columns")
 
     def save(self, path: str | Path) -> None:
         """Write it as a mapping file, to be read and corrected.
