@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from deltaid.errors import DeltaidError
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
+    from deltaid.fleets.run import FleetRun, fleet
     from deltaid.identification.generic_motion import base
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -106,6 +107,8 @@ _HOME = {
     "forces": "deltaid.joint_forces.forces",
     "Forces": "deltaid.joint_forces.forces",
     "SensorNoise": "deltaid.motion.surrogate",
+    "FleetRun": "deltaid.fleets.run",
+    "fleet": "deltaid.fleets.run",
     "FourierMotion": "deltaid.motion.fourier",
     "base": "deltaid.identification.generic_motion",
     "random_motion": "deltaid.motion.random_motion",
@@ -138,6 +141,7 @@ __all__ = [
     "Excitation",
     "ExcitationSettings",
     "Exciter",
+    "FleetRun",
     "Forces",
     "ForwardDynamics",
     "FourierMotion",
@@ -176,6 +180,7 @@ __all__ = [
     "compare_controllers",
     "excite",
     "export",
+    "fleet",
     "forces",
     "identify",
     "integrate",

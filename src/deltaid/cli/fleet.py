@@ -99,7 +99,7 @@ def fleet(
 
     require_dask()
     from deltaid.fleets.fleet import find_fleet
-    from deltaid.fleets.run import run_fleet
+    from deltaid.fleets.run import fleet as run_fleet
     from deltaid.fleets.store import FileStore
     from deltaid.model.record import Settings
 
@@ -124,7 +124,7 @@ def fleet(
             if prior_out is not None:
                 _require_one_type(found)
             run = run_fleet(
-                found, output, settings=settings, drift=drift, store=store, scheduler=scheduler,
+                found, output, settings=settings, drift=drift, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
                 dashboard=lambda link: None if as_json else print_note(f"dashboard at {link}"),
             )  # fmt: skip

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from deltaid.fleets.cluster import client, require_shared
+from deltaid.fleets.cluster import client, require_dask, require_shared
 from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.fit_step import FITS, fit_jobs
-from deltaid.fleets.fleet import Fleet
+from deltaid.fleets.fleet import Fleet, find_fleet
 from deltaid.fleets.gather_all import (
     gather_again,
     gather_all,
@@ -34,7 +34,9 @@ from deltaid.fleets.step import JOURNAL, Call, JobResult, Say
 from deltaid.fleets.store import FileStore
 from deltaid.fleets.study_step import MEMBERS, STUDIES, member_file, study_jobs
 from deltaid.fleets.type_step import TYPE_FITS, type_jobs
-from deltaid.model.record import Settings
+from deltaid.model.options import Period
+from deltaid.model.settings import Settings, settings_of
+from deltaid.progress import Watch, watched
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -66,6 +68,56 @@ class FleetRun:
     def site(self) -> str:
         """The first of its pages, seen from the folder; empty where there is nothing to show."""
         return f"{SITE}/index.html" if any(outcome.file for outcome in self.outcomes) else ""
+
+
+def fleet(
+    manifest: str | Path | Fleet,
+    output: str | Path,
+    *,
+    period: Period | None = None,
+    settings: Settings | None = None,
+    drift: DriftSettings | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    force: bool = False,
+    retry: bool = False,
+    dashboard: Say = lambda _: None,
+    progress: Watch = None,
+    **options: Any,
+) -> FleetRun:
+    """Gather the recordings of many robots, fit each robot in each period, and look for drift.
+
+    It may be ended at any time: the same call does what is left. What cannot be used is put into
+    quarantine with its reason and stops nothing else.
+
+    Args:
+        manifest: a file that lists robots, types and recordings.
+        output: folder of factor files and tables, or an address such as "s3://bucket/fleet".
+        period: recordings of which are fitted together; the manifest's, or week, if None.
+        settings: of fits, by value.
+        drift: what is asked of drift.
+        scheduler: address of a Dask cluster; processes on this machine if None.
+        workers: how many of these; one a core if None.
+        force: go on with what the checks call wrong.
+        retry: try again what was put into quarantine before.
+        dashboard: called with the address of the cluster's page.
+        progress: as of `identify`.
+        options: single settings of fits by name, such as `lag="none"`.
+
+    Raises:
+        DeltaidError: Dask is missing, or the manifest or the folder cannot be used.
+    """
+    require_dask()
+    store = FileStore()
+    with watched(progress, "fleet") as say:
+        say("looking for recordings")
+        if not isinstance(manifest, Fleet):
+            manifest = find_fleet(str(manifest), store, period)
+        return run_fleet(
+            manifest, output, settings=settings_of(settings, options), drift=drift, store=store,
+            scheduler=scheduler, workers=workers, force=force, retry=retry, dashboard=dashboard,
+            progress=say,
+        )  # fmt: skip
 
 
 def run_fleet(
