@@ -27,14 +27,14 @@ Path = Float[np.ndarray, "samples 3"]
 
 
 @dataclass(frozen=True)
-class TaskMotion:
+class ShownMotion:
     """Task coordinates over time, evenly spaced in time."""
 
     time: Float[np.ndarray, " samples"]
     z: Float[np.ndarray, "samples dof"]
 
 
-def recorded_motion(kinematics: Kinematics, recording: Recording) -> TaskMotion:
+def recorded_motion(kinematics: Kinematics, recording: Recording) -> ShownMotion:
     """The first minute of a recording."""
     time, z = [], []
     for window in recording.windows(kinematics):
@@ -42,10 +42,10 @@ def recorded_motion(kinematics: Kinematics, recording: Recording) -> TaskMotion:
         z.append(window.own.z)
         if time[-1][-1] - time[0][0] > _SEEN:
             break
-    return TaskMotion(np.concatenate(time), np.concatenate(z))
+    return ShownMotion(np.concatenate(time), np.concatenate(z))
 
 
-def animation(kinematics: Kinematics, motion: TaskMotion, caption: str) -> Figure:
+def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figure:
     """The robot along the stretch of a few seconds in which its platform travels farthest."""
     path = kinematics.robot.task.point(motion.z)
     seen = _liveliest(motion.time, path)

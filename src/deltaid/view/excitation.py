@@ -7,7 +7,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.view import style
-from deltaid.view.animation import TaskMotion, animation
+from deltaid.view.animation import ShownMotion, animation
 from deltaid.view.drawing import drawing
 from deltaid.view.motions import prediction_table, start_table
 from deltaid.view.numbers import number, percent
@@ -81,7 +81,7 @@ def _animation(result: Excitation) -> Figure:
     z, *_ = result.run.evaluate(time)
     return animation(
         result.exciter.dynamics.kinematics,
-        TaskMotion(time, z),
+        ShownMotion(time, z),
         "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
         "The distance of the two struts in a pair is not part of the description and drawn as it "
         "looks usual.",

@@ -19,6 +19,8 @@ from deltaid.view.robot_shape import outline_points
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
+    from deltaid.view.page import Page
+
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
 _METHODS: dict[type, tuple[str, ...]] = {
