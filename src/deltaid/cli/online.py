@@ -164,7 +164,7 @@ def _as_dictionary(found: "Watched", replay: "Replay") -> dict[str, Any]:
     }
 
 
-def _load(one: "HeldLoad") -> dict[str, Any]:
+def _load(one: "WeighedLoad") -> dict[str, Any]:
     soon = None
     if one.soon is not None:
         soon = dict(zip(("value", "low", "high"), one.soon, strict=True))
