@@ -95,7 +95,7 @@ def compare_controllers(
     print_problems(infeasible_lines(result.problems, result.runs))
 
 
-def _as_dictionary(run: "Run") -> dict[str, Any]:
+def _as_dictionary(run: "ControllerRun") -> dict[str, Any]:
     from deltaid.cli.simulate import error_dictionary
 
     head = {
