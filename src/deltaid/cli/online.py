@@ -10,7 +10,7 @@ from deltaid.cli.options import AsJson, output_file
 
 if TYPE_CHECKING:
     from deltaid.model.model import Model
-    from deltaid.online.events import Touch
+    from deltaid.online.events import Touch, WeighedLoad
     from deltaid.online.replay import Replay
     from deltaid.online.watch import Watched
 
