@@ -10,7 +10,7 @@ from checked import Data, moved, of, scaled, written
 from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
 from deltaid.checks.lengths import checked_lengths
-from deltaid.checks.run import of_robot, verdicts
+from deltaid.checks.run import check, of_robot
 from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
@@ -33,7 +33,7 @@ def test_the_catalogue_is_good(name: str) -> None:
 def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path: Path) -> None:
     data = as_written(name)
     wrong = written(scaled(data, 1000, part), tmp_path / "robot.yaml")
-    verdict = of(verdicts(wrong), "millimetres")
+    verdict = of(check(wrong), "millimetres")
     assert verdict.grade is Grade.WRONG
     assert "metres" in verdict.cause
     again = mended(as_written(wrong), changes([verdict], "robot"))
@@ -42,7 +42,7 @@ def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path:
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
     data = mended(as_written("clavel-delta3"), {"limbs.platform_radius": 125})
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "millimetres")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "millimetres")
     (proposal,) = verdict.proposals
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
@@ -82,7 +82,7 @@ PRIORS: dict[str, tuple[Callable[[Data], dict[str, object]], str, float | None]]
 def test_priors_out_of_scale(case: str, tmp_path: Path) -> None:
     make, path, value = PRIORS[case]
     data = as_written("clavel-delta3")
-    found = verdicts(written(mended(data, make(data)), tmp_path / "robot.yaml"))
+    found = check(written(mended(data, make(data)), tmp_path / "robot.yaml"))
     verdict = of(found, "prior-scale")
     assert verdict.grade in (Grade.WRONG, Grade.DOUBTFUL)
     assert dict(verdict.proposals[0].changes) == {path: value}
@@ -104,7 +104,7 @@ def test_numbers_of_a_body_out_of_scale(
         "inertia": {"xx": 1e-5 * i, "yy": 0.08 * i, "zz": 0.08 * i},
     }
     data = mended(as_written("clavel-delta3"), {"bodies.S.prior": prior})
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "prior-scale")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "prior-scale")
     assert verdict.grade is (Grade.DOUBTFUL if word == "kg" else Grade.WRONG)
     assert verdict.subject == "S"
     assert word in verdict.seen
@@ -112,7 +112,7 @@ def test_numbers_of_a_body_out_of_scale(
 
 def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None:
     data = mended(as_written("clavel-delta3"), {"friction.drive2": None})
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "friction-missing")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "friction-missing")
     assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
     assert dict(verdict.proposals[0].changes) == {
         "friction.drive2.viscous": 1.5,
@@ -123,7 +123,7 @@ def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None
 def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
     gone = {"platform_speed": None, "platform_acceleration": None, "drive_limits.drive1": None}
     data = mended(as_written("clavel-delta3"), gone)
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "limits-missing")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "limits-missing")
     assert verdict.grade is Grade.DOUBTFUL
     assert "5 m/s" in verdict.seen
     assert "50 m/s²" in verdict.seen
@@ -133,7 +133,7 @@ def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
 def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     ranges = {f"drive_limits.drive{i}.angle_deg": [-10, 30] for i in (1, 2, 3)}
     data = mended(as_written("clavel-delta3"), ranges)
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "workspace-cut")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "workspace-cut")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
     assert verdict.number is not None
@@ -144,7 +144,7 @@ def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
 def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
     low = {f"drive_limits.drive{i}.torque": 2.0 for i in (1, 2, 3)}
     data = mended(as_written("clavel-delta3"), low)
-    verdict = of(verdicts(written(data, tmp_path / "robot.yaml")), "torque-limit")
+    verdict = of(check(written(data, tmp_path / "robot.yaml")), "torque-limit")
     assert verdict.grade is Grade.WRONG
     assert verdict.number == pytest.approx(9.15 / 2.0, rel=0.02)
 
@@ -153,7 +153,7 @@ def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
 def told() -> dict[str, tuple[Verdict, ...]]:
     """Verdicts on recordings of the 4-DOF Delta by their motion: all of a usual one."""
     name, kinds = "irb360-6-1600", {"slow": {"pace": 1 / 15}, "tool rests": {"which": (0, 1, 2)}}
-    found = {"usual": verdicts(name, moved(name))}
+    found = {"usual": check(name, moved(name))}
     for key, how in kinds.items():
         one = evidence(load_robot(name), moved(name, **how))
         found[key] = checked_information(one)
@@ -186,14 +186,14 @@ def test_a_tool_that_rests_is_named_with_the_motion_that_shows_it(
 def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
     rows = evidence(load_robot("clavel-delta3"), moved("clavel-delta3")).rows
     far = deltaid.Recording.from_arrays(t=rows.time, q=rows.q + 1.7, tau=rows.tau)
-    found = verdicts("clavel-delta3", far)
+    found = check("clavel-delta3", far)
     assert worst(found) is Grade.WRONG
 
 
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:
     data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
     robot = written(data, tmp_path / "robot.yaml")
-    words = of(verdicts(robot), "prior-scale")
+    words = of(check(robot), "prior-scale")
     log = moved("clavel-delta3")
     with pytest.raises(deltaid.DeltaidError) as error:
         deltaid.identify(robot, log)
@@ -221,7 +221,7 @@ def test_two_recordings_are_judged_together() -> None:
     assert "drive4" not in told.seen + told.cure
     assert "drive4" not in of(result.verdicts, "excitation").seen
     assert not any("constant" in text for text in result.model.warnings)
-    found = verdicts(name, logs)
+    found = check(name, logs)
     assert of(found, "base-parameters").seen == told.seen
     assert of(found, "excitation").seen == of(result.verdicts, "excitation").seen
     assert {one.subject for one in found if one.key == "velocity"} == {"arrays"}

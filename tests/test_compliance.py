@@ -97,7 +97,7 @@ def test_rows_become_those_of_the_link() -> None:
     cut = np.array_split(rows, [3, 700, 701, 5000])
     again = np.concatenate(list(found.turned_back(iter(cut), log.columns, RATE)))
     np.testing.assert_array_equal(again, back)
-    repaired = Repairs(gears=found).of(iter([rows]), log.columns, RATE)
+    repaired = Repairs(gears=found).apply(iter([rows]), log.columns, RATE)
     np.testing.assert_array_equal(np.concatenate(list(repaired)), back)
     short = found.turned_back(iter([rows[:100]]), log.columns, RATE)
     assert not list(short)

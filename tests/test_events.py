@@ -204,7 +204,7 @@ def test_weights_of_many_spans() -> None:
     rows = np.column_stack([time, np.zeros((len(time), 6)), np.ones((len(time), 3))])
     blocks = np.array_split(rows, 7)
     columns = _columns(3)
-    weights = np.vstack(list(Repairs(left_out=spans).of(iter(blocks), columns, 100.0)))[:, -3:]
+    weights = np.vstack(list(Repairs(left_out=spans).apply(iter(blocks), columns, 100.0)))[:, -3:]
     expected = np.ones((len(time), 3))
     for span in spans:
         inside = (time >= span.first) & (time <= span.last)

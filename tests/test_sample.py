@@ -110,17 +110,17 @@ def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) 
 def test_a_folder_that_fails_leaves_nothing(
     model: IdentifiedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deltaid.exports import ensemble
+    from deltaid.exports import mjcf
 
-    written, plain = list[str](), ensemble.mjcf
+    written, plain = list[str](), mjcf.mjcf
 
-    def fails(one: Model) -> str:
-        written.append(one.source)
+    def fails(drawn: Model) -> str:
+        written.append(drawn.source)
         if len(written) == 2:
             raise DeltaidError("no more")
-        return plain(one)
+        return plain(drawn)
 
-    monkeypatch.setattr(ensemble, "mjcf", fails)
+    monkeypatch.setattr(mjcf, "mjcf", fails)
     with pytest.raises(DeltaidError, match="no more"):
         model.sample(3).mjcf(tmp_path / "folder")
     assert len(written) == 2

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.errors import DescriptionError, positive
+from deltaid.errors import DescriptionError, Doubt, positive
 from deltaid.files import written_whole
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion, motion_of
@@ -31,6 +31,12 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Distances of struts [m] and forces of springs [N] that can be.
 _SPACINGS, _SPRINGS = (1e-6, 100.0), (1e-6, 1e7)
+
+_WITHOUT_LOADS = Doubt(
+    "forces are those without the loads that the mapping declares",
+    cause="what the robot holds is no part of its model",
+    cure="describe the load as a part of the tool, and compute the forces again",
+)
 
 
 @dataclass(frozen=True)
@@ -146,11 +152,10 @@ def forces(
             findings.append(
                 ForceFinding(worst, certain.openness(c), ranges.force_range(c) if ranges else None)
             )
-    warnings = [f"{source}: {text}" for text in recording.log.warnings]
+    seen = [*recording.log.warnings, *([_WITHOUT_LOADS] if recording.log.columns.loads else [])]
+    warnings = [f"{source}: {text}" for text in seen]
     warnings += [computed.note] if computed.note else []
     warnings += left_aside(known) if given else ()
-    if recording.log.columns.loads:
-        warnings.append(f"{source}: forces are those without the loads that its mapping declares")
     return Forces(known, computed, recording, tuple(findings), found, tuple(warnings))
 
 
