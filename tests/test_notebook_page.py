@@ -36,7 +36,7 @@ def test_the_page_shows_what_it_stores(old: Any) -> None:
 @pytest.mark.slow
 def test_it_goes_the_whole_way(new: Any) -> None:
     code = "\n".join(cell["source"] for cell in notebook_page.code(new))
-    for step in ("load_robot", "optimise", "verdicts", "cured_columns", "identify", "validate",
+    for step in ("load_robot", "optimise", "check", "cured_columns", "identify", "validate",
                  "report", "save", "inverse_dynamics", "evaluate", "export"):  # fmt: skip
         assert step in code
     outputs = [output for cell in notebook_page.code(new) for output in cell["outputs"]]
