@@ -64,6 +64,11 @@ def values(result, motion) -> dict[str, object]:
         "a periodic motion": motion.run.motion,
         "a plan": deltaid.sensor_plan(NAME, progress=False),
         "offers": shipped_offers(),
+        "forces along a motion": deltaid.forces(NAME, log, progress=False),
+        "a simulation": deltaid.simulate(NAME, motion.run, progress=False),
+        "controllers": deltaid.compare_controllers(
+            result, motion.run, plant=NAME, progress=False
+        ),
         "poses": dynamics.kinematics.poses(Z)[0],
         "terms": dynamics.terms(dynamics.kinematics.inverse(Z), still),
         "regularity": dynamics.kinematics.regularity(Z),
