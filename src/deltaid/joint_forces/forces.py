@@ -115,7 +115,8 @@ def forces(
     Args:
         motion: a planned motion or a recording; it needs no torques.
         logs: recordings that the model was identified from.
-        strut_spacing, socket_force: of the limbs [m, N], if not described.
+        strut_spacing: of the limbs [m], if not described.
+        socket_force: that presses a strut's balls together [N], if not described.
         columns: of the motion, if not the default ones.
         log_columns: the same for the recordings.
         progress: as of `identify`.

@@ -104,7 +104,7 @@ def _shown(shift: Shifts) -> list[int]:
 def _is_shown(shift: Shifts, drive: int) -> bool:
     (value,), ((variance,),) = shift.estimate([drive])
     known = abs(value) < _FARTHEST and variance < _VAGUE**2
-    return known and shift.certainty([drive]) > 0
+    return bool(known and shift.certainty([drive]) > 0)
 
 
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:

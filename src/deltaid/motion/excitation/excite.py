@@ -112,8 +112,10 @@ def excite(
     """The best motion for an identification: at rest at both ends, within all limits.
 
     Args:
-        robot, settings: as of `Exciter`, which makes further motions for the same robot.
-        stop, progress: as of `Exciter.optimise`.
+        robot: as of `Exciter`, which makes further motions for the same robot.
+        settings: what to optimise.
+        stop: as of `Exciter.optimise`.
+        progress: as of `Exciter.optimise`.
         options: single settings by name, such as `duration=5`.
 
     Raises:
