@@ -224,10 +224,7 @@ class _Slopes(ca.Callback):
 
 
 def _until_time_is_up(
-    name: str,
-    solve: Callable[[np.ndarray], np.ndarray],
-    x: np.ndarray,
-    functions: Differences,
+    name: str, solve: Callable[[np.ndarray], np.ndarray], x: np.ndarray, functions: Differences
 ) -> Trace:
     """Solve, and again from the result, until the time is up or nothing moves."""
     try:

@@ -11,11 +11,7 @@ from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.gathering import gather
 from deltaid.motion.fourier import FourierMotion
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    write_recording,
-)
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.inertia import pseudo_inertia

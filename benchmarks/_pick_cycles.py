@@ -63,11 +63,7 @@ class Cycles:
 
 
 def draw_cycles(
-    model: Model,
-    payload: float,
-    rng: np.random.Generator,
-    duration: float,
-    rate: float = 1000.0,
+    model: Model, payload: float, rng: np.random.Generator, duration: float, rate: float = 1000.0
 ) -> Cycles:
     """Cycles as fast as the drives allow with the largest payload, or slower.
 

@@ -14,9 +14,7 @@ PACKAGES = ("deltaid", "numpy", "casadi", "llvmlite", "clarabel", "cvxpy", "pin"
 
 
 def measure(
-    function: Callable[[], object],
-    repeats: int = 7,
-    clock: Callable[[], float] = time.perf_counter,
+    function: Callable[[], object], repeats: int = 7, clock: Callable[[], float] = time.perf_counter
 ) -> float:
     """Median time [s] of `repeats` calls; a call before them, not counted, warms up.
 

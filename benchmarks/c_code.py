@@ -149,10 +149,7 @@ def along_a_motion(subject: Model) -> tuple[np.ndarray, ...]:
 
 
 def in_c(
-    subject: Model,
-    states: tuple[np.ndarray, ...],
-    options: list[str],
-    precision: Precision,
+    subject: Model, states: tuple[np.ndarray, ...], options: list[str], precision: Precision
 ) -> list[tuple[float, float]]:
     """Best mean and slowest state's time [µs] of every function."""
     code, real = c_code(subject, "r", precision), precision.c_type

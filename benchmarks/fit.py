@@ -54,10 +54,7 @@ from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    surrogate_parameters,
-)
+from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

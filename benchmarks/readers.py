@@ -130,10 +130,7 @@ WRITERS: dict[str, tuple[str, Callable[[pl.DataFrame, Path], object]]] = {
         "log.npz",
         lambda f, p: np.savez(p, **{k: np.ascontiguousarray(a.T) for k, a in arrays(f).items()}),
     ),
-    "npy, structured": (
-        "log.npy",
-        lambda f, p: np.save(p, f.to_numpy(structured=True)),
-    ),
+    "npy, structured": ("log.npy", lambda f, p: np.save(p, f.to_numpy(structured=True))),
     "HDF5": ("log.h5", _hdf5),
     "HDF5, gzip": (
         "log.h5",

@@ -130,10 +130,7 @@ def forces() -> float:
     robot = load_robot("irb360-6-1600")
     assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=0.1)
-    computed, p = (
-        ConstraintForces(robot.changed(limbs=limbs)),
-        prior_parameters(robot),
-    )
+    computed, p = (ConstraintForces(robot.changed(limbs=limbs)), prior_parameters(robot))
     motion = random_motion(computed.kinematics, np.random.default_rng(0))
     z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, 100_000))
     _, qd, qdd = computed.kinematics.drive_motion(z, zd, zdd)

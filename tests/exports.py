@@ -162,9 +162,7 @@ class TreeMotion:
 
 
 def tree_motion(
-    subject: Model,
-    names: Sequence[str],
-    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    subject: Model, names: Sequence[str], state: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> TreeMotion:
     """How the closed robot moves the joints of its tree, in the order of `names`.
 

@@ -55,10 +55,7 @@ def kinematics(name: str) -> Kinematics:
 # arm angles. Far off the axis of a wide platform, the elbows' triangle turns over.
 ELSEWHERE = {"z": ((0.03, -0.02, -0.62), (0.18, 0.18, 0.1)), "q": ((0.4, 0.4, 0.4), 0.3)}
 WHERE = {
-    "elbows turned over": {
-        "z": ((-0.253, -0.487, -0.695), 0.005),
-        "q": ((1.6, 1.6, 0.4), 0.01),
-    }
+    "elbows turned over": {"z": ((-0.253, -0.487, -0.695), 0.005), "q": ((1.6, 1.6, 0.4), 0.01)}
 }
 
 

@@ -94,7 +94,6 @@ def estimates(
         information = merge(one.blocks)
         base = base or base_parameters(information, dynamics.layout)
         found.append(estimate_base(base, information, groups=one))
-    assert base is not None
     return base.combination() @ p, found
 
 

@@ -99,8 +99,7 @@ KINDS = {
     "npz, packed": Kind("log.npz", lambda p: np.savez_compressed(p, time=T, q=Q, tau=TAU)),
     "npz by columns": Kind("log.npz", lambda p: np.savez_compressed(p, t=T, q=Q.T, tau=TAU.T)),
     "npz in Fortran's order": Kind(
-        "log.npz",
-        lambda p: np.savez(p, t=T, q=np.asfortranarray(Q), tau=np.asfortranarray(TAU)),
+        "log.npz", lambda p: np.savez(p, t=T, q=np.asfortranarray(Q), tau=np.asfortranarray(TAU))
     ),
     "npz, structured": Kind("log.npz", lambda p: np.savez(p, log=structured()), in_group("log.")),
     "npy": Kind(
@@ -124,8 +123,7 @@ KINDS = {
     "MAT 7.3": Kind("log.mat", matlab_73, in_group("log.")),
     "MAT 5": Kind("log.mat", lambda p: scipy.io.savemat(p, {"t": T, "q": Q, "tau": TAU})),
     "MAT 5 in columns": Kind(
-        "log.mat",
-        lambda p: scipy.io.savemat(p, {"t": T[:, None], "q": Q.T, "tau": TAU.T}),
+        "log.mat", lambda p: scipy.io.savemat(p, {"t": T[:, None], "q": Q.T, "tau": TAU.T})
     ),
     "MAT 7": Kind(
         "log.mat",

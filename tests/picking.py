@@ -70,7 +70,6 @@ def write_picked(folder: Path) -> None:
     """Write `model.yaml` and `production.csv`."""
     found = picked()
     folder.mkdir(exist_ok=True)
-    assert found.model.identified is not None
     found.model.identified.save(folder / "model.yaml")
     found.table.write_csv(folder / "production.csv")
 

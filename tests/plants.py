@@ -72,7 +72,6 @@ def rotors_of(robot: RobotDescription, p: Array) -> Array:
 def oracle_of(robot: RobotDescription, p: Array) -> ComposedOracle:
     """The oracle of a catalogue robot with parameters p; friction is left to `Plant`."""
     platform, limbs = robot.platform, robot.limbs
-    assert limbs is not None
     angles = np.deg2rad(limbs.azimuth_deg)
     tilts = np.deg2rad(np.broadcast_to(limbs.tilt_deg, limbs.count))
     shapes = tuple(

@@ -49,7 +49,6 @@ class Normal:
 def normal(model: IdentifiedModel) -> Normal:
     """By the numbers of the model file alone."""
     robot, record, names = model.robot, model.posterior, model.layout.names
-    assert record is not None
     p_prior, columns = prior_parameters(robot), []
     for b, body in enumerate(model.layout.bodies):
         hidden = [s for s, (i, j) in PLACE.items() if i == j and s not in robot.bodies[body].free]

@@ -60,7 +60,6 @@ def sensor_twin(make: Make, seed: int = 5) -> SensorTwin:
     oracle = (StrutOracle if single else SensorOracle).with_sensors(plain, turns=turns, outer=cut)
     robot = describe(oracle, make)
     if single:
-        assert robot.limbs is not None
         robot = robot.changed(limbs=robot.limbs.changed(strut_spacing=SPACING))
     z, _, qd, qdd = random_states(oracle, rng, 4)
     return SensorTwin(Dynamics(robot), oracle, parameters(oracle), (z, qd, qdd))

@@ -32,7 +32,6 @@ class Studio:
             env=environment,
             text=True,
         )
-        assert self._process.stdout is not None
         said = self._process.stdout.readline()
         found = re.search(r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", said)
         assert found, said + self.errors()

@@ -77,8 +77,6 @@ def test_an_addition_is_fitted_in_the_recording_that_has_it_and_judged_like_the_
     judged = judged_parameters(problem)[-1]
     assert judged.name == "hum.drive2"
     assert judged.determined_by == "data"
-    assert judged.low is not None
-    assert judged.high is not None
     assert judged.low < STRONG < judged.high
     assert judged.high - judged.low < 0.1 * STRONG
     assert len(problem.p) == len(p) == len(problem.values) - 1

@@ -37,11 +37,7 @@ def samples(log: object, mapping: deltaid.ColumnMapping | None = None) -> np.nda
 def test_every_kind_of_source_gives_the_same_model(tmp_path: Path, frame: pl.DataFrame) -> None:
     path = write(tmp_path / "log.csv", frame)
     arrays = Recording.from_arrays(**parts(frame))
-    kinds = {
-        "bare string": str(path),
-        "polars": frame,
-        "arrays": [arrays],
-    }
+    kinds = {"bare string": str(path), "polars": frame, "arrays": [arrays]}
     results = {kind: deltaid.identify(NAME, source).model for kind, source in kinds.items()}
     first = results.pop("bare string")
     for kind, model in results.items():

@@ -136,7 +136,6 @@ def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     verdict = of(check(written(data, tmp_path / "robot.yaml")), "workspace-cut")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
-    assert verdict.number is not None
     assert 0.2 < verdict.number < 0.95
     assert "drive1 -" in verdict.cure  # the range that it would take, beyond −10°
 
@@ -168,7 +167,6 @@ def test_a_usual_motion_is_good(told: dict[str, tuple[Verdict, ...]]) -> None:
 def test_a_slow_motion_is_doubtful(told: dict[str, tuple[Verdict, ...]]) -> None:
     verdict = of(told["slow"], "excitation")
     assert verdict.grade is Grade.DOUBTFUL
-    assert verdict.number is not None
     assert verdict.number > 10
     assert "as fast as the limits allow" in verdict.cure
 

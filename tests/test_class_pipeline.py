@@ -96,7 +96,6 @@ def over_workspace(robot: RobotDescription, power: int = 13) -> np.ndarray:
 def held_points(robot: RobotDescription, z: np.ndarray) -> list[np.ndarray]:
     """Middle of each limb's strut joints on the platform, from the formulas of the literature."""
     limbs, platform = robot.limbs, robot.platform
-    assert limbs is not None
     points = []
     for i, azimuth in enumerate(np.deg2rad(limbs.azimuth_deg)):
         if limbs.platform_points is not None:
@@ -238,7 +237,6 @@ def test_demo(name: str) -> None:
     assert outcome.code == 0, outcome.err
     assert "viscous.platform" in outcome.out
     share = re.search(r"mass matrix within ([\d.]+) % on .*friction within ([\d.]+) %", outcome.out)
-    assert share is not None
     assert max(map(float, share.groups())) < 10
 
 

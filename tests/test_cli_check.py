@@ -117,7 +117,6 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
     mapping = deltaid.load_mapping(tmp_path / "fixed-columns.yaml")
     assert mapping.torque is not None
     assert [column.sign for column in mapping.torque] == [1, -1, 1]
-    assert mapping.position is not None
     assert mapping.position[0].unit == "rad"
     robot = load_robot(tmp_path / "fixed-robot.yaml")
     assert robot.friction["drive1"].coulomb == 6.0

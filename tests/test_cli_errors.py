@@ -61,10 +61,7 @@ BAD = [
     ("identify clavel-delta3 log.csv --verify nan.csv -o sub/new.yaml", "nan.csv, row 350"),
     ("identify clavel-delta3 log.csv --columns missing.yaml", "missing.yaml: no such file"),
     ("identify clavel-delta3 log.csv --columns columns.yaml", "columns.yaml, position: lists 1"),
-    (
-        "identify clavel-delta3 log.csv --columns units.yaml",
-        "units.yaml, time.unit: unit",
-    ),
+    ("identify clavel-delta3 log.csv --columns units.yaml", "units.yaml, time.unit: unit"),
     ("identify clavel-delta3 log.csv --columns robot.yaml", "line 2, name: unknown key"),
     ("identify clavel-delta3 log.csv -o missing/", "missing/: is a folder; give the name of a"),
     ("identify clavel-delta3 log.csv -o sub", "sub: is a folder"),
@@ -176,11 +173,7 @@ DAMAGES = {
     "name": ("name: U.mcx", "name: U.mcy", "parameters: are not those of the robot, in its order"),
     "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),
     "method": ("method: conic", "method: guess", "settings.method: must be 'conic'"),
-    "robot": (
-        "upper_arm: 0.42",
-        "upper_arm: -0.42",
-        "limbs.upper_arm: must be greater",
-    ),
+    "robot": ("upper_arm: 0.42", "upper_arm: -0.42", "limbs.upper_arm: must be greater"),
     "syntax": ("\nrobot:", "\nrobot", "is not valid YAML"),
 }
 

@@ -55,7 +55,6 @@ def test_drives_that_noise_shakes_are_told() -> None:
     (verdict,) = said(13, 30.0)
     assert verdict.key == "closed-loop"
     assert verdict.grade in (Grade.DOUBTFUL, Grade.WRONG)
-    assert verdict.number is not None
     assert verdict.number > 1.0
     assert "encoder" in verdict.seen
 

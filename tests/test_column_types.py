@@ -61,8 +61,7 @@ def test_slices_share_the_first_date(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_durations_and_decimals(tmp_path: Path) -> None:
     frame = FRAME.with_columns(
-        t=pl.Series(TICKS).cast(pl.Duration("us")),
-        q1=pl.col("q1").round(6).cast(pl.Decimal(12, 6)),
+        t=pl.Series(TICKS).cast(pl.Duration("us")), q1=pl.col("q1").round(6).cast(pl.Decimal(12, 6))
     )
     values = samples(frame, tmp_path)
     np.testing.assert_allclose(values[:, 0], TICKS / 1e6, rtol=1e-15)
@@ -94,10 +93,7 @@ WRONG = {
     ),
     "lists of text": ({"q": pl.concat_list(TEXT, TEXT, TEXT), "q1": None}, "no column q1, q2, q3"),
     "categories": ({"q2": TEXT.cast(pl.Categorical)}, "column q2 holds Categorical, not numbers"),
-    "dates without time": (
-        {"t": pl.lit(1).cast(pl.Date)},
-        "column t holds Date, not numbers",
-    ),
+    "dates without time": ({"t": pl.lit(1).cast(pl.Date)}, "column t holds Date, not numbers"),
 }
 
 

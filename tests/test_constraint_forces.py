@@ -32,7 +32,6 @@ SUMS = [Make(kind="par4"), Make(kind="i4", linear=True), Make(telescope=True, st
 
 
 def spaced(robot: RobotDescription, spacing: float | None = SPACING, **more: float):
-    assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=spacing, **more)
     return robot.changed(limbs=limbs)
 

@@ -150,6 +150,4 @@ def test_a_model_tells_both_cutoffs() -> None:
     (recording,), (source,) = found.recordings, found.model.sources
     assert source.cutoff_hz == recording.cutoff
     assert source.motion_cutoff_hz == recording.motion_cutoff
-    assert recording.motion_cutoff is not None
-    assert recording.cutoff is not None
     assert recording.motion_cutoff > 4 * recording.cutoff

@@ -29,10 +29,7 @@ SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
             GOOD.replace("tau3", "tau3,q4,tau4").replace("\n", ",0,0\n"),
             r"\(q4, tau4\), but the robot",
         ),
-        (
-            text(SWAPPED),
-            "qd1 hardly goes with .* q1",
-        ),
+        (text(SWAPPED), "qd1 hardly goes with .* q1"),
     ],
 )
 def test_doubts_are_warned_of(tmp_path, opened, content: str, warning: str) -> None:

@@ -189,7 +189,6 @@ def test_a_recorded_temperature_is_kept(tmp_path: Path) -> None:
     columns = ColumnMapping(temperature=TemperatureColumn(column="oil", unit="K"))
     known = gathered(ROBOT, log, columns=columns, settings=SETTINGS)
     found = known.record.temperature
-    assert found is not None
     assert found.mean == pytest.approx(29.0, abs=0.2)
     assert found.low == pytest.approx(27.0, abs=0.5)
     assert found.high == pytest.approx(31.0, abs=0.5)

@@ -69,7 +69,6 @@ def test_contacts_are_found_with_time_place_and_force(name: str, lag: float) -> 
         assert span.first > one.start + lag - 0.03
         assert span.last < one.end + lag + 0.03
         push = span.push
-        assert push is not None
         assert abs(push.time - one.middle) < 0.015
         place = places(setting, np.array([push.time]))[0, :3]
         np.testing.assert_allclose(push.place, place, atol=2e-3)
@@ -227,7 +226,6 @@ def test_a_table_of_many_events_shows_the_largest_in_their_order() -> None:
         for k in range(500)
     ]  # fmt: skip
     table = event_table([("log.csv", log)], 20)
-    assert table is not None
     assert len(table.rows) == 20
     times = [float(row[1]) for row in table.rows]
     assert times == sorted(times)

@@ -102,7 +102,6 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
     home = spanning_tree(chosen).joint_coordinates(chosen.home)
     for drive in chosen.robot.drives:
         joint = system.find(f"joint[@name='{drive}']")
-        assert joint is not None
         assert [x.get("name") for x in joint.findall("command_interface")] == [
             "position", "velocity", "effort"
         ]  # fmt: skip
@@ -112,12 +111,10 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
         bounds = [float(x.text or "") for x in joint.findall("command_interface[1]/param")]
         assert bounds == pytest.approx(limits.range or [])
         start = joint.find("state_interface[@name='position']/param[@name='initial_value']")
-        assert start is not None
         assert float(start.text or "") == home[drive]
         assert system.find(f"transmission[@name='{drive}_transmission']/plugin") is not None
     slide = root.find("joint[@name='slide']/limit")
     assert slide is not None
-    assert chosen.robot.telescope is not None
     stroke = chosen.robot.telescope.stroke
     assert stroke is not None
     assert (float(slide.get("lower", "")), float(slide.get("upper", ""))) == stroke

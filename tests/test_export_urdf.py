@@ -167,8 +167,6 @@ def test_what_is_drawn_ends_at_joints(name: str) -> None:
             if not visual.get("name", "").startswith(("arm", "limb", link)):
                 continue
             origin, cylinder = visual.find("origin"), visual.find("geometry/cylinder")
-            assert origin is not None
-            assert cylinder is not None
             rpy, xyz = (np.fromstring(origin.get(key, ""), sep=" ") for key in ("rpy", "xyz"))
             half = 0.5 * float(cylinder.get("length", ""))
             axis = pin.rpy.rpyToMatrix(rpy)[:, 2]

@@ -151,7 +151,6 @@ def test_a_command_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> 
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "waiting\n"
     assert len(listing(tmp_path)) == 2
     process.send_signal(number)

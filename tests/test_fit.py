@@ -13,21 +13,13 @@ from deltaid.estimation import conic
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information, active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
-from deltaid.estimation.objective import (
-    Objective,
-    data_term,
-    default_gamma,
-    noise_level,
-)
+from deltaid.estimation.objective import Objective, data_term, default_gamma, noise_level
 from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import INTERIOR, build_reduction
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import (
-    consistency,
-    pseudo_inertia,
-)
+from deltaid.robot.inertia import consistency, pseudo_inertia
 from deltaid.robot.load import load_robot
 
 numbers = st.floats(-1.5, 1.5)

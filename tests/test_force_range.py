@@ -56,7 +56,6 @@ class Job:
 
 def made(folder: Path, noise: SensorNoise | None) -> Job:
     robot = load_robot("irb360-6-1600")
-    assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=0.12)
     exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
     robot = robot.changed(limbs=limbs, **({} if noise else {"tolerances": exact}))

@@ -46,10 +46,7 @@ ADDRESSES = {
         {"column": "q"},
     ),
     "big-endian singles": ({"q": Q.astype(">f4")}, {"column": "q"}),
-    "counts": (
-        {"n": np.round(Q * 1e4).astype(np.int16)},
-        {"column": "n", "unit": "1e-4 rad"},
-    ),
+    "counts": ({"n": np.round(Q * 1e4).astype(np.int16)}, {"column": "n", "unit": "1e-4 rad"}),
     "one a drive": (
         {"n": Q * [2, -1, 4] + [1, 2, 3]},
         {"column": "n", "gear": [2, 1, 4], "sign": [1, -1, 1], "zero": [1, 2, 3]},
@@ -84,24 +81,15 @@ WRONG_ADDRESSES = [
     ({"columns": ["q[0]", "q[1]", "q[-1]"], "unit": "rad"}, "q has no column '-1'"),
     ({"columns": ["q[0]", "q[1]", "q[:,3]"], "unit": "rad"}, "there is no q[:,3]: it is q ("),
     ({"columns": ["q[0]", "q[1]", "q[:,:]"], "unit": "rad"}, "there is no q[:,:]"),
-    (
-        {"columns": ["q[0]", "q[1]", "q[0,:]"], "unit": "rad"},
-        "q[0,:] has 3 samples, but t has",
-    ),
+    ({"columns": ["q[0]", "q[1]", "q[0,:]"], "unit": "rad"}, "q[0,:] has 3 samples, but t has"),
     ({"columns": ["t[1]", "q[1]", "q[2]"], "unit": "rad"}, "there is no t[1]: it is a single"),
     ({"columns": ["q[0]", "q[1]", "k"], "unit": "rad"}, "k is one number, not a column"),
     ({"columns": ["q[0]", "q[1]", "short"], "unit": "rad"}, "short has 9 samples, but t has 1500"),
     ({"columns": ["q[0]", "q[1]", "cube"], "unit": "rad"}, "cube (1500 × 3 × 3) has more than two"),
     ({"columns": ["q[0]", "q[1]", "text"], "unit": "rad"}, "column text holds text, not numbers"),
     ({"columns": ["q[0]", "q[1]", "Tau[2]"], "unit": "rad"}, "did you mean tau?"),
-    (
-        {"columns": ["q[0]", "q[1]"], "unit": "rad"},
-        "position: lists 2 columns, but the",
-    ),
-    (
-        {"column": "q", "unit": "rad", "gear": [1, 2]},
-        "position.gear: lists 2 values, but",
-    ),
+    ({"columns": ["q[0]", "q[1]"], "unit": "rad"}, "position: lists 2 columns, but the"),
+    ({"column": "q", "unit": "rad", "gear": [1, 2]}, "position.gear: lists 2 values, but"),
     ({"column": "q", "unit": "N m"}, "position[0]: unit 'N m' is not a unit of rad"),
     ({"columns": ["q[0]", "q[0]", "q[1]"], "unit": "rad"}, "column q[0] is declared 2 times"),
 ]

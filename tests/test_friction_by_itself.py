@@ -115,7 +115,6 @@ def test_each_drive_gets_its_law_and_the_lag_is_no_part_of_it() -> None:
     np.testing.assert_allclose(lags, 8e-4, atol=1e-4)
     assert model.value("load.drive3") == pytest.approx(0.08, rel=0.1)
     law = model.robot.friction["drive2"].stribeck
-    assert law is not None
     assert law.speed == pytest.approx(0.4, rel=0.15)
 
 
@@ -128,7 +127,6 @@ def test_a_plain_recording_gets_no_term_and_nothing_is_told() -> None:
     model = identify(robot, log.with_columns(pl.Series("oil", oil)), columns=mapping).model
     assert model.robot == robot
     assert not [one for one in model.corrections if one.kind in ("friction", "temperature")]
-    assert model.friction_choice is not None
     assert model.friction_choice.steps == ()
 
 
@@ -149,7 +147,6 @@ def test_described_terms_stay_and_constants_that_are_wrong_are_moved() -> None:
     laws = choose_friction(rows)[0].friction
     assert further(laws) == {"drive1": set(), "drive2": {"stribeck"}, "drive3": {"power"}}
     law = laws["drive2"].stribeck
-    assert law is not None
     assert law.speed == pytest.approx(0.4, rel=0.15)
 
 
@@ -194,7 +191,6 @@ def test_the_curve_is_the_law_of_the_model() -> None:
     law = result.model.robot.friction["drive2"]
     values = {t.kind: result.model.value(f"{t.kind}.drive2")
               for t in friction_terms({"drive2": (law, TURNING)})}  # fmt: skip
-    assert law.stribeck is not None
     settled = Friction(viscous=values["viscous"], coulomb=values["coulomb"],
         stribeck=law.stribeck.changed(coefficient=values["stribeck"]))  # fmt: skip
     one = next(one for one in result.model.friction_curves if one.joint == "drive2")

@@ -113,10 +113,7 @@ def test_plain_friction_stays_plain(tmp_path, noise_seed):
 
 @pytest.mark.slow
 def test_directions_and_load(tmp_path):
-    laws = {
-        "drive1": {"viscous_back": 0.5, "coulomb_back": 2.0},
-        "drive2": {"load": 0.1},
-    }
+    laws = {"drive1": {"viscous_back": 0.5, "coulomb_back": 2.0}, "drive2": {"load": 0.1}}
     values = {
         "viscous.drive1": 0.5,
         "coulomb.drive1": 0.8,

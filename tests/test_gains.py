@@ -107,8 +107,6 @@ def test_gains_are_found_with_a_known_load_in_one_of_two_recordings(
     assert found.recordings[0].repairs.gain == tuple(last.gain.tolist())
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
     for c, one in zip(gain, last.to_corrections(judged_parameters(problem)[-3:]), strict=True):
-        assert one.low is not None
-        assert one.high is not None
         assert one.low < c < one.high
         assert one.high - one.low < 0.03
         assert "known load weighs" in one.text
@@ -132,8 +130,6 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     told = [one for one in model.corrections if one.kind == "gain"]
     assert [one.subject for one in told] == list(dynamics.robot.drives)
     for one, true in zip(told, gain / common, strict=True):
-        assert one.low is not None
-        assert one.high is not None
         assert one.low < true < one.high
         assert "taken to be right" in one.text
     assert not [one for one in model.corrections if one.kind != "gain"]
@@ -150,16 +146,12 @@ def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
     found = gains(loaded.changed(additions=(weight,)), lambda _: None)
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
     for one in found.additions[-1].to_corrections(judged_parameters(problem)[-3:]):
-        assert one.low is not None
-        assert one.high is not None
         assert one.low < 1.04 < one.high
         assert one.high - one.low > 0.15
         assert "hardly shows" in one.text
 
 
-def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(
-    tmp_path: Path,
-) -> None:
+def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(tmp_path: Path) -> None:
     dynamics, _ = moving()
     gain = np.array([1.07, 0.95, 1.02])
     plain = Settings(

@@ -68,7 +68,6 @@ def test_conic_recovers_the_stored_robots(tmp_path, name: str, share: float) -> 
     errors = mass_matrix_error(compiled(result.model.robot), motion.z, truth, result.model.p)
     assert max(errors) < 1e-4
     assert friction_error(result.model, truth) < 1e-4
-    assert result.model.fit.duality_gap is not None
     assert result.model.fit.duality_gap < 1e-6 * result.model.fit.objective
 
 
@@ -88,7 +87,6 @@ def test_log_cholesky_reaches_the_papers_figures(tmp_path, share: float) -> None
     assert off_diagonal < 0.02
     assert friction_error(result.model, truth) < 0.022
     fit = result.model.fit
-    assert fit.lower_bound is not None
     assert fit.objective >= fit.lower_bound
 
 

@@ -151,7 +151,6 @@ def test_poses_found_by_iteration_are_on_the_branch_of_home() -> None:
     assert np.abs(gaps).max() < 1e-11
     assert modes.min() > -1e-8
     assert (side * slope > 0).all()
-    assert mechanism.period is not None
     assert np.abs(poses[:, 3] - home[3]).max() <= 0.5 * mechanism.period
     jax.config.update("jax_enable_x64", False)
     try:

@@ -32,7 +32,6 @@ def test_mujoco_closes_loops_with_positions_and_rates(case: str | Make) -> None:
     z, q, qd, _ = states(chosen, 3)
     found = kinematics.joint_states(q, qd)
     assert found.names[: kinematics.dof] == chosen.robot.drives
-    assert found.velocity is not None
     np.testing.assert_allclose(found.position[:, : kinematics.dof], q, atol=1e-12)
     np.testing.assert_allclose(found.velocity[:, : kinematics.dof], qd, atol=1e-12)
     places = [simulated.joint(name).id for name in found.names]

@@ -147,7 +147,6 @@ def test_a_telescope_is_drawn_along_itself() -> None:
     name = "irb360-6-1600"
     chosen, _, found, z, _ = shown(name)
     bar = chosen.robot.telescope
-    assert bar is not None
     top, bottom = np.array(bar.base_joint), z[:3] + bar.platform_joint
     down = (bottom - top) / np.linalg.norm(bottom - top)
     length = 0.97 * bar.stroke[0]
@@ -211,14 +210,12 @@ def visuals(root: ElementTree.Element, link: str) -> dict[str, ElementTree.Eleme
 def origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """R and r of what stands somewhere."""
     place = element.find("origin")
-    assert place is not None
     rpy, xyz = (np.array(place.get(key, "").split(), dtype=float) for key in ("rpy", "xyz"))
     return Rotation.from_euler("xyz", rpy).as_matrix(), xyz
 
 
 def numbers(element: ElementTree.Element, path: str, key: str) -> list[float]:
     found = element.find(f"geometry/{path}")
-    assert found is not None
     return [float(x) for x in found.get(key, "").split()]
 
 

@@ -157,7 +157,6 @@ def test_table_names_reason_drives_share_and_times() -> None:
     )
     turning = LeftOut(reason="reversal", why="turns", drives=("drive1",), share=0.01)
     table = left_out_table([("a.csv", (clipped, turning))])
-    assert table is not None
     first, second = table.rows
     assert first[:3] == ("saturated torque", "2, 3", "12 %")
     assert first[3] == "0.000–0.250, 1.000–1.250, 2.000–2.250 and 8 more"
@@ -165,7 +164,6 @@ def test_table_names_reason_drives_share_and_times() -> None:
     assert left_out_table([("a.csv", (turning,))]) is None
     assert reversals((clipped, turning)) == ", 1.0 % left out at reversals"
     several = left_out_table([("a.csv", (clipped,)), ("b.csv", (clipped,))])
-    assert several is not None
     assert [row[0] for row in several.rows] == ["a.csv", "b.csv"]
 
 

@@ -31,7 +31,6 @@ def test_a_file_from_options(tmp_path: Path) -> None:
     assert done.code == 0, done
     robot = load_robot(tmp_path / "mine.yaml")
     assert (robot.name, robot.title) == ("mine", 'The "first": one')
-    assert robot.limbs is not None
     lengths = robot.limbs.upper_arm, robot.limbs.strut, robot.limbs.base_radius
     assert lengths == (0.22, 0.5, 0.16)
     assert robot.rotor_inertia["drive3"] == 0.024
@@ -52,8 +51,6 @@ def test_a_file_from_options(tmp_path: Path) -> None:
 def test_a_catalogue_robot_to_start_from(tmp_path: Path) -> None:
     assert run(*new(tmp_path, "--from", "clavel-delta3", "--strut", "1.1")).code == 0
     mine, first = load_robot(tmp_path / "mine.yaml"), load_robot("clavel-delta3")
-    assert mine.limbs is not None
-    assert first.limbs is not None
     assert mine.limbs.strut == 1.1
     assert mine.limbs.upper_arm == first.limbs.upper_arm
     assert mine.drive_limits["drive2"].torque == 150
@@ -166,7 +163,6 @@ def test_in_a_terminal_it_asks(tmp_path: Path) -> None:
     assert "good by `deltaid check`" in shell.until("`deltaid check`")
     assert shell.ended() == 0
     robot = load_robot(tmp_path / "mine.yaml")
-    assert robot.limbs is not None
     assert (robot.limbs.strut, robot.strut_swing_deg) == (0.5, 45)
 
 

@@ -26,7 +26,6 @@ def made() -> Picked:
 def folder(made: Picked, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model and a recording; no test changes these."""
     place = tmp_path_factory.mktemp("line")
-    assert made.model.identified is not None
     made.model.identified.save(place / "model.yaml")
     made.table.write_csv(place / "log.csv")
     return place

@@ -115,7 +115,6 @@ def test_structured_text_lets_signals_wait_too() -> None:
 
 def with_delay(model: Model, delay: tuple[float, ...]) -> Model:
     known = model.identified
-    assert known is not None
     sources = tuple(one.changed(delay=delay) for one in known.sources)
     return load(known.changed(sources=sources))
 

@@ -35,8 +35,7 @@ def graphs(model: Model) -> dict[str, tuple[int, int]]:
         "terms": operations(x, terms),
         "excitation": operations(ca.vertcat(motion.z, motion.zd, motion.zdd), motion.Y.T.nz[:]),
         "forward dynamics": operations(
-            ca.vertcat(e.z, e.qd, tau, table.array.symbols),
-            ca.substitute(exported, e.p, table.p),
+            ca.vertcat(e.z, e.qd, tau, table.array.symbols), ca.substitute(exported, e.p, table.p)
         ),
     }
 

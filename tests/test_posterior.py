@@ -47,7 +47,6 @@ def drawn(model) -> Samples:
 
 def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
     """The same data under a tighter prior, so that rejection finds enough."""
-    assert model.posterior is not None
     return model.changed(posterior=model.posterior.changed(spread=spread))
 
 
@@ -189,7 +188,6 @@ def test_the_record_has_the_deviations_of_the_intervals(found: Judged) -> None:
     half = stats.norm.ppf(0.975) * np.sqrt(np.diag(V))
     np.testing.assert_allclose(half, problem.estimate.interval, rtol=5e-3)
     record = found.model.posterior
-    assert record is not None
     np.testing.assert_allclose(record.root @ record.root.T, V, rtol=1e-3)
     K = problem.base.combination()
     np.testing.assert_allclose(record.combination(found.model.layout.names), K, atol=1e-7)
@@ -199,7 +197,6 @@ def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, monkeypatch
     hasten(monkeypatch)
     tolerance = 0.05
     shared, own = model.sample(1000, seed=1), model.sample(1000, seed=1, limb_tolerance=tolerance)
-    assert own.robot.limbs is not None
     assert not own.robot.limbs.identical
     at = {name: i for i, name in enumerate(own.names)}
     for name in ("U.m", "U.mcx", "U.Iyy", "S.m", "S.Ixx"):

@@ -28,7 +28,6 @@ URL = "https://example.org/deltaid"
 def hook() -> ModuleType:
     """What writes the project's address into a package."""
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
-    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -59,7 +59,6 @@ def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
     readings = recording.repairs.readings
     assert readings is not None
     record = studied_trace(result.problem.dynamics, recording, p)
-    assert record is not None
     columns = Saturation().columns(TracePoint(record, p, highest=readings.largest))
     model, step = record.model(p), 1e-5
     for drive in range(3):

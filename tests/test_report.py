@@ -64,10 +64,7 @@ def test_a_page_is_one_file_that_loads_nothing(result: Identification) -> None:
 def test_names_from_files_stay_text(result: Identification) -> None:
     recording = result.recordings[0]
     verification = validate(result.model, recording.path)
-    pages = (
-        identification_page(result, verification),
-        validation_page(verification),
-    )
+    pages = (identification_page(result, verification), validation_page(verification))
     for page in pages:
         document = Document(render(page))
         assert not [tag for tag, _ in document.tags if tag in ("img", "iframe", "object")]
@@ -121,8 +118,6 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
         _, _, value, half, unit, decided = rows[parameter.name]
         assert unit == parameter.unit
         if parameter.determined_by in ("data", "sum", "limit"):
-            assert parameter.high is not None
-            assert parameter.low is not None
             reach = 0.5 * (parameter.high - parameter.low)
             ends = [float(end) for end in half.split(" … ")]
             if len(ends) == 1:

@@ -137,7 +137,6 @@ def test_time_axes_zoom_together(browser, reports: dict[str, Path]) -> None:
         panel.scroll_into_view_if_needed()
         visit.page.wait_for_timeout(1000)  # until it stands still
         box = panel.bounding_box()
-        assert box is not None
         middle = box["y"] + box["height"] / 2
         visit.page.mouse.move(box["x"] + 0.4 * box["width"], middle)
         visit.page.mouse.down()

@@ -36,11 +36,7 @@ def test_hostile_text_in_every_part_of_a_page() -> None:
         (
             Section(
                 HOSTILE,
-                (
-                    Text(HOSTILE),
-                    Table((HOSTILE,), ((HOSTILE,),), HOSTILE),
-                    Figure(figure, HOSTILE),
-                ),
+                (Text(HOSTILE), Table((HOSTILE,), ((HOSTILE,),), HOSTILE), Figure(figure, HOSTILE)),
             ),
         ),
         (HOSTILE,),

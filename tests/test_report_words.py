@@ -75,11 +75,9 @@ def test_a_motion_beyond_a_limit_is_not_called_good() -> None:
     exciter = Exciter(robot, ExcitationSettings(starts=1, harmonics=2))
     result = exciter.optimise()
     kept = excitation_page(result).verdict
-    assert kept is not None
     assert kept.sentence.startswith("Good: ")
     beyond = replace(result, limits=(*result.limits, LimitUse("speed of drive1", 1.01)))
     said = excitation_page(beyond).verdict
-    assert said is not None
     assert said.grade == "poor"
     assert said.sentence.endswith("and beyond a limit of speed of drive1.")
 
@@ -108,7 +106,6 @@ def test_a_check_begins_with_its_verdict(snapshot: Callable[[str], None]) -> Non
         ((GOOD,), "good"),
     ):
         page = check_page("t", verdicts, (), {})
-        assert page.verdict is not None
         html = render(page)
         assert page.verdict.sentence in Document(html).texts
         assert f'class="verdict {grade}"' in html

@@ -17,13 +17,7 @@ from deltaid.identification.identify import identify
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.reproduce import irb360_files
-from deltaid.reproduce.accuracy import (
-    Accuracy,
-    DriveMotion,
-    accuracy,
-    drive_motion,
-    motion_terms,
-)
+from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy, drive_motion, motion_terms
 from deltaid.reproduce.descent import WAYS, descend
 from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.reproduce.surrogate_files import FILES

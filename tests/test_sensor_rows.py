@@ -12,16 +12,7 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import JointTorque, StrutForce
 from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_rows
 from oracle.sensors import StrutOracle
-from sensor_rows import (
-    CHANNELS,
-    SUMS,
-    assert_same,
-    dense,
-    per_drive,
-    plate,
-    sensor_twin,
-    wrenches,
-)
+from sensor_rows import CHANNELS, SUMS, assert_same, dense, per_drive, plate, sensor_twin, wrenches
 from test_own_mechanism import own_delta
 
 
@@ -186,7 +177,6 @@ def test_motors_of_a_mechanism_of_ones_own_may_turn_about_any_axis(tmp_path: Pat
 )
 def test_struts_that_are_not_determined_are_refused(robot: str, strut: str, message: str) -> None:
     described = load_robot(robot)
-    assert described.limbs is not None
     described = described.changed(limbs=described.limbs.changed(strut_spacing=None))
     with pytest.raises(DescriptionError, match=r"sensors\.gauge\.strut") as told:
         sensor_rows(Dynamics(described), "gauge", StrutForce(kind="strut-force", strut=strut))

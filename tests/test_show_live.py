@@ -86,7 +86,6 @@ def _visit(live, browser) -> None:
     page.wait_for_timeout(500)
     assert canvas.screenshot() != before
     arms = live.server.scene.get_handle_by_name("/robot/U")
-    assert arms is not None
     stood = arms.batched_positions.copy()
 
     live.move(live.robot.home + np.array([3.0, 0.0, 0.0, 0.0]))

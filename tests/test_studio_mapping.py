@@ -66,10 +66,7 @@ def test_degrees_are_told_by_their_size_and_the_reason_says_so() -> None:
 
 
 def test_a_stated_unit_is_taken() -> None:
-    given = [
-        Column("t", unit="ms"),
-        *(Column(f"q{i}", unit="deg", high=1.0) for i in (1, 2, 3)),
-    ]
+    given = [Column("t", unit="ms"), *(Column(f"q{i}", unit="deg", high=1.0) for i in (1, 2, 3))]
     found = proposed_mapping(given, TURNING)
     assert found.data["time"] == {"column": "t", "unit": "ms"}
     assert found.data["position"][2] == {"column": "q3", "unit": "deg"}

@@ -35,12 +35,10 @@ def test_kernels_are_kept_where_a_system_keeps_such_things(
 ) -> None:
     monkeypatch.setattr(sys, "platform", system)
     place = store.folder()
-    assert place is not None
     assert place.is_relative_to(tmp_path / below)
     if system == "win32":
         monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "Local"))
         place = store.folder()
-        assert place is not None
         assert place.is_relative_to(tmp_path / "Local" / "deltaid")
 
 

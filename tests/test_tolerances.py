@@ -157,7 +157,6 @@ def test_a_length_shifts_parameters_as_predicted() -> None:
     robot = load_robot(name).changed(tolerances=tolerances)
     recording, p = recorded(name, longer(robot, "upper_arm", LENGTH, 1), np.zeros(3), 1e-9)
     problem = identify(robot, recording, settings=PLAIN).problem
-    assert problem.geometry is not None
     predicted = problem.geometry.shifts[:, problem.geometry.names.index("upper_arm of limb 1")]
     error = problem.estimate.values - true_values(problem.base, p)
     size = np.linalg.norm(problem.estimate.noise.root @ error)
@@ -169,8 +168,6 @@ def test_a_length_shifts_parameters_as_predicted() -> None:
 
 def width(parameter: Parameter) -> float:
     """Of a 95 % interval."""
-    assert parameter.low is not None
-    assert parameter.high is not None
     return parameter.high - parameter.low
 
 
@@ -207,7 +204,6 @@ def test_shares_say_what_an_interval_comes_from(wrong: Wrong, tmp_path: Path) ->
     result = wrong.honest
     shared = [p for p in result.model.parameters if p.determined_by in ("data", "sum")]
     for one in (*shared, *result.model.base_parameters):
-        assert one.share is not None
         parts = one.share.noise, one.share.prior, one.share.geometry, one.share.unseen
         assert sum(parts) == pytest.approx(1.0)
         assert one.share.prior == 0  # these intervals take no prior on trust
@@ -225,7 +221,6 @@ def test_shares_say_what_an_interval_comes_from(wrong: Wrong, tmp_path: Path) ->
                 width(other) ** 2, rel=0.3
             )
     table = share_table(result.model)
-    assert table is not None
     assert len(table.rows) == len(decided) + len(result.model.base_parameters)
     assert "geometry" in shares_sentence(result.model)
     result.model.save(tmp_path / "model.yaml")

@@ -150,7 +150,6 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
         ("least error of the platform", "0.2 mm"),
         ("pd-feedforward", "250 times nearer"),
     ]
-    assert page.verdict is not None
     assert page.verdict.sentence == (
         "Good: pd-feedforward with the identified model follows best, within 0.2 mm (rms; 0.2 mm "
         "at most)."
@@ -176,5 +175,4 @@ def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> N
     law = gains("pd", right, trajectory, 10.0)
     alone = track(Model(forward.robot, p), law, right, trajectory, drives)
     pd = next(run.tracking for run in runs if run.controller == "pd")
-    assert pd is not None
     np.testing.assert_allclose(pd.error.platform_rms, alone.error.platform_rms, rtol=1e-9)

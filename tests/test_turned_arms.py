@@ -27,8 +27,7 @@ def turned(angle_deg: tuple[float, float] | None) -> RobotDescription:
 
 
 @pytest.mark.parametrize(
-    ("angle_deg", "middle"),
-    [((150.0, 230.0), 190.0), ((-220.0, -140.0), -180.0), (None, -178.9)],
+    ("angle_deg", "middle"), [((150.0, 230.0), 190.0), ((-220.0, -140.0), -180.0), (None, -178.9)]
 )
 def test_angles_are_continuous_around_half_a_turn(angle_deg, middle) -> None:
     kinematics = compiled(turned(angle_deg)).kinematics
@@ -69,9 +68,7 @@ def test_a_log_is_read_with_any_count_of_turns(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_planned_motion_can_be_simulated_and_read_with_any_count_of_turns(
-    tmp_path: Path,
-) -> None:
+def test_a_planned_motion_can_be_simulated_and_read_with_any_count_of_turns(tmp_path: Path) -> None:
     robot, motion, log = (tmp_path / name for name in ("r.yaml", "motion.csv", "log.csv"))
     robot.write_text(turned((150.0, 230.0)).model_dump_json(exclude_none=True))
     plan = ("excite", robot, "--starts", 1, "--duration", 2, "--harmonics", 2, "-o", motion)

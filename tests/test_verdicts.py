@@ -22,14 +22,7 @@ def careful() -> Case:
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [
-        "torque-sign",
-        "torque-lag",
-        "stribeck",
-        "clock-gaps",
-        "torque-limit",
-    ],
+    "kind", ["torque-sign", "torque-lag", "stribeck", "clock-gaps", "torque-limit"]
 )
 def test_faults_are_said(kind: str) -> None:
     case = fault(careful(), kind, np.random.default_rng(1))

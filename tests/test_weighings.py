@@ -87,7 +87,6 @@ def test_weighed_bodies_are_known_as_well_as_they_were_weighed() -> None:
             assert by_name[name].determined_by == "measured"
             assert by_name[name].std == pytest.approx(std, rel=0.05)
             share = by_name[name].share
-            assert share is not None
             assert share.measured > 0.9
         assert by_name["viscous.drive1"].determined_by == "data"
         held += [

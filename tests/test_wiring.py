@@ -169,7 +169,6 @@ def test_standing_still_is_left_out() -> None:
     still["qd"][-500:] = 0.0
     still["tau"][-500:] += [8.0, -8.0, 4.0]  # friction holds the arms
     again = motion(seen("clavel-delta3", still | {"t": np.arange(3000) / RATE}).rows)
-    assert again is not None
     assert again.awake[: len(again.tau) // 2].all()
     assert not again.awake[-len(again.tau) // 10 :].any()
 
@@ -179,7 +178,6 @@ def test_torques_pass_the_filter_that_samples_pass() -> None:
     rows = seen("linear-delta", recorded("linear-delta")).rows
     sine = rows.q[:, :1] + 0.0 * rows.q
     looked_at = motion(replace(rows, q=sine, tau=sine))
-    assert looked_at is not None
     again = looked_at.filtered(looked_at.q.T).T
     assert len(again) == len(looked_at.tau)
     np.testing.assert_allclose(again, looked_at.tau, atol=2e-4 * np.ptp(sine))

@@ -65,8 +65,7 @@ def saturation(made: Made, rng: np.random.Generator, size: float) -> Made:
     del rng
     limit = 1 / np.tanh(1 / size)  # s over the largest true torque
     return made.on(
-        f"torques saturate at {size:.0%}",
-        believed=lambda true: limit * np.arctanh(true / limit),
+        f"torques saturate at {size:.0%}", believed=lambda true: limit * np.arctanh(true / limit)
     )
 
 

@@ -32,7 +32,6 @@ def columns(case: Case) -> list[ColumnMapping] | None:
     if "known" not in case.tells:
         return None
     load = case.happenings[1].load
-    assert load is not None
     moment = load.mass * load.gyration**2
     known = Load(
         always=True,
