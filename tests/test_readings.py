@@ -61,6 +61,8 @@ def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
     record = studied_trace(result.problem.dynamics, recording, p)
     columns = Saturation().columns(TracePoint(record, p, highest=readings.largest))
     model, step = record.model(p), 1e-5
+    within = np.abs(readings.recorded(model.T).T) < np.array(readings.largest)[:, None]
+    assert within.mean() > 0.99
     for drive in range(3):
         for k in range(2):
             pairs = np.array(readings.falling)
@@ -70,7 +72,8 @@ def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
             share = readings._share(readings.recorded(model.T))[1].T
             expected = np.zeros_like(model)
             expected[drive] = (more * share)[drive] / step
-            assert columns[:, :, 2 * drive + k] == pytest.approx(expected, rel=1e-3, abs=1e-4)
+            column = columns[:, :, 2 * drive + k]
+            assert column[within] == pytest.approx(expected[within], rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("row", ["saturation", "falling-gain"])
