@@ -1,6 +1,7 @@
 """Recordings that come near a singular pose, pass through one, or jump to another branch."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,9 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.regularity import Regularity
 from deltaid.motion.surrogate import write_recording
 from deltaid.recording.opening import open_log
-from deltaid.recording.reach import BranchCheck
+from deltaid.recording.reach import BranchCheck, Stretch
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
@@ -79,43 +79,43 @@ def test_a_passage_is_seen_wherever_the_samples_are_cut(par4):
         check, seen, done = BranchCheck(par4), [], 0
         for part in (slice(0, cut), slice(cut, None)):
             regular = par4.regularity(solved[part])
-            left = check.add(time[part], z[part], solved[part], regular)
+            left = check.add(Stretch(time[part], z[part], solved[part], regular))
             seen += [] if left is None else [left[0] + done]
             done = cut
         assert len(seen) == 1
         assert abs(seen[0] - at) <= 1
 
 
-def state(kinematics: Kinematics, n: int = 40) -> tuple[np.ndarray, ...]:
-    """A smooth way: times, drives, poses, and how regular they are."""
+def state(kinematics: Kinematics, n: int = 40) -> Stretch:
+    """A smooth way."""
     time = np.linspace(0, 1, n)
     z = np.repeat(kinematics.home[None], n, axis=0)
     z[:, 0] += 0.02 * time
-    return time, kinematics.inverse(z), z, kinematics.regularity(z)
+    return Stretch(time, kinematics.inverse(z), z, kinematics.regularity(z))
 
 
 def test_a_way_on_one_branch_passes_whole_or_in_pieces(par4):
-    time, q, z, regular = state(par4)
-    check = BranchCheck(par4)
+    way, check = state(par4), BranchCheck(par4)
     for part in (slice(0, 13), slice(13, 14), slice(14, None)):
-        pieces = Regularity(*(getattr(regular, f)[part] for f in Regularity.__match_args__))
-        assert check.add(time[part], q[part], z[part], pieces) is None
+        assert check.add(way.part(part)) is None
 
 
 def test_a_determinant_that_changes_its_sign_is_a_passage(par4):
-    time, q, z, regular = state(par4)
+    way = state(par4)
+    time, regular = way.time, way.regular
     determinant = np.where(time > 0.5, -regular.determinant, regular.determinant)
-    flipped = Regularity(regular.condition, determinant, regular.gain, regular.hold)
-    at, what = BranchCheck(par4).add(time, q, z, flipped)
+    at, what = BranchCheck(par4).add(
+        replace(way, regular=replace(regular, determinant=determinant))
+    )
     assert at == np.flatnonzero(time > 0.5)[0]
     assert f"between {time[at - 1]:.6g} s and {time[at]:.6g} s" in what
 
 
 def test_a_platform_that_moves_while_the_drives_rest_has_jumped(par4):
-    time, q, z, regular = state(par4)
-    z = z.copy()
+    way = state(par4)
+    z = way.z.copy()
     z[25:, 1] += 0.1
-    at, what = BranchCheck(par4).add(time, q, z, regular)
+    at, what = BranchCheck(par4).add(replace(way, z=z))
     assert at == 25
     assert "jumps by 0.1" in what
-    assert f"{time[25]:.6g} s" in what
+    assert f"{way.time[25]:.6g} s" in what

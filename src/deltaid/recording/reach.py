@@ -3,7 +3,7 @@
 On one branch of the forward kinematics no singularity is crossed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -34,21 +34,44 @@ _KEEP_AWAY = (
 
 
 @dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive samples: times, drives, poses, and how regular these are."""
+
+    time: Float[np.ndarray, " rows"]
+    q: Float[np.ndarray, "rows dof"]
+    z: Float[np.ndarray, "rows dof"]
+    regular: Regularity
+
+    def part(self, which: slice) -> "Stretch":
+        """Some of the samples."""
+        regular = self.regular.part(which)
+        return Stretch(self.time[which], self.q[which], self.z[which], regular)
+
+    def after(self, before: "Stretch") -> "Stretch":
+        """These samples behind others."""
+        pairs = ([getattr(s.regular, f.name) for s in (before, self)] for f in fields(Regularity))
+        return Stretch(
+            np.concatenate([before.time, self.time]),
+            np.concatenate([before.q, self.q]),
+            np.concatenate([before.z, self.z]),
+            Regularity(*map(np.concatenate, pairs)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """A batch with what can be computed from it apart from the rows before it.
 
     Attributes:
         batch: consecutive rows.
-        z: their poses.
+        stretch: their poses.
         good: which of these there are.
-        regular: how regular they are.
         power: spectra of the positions.
     """
 
     batch: Batch
-    z: Float[np.ndarray, "rows dof"]
+    stretch: Stretch
     good: Bool[np.ndarray, " rows"]
-    regular: Regularity
     power: Power
 
 
@@ -72,15 +95,15 @@ class ReachCheck:
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        time, q = seen.batch.values[:, 0], seen.batch.values[:, 1 : 1 + self.kinematics.dof]
-        z, regular, row = seen.z, seen.regular, seen.batch.row
+        stretch, row = seen.stretch, seen.batch.row
+        time, q, worst = stretch.time, stretch.q, stretch.regular.worst
         bad = np.flatnonzero(~seen.good)
         if bad.size:
-            self._require_way(time, q, z, int(bad[0]), row, apart)
-        points = self.kinematics.robot.task.point(z)
+            self._require_way(stretch, int(bad[0]), row, apart)
+        points = self.kinematics.robot.task.point(stretch.z)
         self.nearest = np.minimum(self.nearest, points.min(axis=0))
         self.farthest = np.maximum(self.farthest, points.max(axis=0))
-        singular = np.flatnonzero(~(regular.worst < SINGULAR_CONDITION))
+        singular = np.flatnonzero(~(worst < SINGULAR_CONDITION))
         if singular.size:
             raise RecordingError(
                 f"the robot is in a singular pose at {self._angles(q[singular[0]])}",
@@ -88,11 +111,11 @@ class ReachCheck:
                 cure="an arm and its struts are in line there, or the struts in one plane; check "
                 "zero and sign of the drives, and the robot's lengths",
             )
-        strained = np.flatnonzero(regular.worst > self.kinematics.robot.largest_condition)
+        strained = np.flatnonzero(worst > self.kinematics.robot.largest_condition)
         if strained.size and not self.strained:
             self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
         self.strained += strained.size
-        self._check_branch(time, q, z, regular, row, apart)
+        self._check_branch(stretch, row, apart)
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(points))
         if outside.size and not self.outside:
             i = int(outside[0])
@@ -125,53 +148,38 @@ class ReachCheck:
             )
         return doubts
 
-    def _check_branch(
-        self,
-        time: Float[np.ndarray, " rows"],
-        q: Float[np.ndarray, "rows dof"],
-        z: Float[np.ndarray, "rows dof"],
-        regular: Regularity,
-        row: int,
-        apart: Int[np.ndarray, " runs"],
-    ) -> None:
-        for start, stop in pairwise([0, *apart[apart > 0].tolist(), len(time)]):
+    def _check_branch(self, stretch: Stretch, row: int, apart: Int[np.ndarray, " runs"]) -> None:
+        count = len(stretch.time)
+        for start, stop in pairwise([0, *apart[apart > 0].tolist(), count]):
             if start in apart:
                 self.branch = BranchCheck(self.kinematics)
-                if stop - start < _SHOWN and stop < len(time):
+                if stop - start < _SHOWN and stop < count:
                     continue
-            run = slice(start, stop)
-            left = self.branch.add(time[run], q[run], z[run], regular.part(run))
+            left = self.branch.add(stretch.part(slice(start, stop)))
             if left is not None:
                 at, what = left
-                place = f", at {self._angles(q[start + at])}" if at >= 0 else ""
+                place = f", at {self._angles(stretch.q[start + at])}" if at >= 0 else ""
                 where = self.table.row_place(row + start + at)
                 raise RecordingError(f"{what}{place}", where=where, cure=_KEEP_AWAY)
 
     def _require_way(
-        self,
-        time: Float[np.ndarray, " rows"],
-        q: Float[np.ndarray, "rows dof"],
-        z: Float[np.ndarray, "rows dof"],
-        bad: int,
-        row: int,
-        apart: Int[np.ndarray, " runs"],
+        self, stretch: Stretch, bad: int, row: int, apart: Int[np.ndarray, " runs"]
     ) -> None:
         """Refuse the first sample without a pose, or a passage before it that explains it."""
         if bad:
-            way = time[:bad], q[:bad], z[:bad]
-            regular = self.kinematics.regularity(way[2])
-            self._check_branch(*way, regular, row, apart[apart < bad])
+            self._check_branch(stretch.part(slice(bad)), row, apart[apart < bad])
+        q, time = stretch.q, stretch.time[bad]
         before = self.branch.last_condition
         reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
         if before > self.kinematics.robot.largest_condition:
             raise RecordingError(
-                f"the robot comes to a singular pose at {time[bad]:.6g} s: the condition number "
+                f"the robot comes to a singular pose at {time:.6g} s: the condition number "
                 f"is {before:.4g} in the row before, and here {reason}",
                 where=self.table.row_place(row + bad),
                 cure=_KEEP_AWAY,
             )
         raise RecordingError(
-            f"{reason}, {time[bad]:.6g} s",
+            f"{reason}, {time:.6g} s",
             where=self.table.row_place(row + bad),
             cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
             "outwards, positive = down) and the robot's lengths",
@@ -184,48 +192,14 @@ class ReachCheck:
         return f"({names}) = ({', '.join(f'{value:.4g}' for value in q)}) {unit}"
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """Consecutive samples: times, drives, poses, and how regular these are."""
-
-    time: Float[np.ndarray, " rows"]
-    q: Float[np.ndarray, "rows dof"]
-    z: Float[np.ndarray, "rows dof"]
-    regular: Regularity
-
-    def after(self, other: "_Stretch") -> "_Stretch":
-        """The samples of both, the other's first."""
-        return _Stretch(
-            np.concatenate([other.time, self.time]),
-            np.concatenate([other.q, self.q]),
-            np.concatenate([other.z, self.z]),
-            Regularity(*map(np.concatenate, zip(other.fields, self.fields, strict=True))),
-        )
-
-    def last(self, count: int) -> "_Stretch":
-        regular = Regularity(*(values[-count:] for values in self.fields))
-        return _Stretch(self.time[-count:], self.q[-count:], self.z[-count:], regular)
-
-    @property
-    def fields(self) -> tuple[Float[np.ndarray, " rows"], ...]:
-        r = self.regular
-        return r.condition, r.determinant, r.gain, r.hold
-
-
 @dataclass
 class BranchCheck:
     """Running check of consecutive samples."""
 
     kinematics: Kinematics
-    carried: _Stretch | None = None
+    carried: Stretch | None = None
 
-    def add(
-        self,
-        time: Float[np.ndarray, " rows"],
-        q: Float[np.ndarray, "rows dof"],
-        z: Float[np.ndarray, "rows dof"],
-        regular: Regularity,
-    ) -> tuple[int, str] | None:
+    def add(self, stretch: Stretch) -> tuple[int, str] | None:
         """The first sample that is not on the branch of the one before it, and what is wrong.
 
         With T = J⁻¹ a step Δq moves the platform by about T Δq. A determinant of J that changes its
@@ -233,14 +207,14 @@ class BranchCheck:
         turned back where the robot went on (`passages`), or may have where J is next to singular.
         The sample is counted from the first one of this call; it is negative if it lies before.
         """
-        now = _Stretch(time, q, z, regular)
-        carried = 0 if self.carried is None else len(self.carried.time)
+        carried = 0
         if self.carried is not None:
-            now = now.after(self.carried)
-        self.carried = now.last(_CARRIED)
+            carried = len(self.carried.time)
+            stretch = stretch.after(self.carried)
+        self.carried = stretch.part(slice(-_CARRIED, None))
         mechanism = self.kinematics.mechanism
         lost = _LOST if mechanism.forward is None else np.inf
-        found = _first(now, np.array(mechanism.lengths), lost)
+        found = _first(stretch, np.array(mechanism.lengths), lost)
         return None if found is None else (found[0] - carried, found[1])
 
     @property
@@ -249,7 +223,7 @@ class BranchCheck:
         return 0.0 if self.carried is None else float(self.carried.regular.worst[-1])
 
 
-def _first(s: _Stretch, lengths: Float[np.ndarray, " dof"], lost: float) -> tuple[int, str] | None:
+def _first(s: Stretch, lengths: Float[np.ndarray, " dof"], lost: float) -> tuple[int, str] | None:
     sign = np.sign(s.regular.determinant)
     flipped = np.diff(sign, prepend=sign[0]) != 0
     flipped[passages(s.regular) + 1] = True

@@ -1,7 +1,6 @@
 """The first pass over a log: every row is checked before anything is computed from it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,7 +9,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
-from deltaid.recording.reach import ReachCheck, Seen
+from deltaid.recording.reach import ReachCheck, Seen, Stretch
 from deltaid.recording.source import BATCH_ROWS, Table
 from deltaid.recording.spectrum import SpectrumEstimate, power_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
@@ -25,38 +24,23 @@ _LARGEST_ARM_ANGLE = np.pi
 _JUMP = 0.75 * 2 * np.pi
 
 
-@dataclass
 class Survey:
     """Running state of the first pass. Add all batches in order, then `finish`."""
 
-    table: Table
-    columns: Columns
-    kinematics: Kinematics
-    last_q: np.ndarray | None = None
-    low: np.ndarray = field(default_factory=lambda: np.array(np.inf))
-    high: np.ndarray = field(default_factory=lambda: np.array(-np.inf))
-    warnings: list[Doubt] = field(default_factory=list)
-    spectrum: SpectrumEstimate = field(init=False)
-    derivatives: DerivativeCheck = field(init=False)
-    reach: ReachCheck = field(init=False)
-    bounds: Bounds = field(init=False)
-    clock: ClockCheck = field(init=False)
-    search: MaskSearch | None = field(init=False)
-    loads: LoadSearch = field(init=False)
-    sensors: SensorCheck = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, table: Table, columns: Columns, kinematics: Kinematics) -> None:
+        self.table, self.columns, self.kinematics = table, columns, kinematics
+        self.last_q: np.ndarray | None = None
+        self.low, self.high = np.array(np.inf), np.array(-np.inf)
+        self.warnings: list[Doubt] = []
         self.begin_again()
-        self.reach = ReachCheck(self.table, self.columns, self.kinematics)
-        self.bounds = Bounds(self.table, self.columns, self.kinematics.robot)
-        self.clock = ClockCheck(self.table, self.columns.time.column)
-        robot = self.kinematics.robot
-        limits = (robot.drive_limits.get(drive) for drive in robot.drives)
+        self.reach = ReachCheck(table, columns, kinematics)
+        self.bounds = Bounds(table, columns, kinematics.robot)
+        self.clock = ClockCheck(table, columns.time.column)
+        limits = map(kinematics.robot.drive_limits.get, kinematics.robot.drives)
         efforts = [(limit and limit.effort) or np.inf for limit in limits]
-        dof = self.kinematics.dof
-        self.search = MaskSearch(dof, efforts) if self.columns.torque else None
-        self.loads = LoadSearch(self.table, self.columns)
-        self.sensors = SensorCheck(self.table, self.columns)
+        self.search = MaskSearch(kinematics.dof, efforts) if columns.torque else None
+        self.loads = LoadSearch(table, columns)
+        self.sensors = SensorCheck(table, columns)
 
     def begin_again(self) -> None:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
@@ -83,9 +67,10 @@ class Survey:
             RecordingError: a number is beyond its bound, so that nothing can be computed from it.
         """
         self.bounds.check(batch.values, batch.row)
-        z, good = self.kinematics.forward_unchecked(batch.values[:, 1 : 1 + self.kinematics.dof])
-        power = power_of(batch.values[:, 1 : 1 + self.kinematics.dof])
-        return Seen(batch, z, good, self.kinematics.regularity(z), power)
+        q = batch.values[:, 1 : 1 + self.kinematics.dof]
+        z, good = self.kinematics.forward_unchecked(q)
+        stretch = Stretch(batch.values[:, 0], q, z, self.kinematics.regularity(z))
+        return Seen(batch, stretch, good, power_of(q))
 
     def add(self, seen: Seen) -> None:
         """Check consecutive rows.
@@ -99,11 +84,10 @@ class Survey:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
         self.loads.add(values, batch.row)
         self.sensors.add(values, batch.row)
-        self.low = np.minimum(self.low, values.min(axis=0))
-        self.high = np.maximum(self.high, values.max(axis=0))
-        q = values[:, 1 : 1 + self.kinematics.dof]
-        self._check_angles(q, batch.row)
-        self._check_jumps(q, batch.row, apart)
+        self.low = np.fmin(self.low, np.fmin.reduce(values))  # of sensors without their NaN
+        self.high = np.fmax(self.high, np.fmax.reduce(values))
+        self._check_angles(seen.stretch.q, batch.row)
+        self._check_jumps(seen.stretch.q, batch.row, apart)
         self.reach.add(seen, apart)
         if self.clock.steady:
             self.spectrum.add(seen.power)
@@ -143,10 +127,10 @@ class Survey:
             differentiated=not (self.columns.velocity and self.columns.acceleration),
         )
         self._check_constant()
-        self.sensors.require()
+        self.sensors.require(self.low, self.high, self.samples)
         self.warnings += self.derivatives.warnings(where)
         self.warnings += self.reach.doubts(self.samples)
-        self.warnings += self.loads.doubts() + self.sensors.doubts()
+        self.warnings += self.loads.doubts() + self.sensors.doubts(self.samples)
         self.warnings += doubts_about_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 
@@ -160,7 +144,7 @@ class Survey:
             raise RecordingError(
                 f"column {name} is {q[i, drive]:.4g} rad, more than half a revolution; it looks "
                 "like degrees, or like the motor side of a gear",
-                where=self._row(row + i),
+                where=self.table.row_place(row + i),
                 cure="declare its unit and gear with --columns MAPPING.yaml "
                 f"(position: - {{column: {name}, unit: deg, gear: 1}})",
             )
@@ -179,7 +163,7 @@ class Survey:
             raise RecordingError(
                 f"column {name} jumps by {np.rad2deg(steps[i, drive]):.4g} degrees from one row to "
                 "the next, which is neither a motion nor a whole turn",
-                where=self._row(row + i),
+                where=self.table.row_place(row + i),
                 cure="was the encoder set anew there? Split the log, or declare the column's unit "
                 "and gear with --columns MAPPING.yaml",
             )
@@ -190,10 +174,8 @@ class Survey:
         self.derivatives.add(values[:, 0], values[:, 1 : known - dof], values[:, 1 + dof : known])
 
     def _check_constant(self) -> None:
-        c = self.columns
-        resting = dict(
-            zip((x.column for x in c.all), (self.low == self.high).tolist(), strict=True)
-        )
+        c, ends = self.columns, zip(self.low.tolist(), self.high.tolist(), strict=True)
+        resting = {x.column: low == high for x, (low, high) in zip(c.all, ends, strict=True)}
         for channel in c.torque:
             if resting[channel.column]:
                 raise self._nothing_recorded(channel.column, "no torque was recorded")
@@ -222,6 +204,3 @@ class Survey:
             where=str(self.table.path),
             cure="check the logger's signal, or map the right column with --columns",
         )
-
-    def _row(self, row: int) -> str:
-        return self.table.row_place(row)

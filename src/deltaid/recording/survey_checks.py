@@ -10,15 +10,14 @@ count little: with Δq the change of position and ∫v dt the integral of veloci
 k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import Table
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.drive_limits import DriveLimits
 
 # How many times a described limit may be exceeded.
 _FACTOR = 100.0
@@ -89,10 +88,11 @@ class DerivativeCheck:
                         key="velocity",
                     )
                 )
-            elif together > _TOGETHER and not _SCALE[0] < scale < _SCALE[1]:
+            elif together > _TOGETHER and not _is_alike(scale):
+                units = [unit for unit, size in _LIKELY.items() if _is_alike(abs(scale) / size)]
                 raise RecordingError(
                     f"column {rate_name} is {scale:.4g} times the rate at which {name} changes"
-                    + _guess(scale),
+                    + next((f", as if it were in {unit}" for unit in units), ""),
                     where=where,
                     cure="declare unit, sign and gear of both columns, and the unit of time, with "
                     "--columns MAPPING.yaml",
@@ -100,11 +100,8 @@ class DerivativeCheck:
         return doubts
 
 
-def _guess(scale: float) -> str:
-    for unit, factor in _LIKELY.items():
-        if _SCALE[0] < abs(scale) / factor < _SCALE[1]:
-            return f", as if it were in {unit}"
-    return ""
+def _is_alike(scale: float) -> bool:
+    return bool(_SCALE[0] < scale < _SCALE[1])
 
 
 class Bounds:
@@ -117,7 +114,10 @@ class Bounds:
         for quantity, channels in enumerate(parts):
             for drive, _ in zip(robot.drives, channels, strict=False):
                 slides = robot.is_linear(drive)
-                stated = _stated(robot, drive)[quantity]
+                own = robot.drive_limits.get(drive, DriveLimits())
+                # Of positions nothing, for they may be wrapped.
+                limits = (None, own.top_speed, own.top_acceleration, own.effort)
+                stated = limits[quantity]
                 highest = (_SLIDING if slides else _TURNING)[quantity]
                 largest.append(min(highest, _FACTOR * stated) if stated else highest)
                 units.append(_UNITS_OF[slides][quantity])
@@ -143,78 +143,56 @@ class Bounds:
         )
 
 
-def _stated(robot: RobotDescription, drive: str) -> tuple[float | None, ...]:
-    """What the description says of a drive: nothing of its position, which may be wrapped."""
-    limits = robot.drive_limits.get(drive)
-    if limits is None:
-        return None, None, None, None
-    return None, limits.top_speed, limits.top_acceleration, limits.effort
-
-
-@dataclass
 class SensorCheck:
     """Running check; `add` all rows, then `require` and ask for `doubts`."""
 
-    table: Table
-    columns: Columns
-    _low: Float[np.ndarray, " channels"] = field(init=False)
-    _high: Float[np.ndarray, " channels"] = field(init=False)
-    _empty: Int[np.ndarray, " channels"] = field(init=False)
-    _first: dict[int, int] = field(default_factory=dict[int, int])
-    _rows: int = 0
-
-    def __post_init__(self) -> None:
-        places = self.columns.sensor_places
-        count = places.stop - places.start
-        self._low, self._high = np.full(count, np.inf), np.full(count, -np.inf)
-        self._empty = np.zeros(count, dtype=np.int64)
+    def __init__(self, table: Table, columns: Columns) -> None:
+        self._table, self._places = table, columns.sensor_places
+        self._named = [(s.name, c.column) for s in columns.sensors for c in s.channels]
+        self._empty = np.zeros(len(self._named), dtype=np.int64)
+        self._first: dict[int, int] = {}
 
     def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
         """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages."""
-        shown = values[:, self.columns.sensor_places]
-        self._rows += len(shown)
-        if not shown.size:
-            return
-        empty = np.isnan(shown)
-        self._low = np.minimum(self._low, np.where(empty, np.inf, shown).min(axis=0))
-        self._high = np.maximum(self._high, np.where(empty, -np.inf, shown).max(axis=0))
+        empty = np.isnan(values[:, self._places])
         for k in np.flatnonzero(empty.any(axis=0)).tolist():
             self._first.setdefault(k, row + int(np.argmax(empty[:, k])))
         self._empty += np.count_nonzero(empty, axis=0)
 
-    def require(self) -> None:
+    def require(
+        self, low: Float[np.ndarray, " channels"], high: Float[np.ndarray, " channels"], rows: int
+    ) -> None:
         """Refuse columns in which nothing was recorded.
+
+        Args:
+            low, high: least and largest number of each column of `Columns.all`.
+            rows: how many there are.
 
         Raises:
             RecordingError: a column holds no number, or one number only.
         """
-        for k, (sensor, column) in enumerate(self._named()):
-            if self._low[k] < self._high[k]:
+        low, high = low[self._places], high[self._places]
+        for k, (sensor, column) in enumerate(self._named):
+            if low[k] < high[k]:
                 continue
             what = "holds no number in any row"
-            if self._empty[k] < self._rows:
-                what = f"is {self._low[k]:.6g} in all rows, so nothing was recorded"
+            if self._empty[k] < rows:
+                what = f"is {low[k]:.6g} in all rows, so nothing was recorded"
             raise RecordingError(
                 f"column {column} of sensor {sensor} {what}",
-                where=str(self.table.path),
+                where=str(self._table.path),
                 cure="check the logger's signal, map the right column, or leave the sensor out of "
                 f"this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
             )
 
-    def doubts(self) -> list[Doubt]:
-        """Rows in which a sensor has no number."""
-        named = self._named()
+    def doubts(self, rows: int) -> list[Doubt]:
+        """What is to be said of sensors without a number in some of so many rows."""
         return [
             Doubt(
-                f"column {named[k][1]} of sensor {named[k][0]} holds no number in "
-                f"{self._empty[k]} of {self._rows} rows, the first "
-                f"{self.table.row_name(row)}",
+                f"column {self._named[k][1]} of sensor {self._named[k][0]} holds no number in "
+                f"{self._empty[k]} of {rows} rows, the first {self._table.row_name(row)}",
                 cause="the sensor is read less often than the drives, or lost its connection",
                 cure="such rows do not count for the sensor; all others do",
             )
             for k, row in sorted(self._first.items())
         ]
-
-    def _named(self) -> list[tuple[str, str]]:
-        """Sensor and column of each channel."""
-        return [(sensor.name, c.column) for sensor in self.columns.sensors for c in sensor.channels]

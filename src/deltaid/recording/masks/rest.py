@@ -40,7 +40,11 @@ class _Rest:
     parts: list["_Rest"] = field(default_factory=list["_Rest"])
 
 
-@dataclass
+def _rest(q: Float[np.ndarray, "rows dof"], row: int) -> _Rest:
+    """Rest of consecutive positions, the first of which are those of `row`."""
+    return _Rest(row, row + len(q) - 1, q.min(axis=0), q.max(axis=0))
+
+
 class RestSearch:
     """Looks for rest in blocks of rows that overlap by `overlap`.
 
@@ -48,26 +52,21 @@ class RestSearch:
 
     Attributes:
         period: time between two rows [s].
-        step: smallest change of each position so far: the step of its encoder, if it has one.
     """
 
-    dof: int
-    period: float
-    step: Float[np.ndarray, " dof"] = field(init=False)
-    _band: Float[np.ndarray, " dof"] = field(init=False)
-    _speed: Float[np.ndarray, " dof"] = field(init=False)
-    _torque: Float[np.ndarray, " dof"] = field(init=False)
-    _reach: Float[np.ndarray, "2 dof"] = field(init=False)
-    _rests: list[_Rest] = field(default_factory=list[_Rest])
-    _off: list[Runs] = field(default_factory=list[Runs])
-    _constant: list[Runs] = field(default_factory=list[Runs])
-    _changes: Float[np.ndarray, "2 dof"] = field(init=False)
+    def __init__(self, dof: int, period: float) -> None:
+        self.period = period
+        self._step, self._band = np.full((2, dof), np.inf)
+        self._speed, self._torque = np.zeros((2, dof))
+        self._low, self._high = np.full(dof, np.inf), np.full(dof, -np.inf)
+        self._rests: list[_Rest] = []
+        self._off, self._constant = list[Runs](), list[Runs]()
+        self._changes = np.zeros((2, dof))
 
-    def __post_init__(self) -> None:
-        self.step, self._band = np.full((2, self.dof), np.inf)
-        self._speed, self._torque = np.zeros((2, self.dof))
-        self._reach = np.array([[np.inf], [-np.inf]]) * np.ones(self.dof)
-        self._changes = np.zeros((2, self.dof))
+    @property
+    def steps(self) -> Float[np.ndarray, " dof"]:
+        """Smallest change of each position so far, the step of its encoder; 0 without any."""
+        return np.where(np.isfinite(self._step), self._step, 0.0)
 
     @property
     def length(self) -> int:
@@ -93,17 +92,17 @@ class RestSearch:
         width = high - low
         change = np.abs(np.diff(q, axis=0))
         smallest = np.where(change > 0, change, np.inf).min(axis=0)
-        self.step = np.minimum(self.step, smallest)
+        self._step = np.minimum(self._step, smallest)
         self._band = np.minimum(self._band, width.min(axis=0))
-        ways = np.abs(q[self.length - 1 :] - q[: len(q) - self.length + 1])
+        ways = np.abs(q[self.overlap :] - q[: len(q) - self.overlap])
         self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))
-        self._reach = np.array([np.minimum(self._reach[0], q.min(axis=0)),
-                                np.maximum(self._reach[1], q.max(axis=0))])  # fmt: skip
+        self._low = np.minimum(self._low, q.min(axis=0))
+        self._high = np.maximum(self._high, q.max(axis=0))
         for first, last in runs_of(np.all(width <= self._widest, axis=1), row).tolist():
-            at = q[first - row : last - row + self.length]
-            rest = _Rest(first, last + self.overlap, at.min(axis=0), at.max(axis=0))
+            stays = q[first - row : last - row + self.length]
+            rest = _rest(stays, first)
             if np.any(rest.high - rest.low > self._widest):
-                rest.parts = self._parts(at, first)
+                rest.parts = self._parts(stays, first)
             self._take(rest)
 
     @property
@@ -125,8 +124,7 @@ class RestSearch:
     @property
     def _widest(self) -> Float[np.ndarray, " dof"]:
         """The band of positions at rest."""
-        steps = np.where(np.isfinite(self.step), self.step, 0.0)
-        return _STEPS * steps + _BANDS * self._band
+        return _STEPS * self.steps + _BANDS * self._band
 
     def _take(self, rest: _Rest) -> None:
         if self._rests and rest.first <= self._rests[-1].last + 1:
@@ -148,19 +146,16 @@ class RestSearch:
                 width = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
                 stays = np.all(width <= self._widest, axis=1)
             count = len(stays) if stays.all() else int(np.argmin(stays))
-            at = q[start : start + count]
-            last = row + start + count - 1
-            parts.append(_Rest(row + start, last, at.min(axis=0), at.max(axis=0)))
+            parts.append(_rest(q[start : start + count], row + start))
             start += count
         return parts
 
     def _slow(self, rest: _Rest) -> bool:
         """Whether it was rest in hindsight."""
         time = (rest.last - rest.first) * self.period
-        steps = np.where(np.isfinite(self.step), self.step, 0.0)
-        moves = self._reach[1] - self._reach[0] > self._widest
+        moves = self._high - self._low > self._widest
         width = rest.high - rest.low
-        slow = width + steps <= _SLOW * self._speed * time
+        slow = width + self.steps <= _SLOW * self._speed * time
         steady = width <= self._widest * max(_WANDER, time)
         return bool(np.all((slow & steady) | ~moves) and moves.any())
 
@@ -170,7 +165,7 @@ class RestSearch:
             return
         self._torque = np.maximum(self._torque, np.abs(torque).max(axis=0))
         low, high = rolling(torque, length)
-        sums = np.cumsum(np.vstack([np.zeros(self.dof), torque]), axis=0)
+        sums = np.cumsum(np.vstack([np.zeros_like(torque[:1]), torque]), axis=0)
         mean = (sums[length:] - sums[:-length]) / length
         near = (np.abs(mean) <= _OFF * self._torque) & (high - low <= _OFF_RANGE * self._torque)
         for found, flags in ((self._off, near), (self._constant, high == low)):

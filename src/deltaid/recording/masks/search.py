@@ -4,10 +4,9 @@ That is also when the loads of a recording are taken up and put down.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.carried import Load
@@ -34,26 +33,20 @@ _ABOUT = 0.012
 Found = tuple[Reason, tuple[int, ...], Runs]
 
 
-@dataclass
 class MaskSearch:
     """Running search; `add` consecutive rows, then ask for `masks`.
 
-    Attributes:
+    Args:
         dof: number of drives.
         limits: torque limits of the drives by the description; infinite where there is none.
     """
 
-    dof: int
-    limits: Sequence[float]
-    _stale: StaleSearch = field(init=False)
-    _ends: list[tuple[Extreme, Extreme]] = field(init=False)
-    _rest: RestSearch | None = None
-    _before: np.ndarray | None = None
-    _row: int = 0
-
-    def __post_init__(self) -> None:
-        self._stale = StaleSearch(self.dof)
-        self._ends = [(Extreme(limit), Extreme(limit)) for limit in self.limits]
+    def __init__(self, dof: int, limits: Sequence[float]) -> None:
+        self._dof, self._row = dof, 0
+        self._stale = StaleSearch(dof)
+        self._ends = [(Extreme(limit), Extreme(limit)) for limit in limits]
+        self._rest: RestSearch | None = None
+        self._before: np.ndarray | None = None
 
     def add(self, values: Float[np.ndarray, "rows channels"], period: float) -> None:
         """Take in rows: time, positions, what else is recorded, torques.
@@ -61,7 +54,7 @@ class MaskSearch:
         Args:
             period: usual time between two rows [s].
         """
-        n = self.dof
+        n = self._dof
         if not period:  # stamps that several rows share
             period = float(np.ptp(values[:, 0])) / max(1, len(values) - 1)
         if not period and self._rest is None:
@@ -71,8 +64,7 @@ class MaskSearch:
         block = values if self._before is None else np.vstack([self._before, values])
         rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row + len(values) - len(block))
         self._before = block[-rest.overlap :]
-        steps = np.where(np.isfinite(rest.step), rest.step, 0.0)
-        new = self._stale.add(values[:, 1:], steps)
+        new = self._stale.add(values[:, 1:], rest.steps)
         for (top, bottom), torque in zip(self._ends, values[:, -n:].T, strict=True):
             top.add(torque, new, self._row)
             bottom.add(-torque, new, self._row)
@@ -84,10 +76,10 @@ class MaskSearch:
 
     def runs(self) -> list[Found]:
         """All that is left out."""
-        rest, everyone = self._rest, tuple(range(self.dof))
+        rest, everyone = self._rest, tuple(range(self._dof))
         if rest is None:
             return []
-        stale = self._stale.runs(np.where(np.isfinite(rest.step), rest.step, 0.0))
+        stale = self._stale.runs(rest.steps)
         short = round(_SHORT / rest.period)
         off, resting = rest.off, without(rest.at_rest, stale)
         resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
@@ -108,16 +100,14 @@ class MaskSearch:
         return [part for part in found if len(part[2])]
 
 
-@dataclass
 class LoadSearch:
     """Running search; `add` consecutive rows, then ask for `masks` and `doubts`."""
 
-    table: Table
-    columns: Columns
-    _changes: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    _last: Bool[np.ndarray, "loads 1"] | None = None
-    _ever: Bool[np.ndarray, "loads 1"] | None = None
-    _rows: int = 0
+    def __init__(self, table: Table, columns: Columns) -> None:
+        self._table, self._columns, self._rows = table, columns, 0
+        self._changes = [np.zeros(0, dtype=np.int64)]
+        self._last = np.zeros((len(columns.loads), 0), dtype=bool)
+        self._ever = np.zeros(len(columns.loads), dtype=bool)
 
     def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
         """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages.
@@ -125,41 +115,35 @@ class LoadSearch:
         Raises:
             RecordingError: a column is neither 0 nor 1, and the mapping names no other numbers.
         """
-        if not self.columns.loads:
-            return
-        extra = values[:, self.columns.extra_places]
-        for load in self.columns.loads:
+        extra = values[:, self._columns.extra_places]
+        for load in self._columns.loads:
             if load.column is not None and load.holding is None:
-                self._require_truth(load, extra[:, self.columns.beside(load.column)], row)
-        held = self.columns.held(values[:, 0], extra)
-        before = held[:, :1] if self._last is None else self._last
-        changed = np.any(np.diff(held, axis=1, prepend=before), axis=0)
-        self._changes.append(self._rows + np.flatnonzero(changed))
+                self._require_truth(load, extra[:, self._columns.beside(load.column)], row)
+        held = np.hstack([self._last, self._columns.held(values[:, 0], extra)])
+        changes = np.flatnonzero(np.any(np.diff(held, axis=1), axis=0))
+        self._changes.append(self._rows + changes + 1 - self._last.shape[1])
         self._last = held[:, -1:]
-        seen = held if self._ever is None else np.hstack([self._ever, held])
-        self._ever = np.logical_or.reduce(seen, axis=1, keepdims=True)
+        self._ever |= held.any(axis=1)
         self._rows += len(values)
 
     def masks(self, clock: Clock) -> tuple[Mask, ...]:
         """Rows about the changes, which count for no drive."""
         about = max(1, round(_ABOUT * clock.rate))
-        changes = np.concatenate([np.zeros(0, dtype=np.int64), *self._changes])
+        changes = np.concatenate(self._changes)
         runs: Runs = joined(np.column_stack([changes - about, changes + about - 1]))
         runs = np.clip(runs, 0, self._rows - 1)
-        drives = tuple(range(len(self.columns.torque)))
+        drives = tuple(range(len(self._columns.torque)))
         return timed([(LOAD_CHANGES, drives, runs)] if drives else [], clock)
 
     def doubts(self) -> list[Doubt]:
         """Spans in which nothing was recorded."""
-        if self._ever is None:
-            return []
         return [
             Doubt(
                 f"load {load.name} is declared for spans in which nothing was recorded",
                 cause="spans count in the time of another recording, or in another unit",
                 cure="give spans in s, by the time of this recording",
             )
-            for load, ever in zip(self.columns.loads, self._ever.ravel(), strict=True)
+            for load, ever in zip(self._columns.loads, self._ever, strict=True)
             if load.spans is not None and not ever
         ]
 
@@ -169,7 +153,7 @@ class LoadSearch:
             raise RecordingError(
                 f"column {load.column} of load {load.name} is {numbers[other[0]]:.10g}, neither 0 "
                 "nor 1",
-                where=self.table.row_place(row + int(other[0])),
+                where=self._table.row_place(row + int(other[0])),
                 cure="list the numbers at which the load is held: "
                 f"load: {{column: {load.column}, when: [{numbers[other[0]]:.10g}]}}",
             )

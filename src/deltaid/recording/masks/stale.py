@@ -5,10 +5,9 @@ Held rows betray themselves by the jump at their end, which is as long as the wa
 """
 
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from deltaid.recording.masks.masks import Mask
 from deltaid.recording.masks.runs import NONE, Runs
@@ -22,17 +21,14 @@ _STEPS, _FARTHER = 3.0, 1.5
 _FEWEST, _BESIDE, _DEGREE, _STIFF = 6, 32, 5, 3
 
 
-@dataclass
 class StaleSearch:
     """Looks for held rows in consecutive batches; `add` them, then read `runs`."""
 
-    dof: int
-    _rows: Int[np.ndarray, " kept"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    _q: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    _last: np.ndarray | None = None
-    _found: list[Runs] = field(default_factory=list[Runs])
-    _count: int = 0
-    _judged: bool = False
+    def __init__(self, dof: int) -> None:
+        self._dof, self._count, self._judged = dof, 0, False
+        self._rows, self._q = np.zeros(0, dtype=np.int64), np.zeros((0, dof))
+        self._last: np.ndarray | float = np.nan
+        self._found = [NONE]
 
     def add(
         self, values: Float[np.ndarray, "rows channels"], step: Float[np.ndarray, " dof"]
@@ -42,12 +38,10 @@ class StaleSearch:
         Args:
             step: of each position's encoder, as far as it is known by now.
         """
-        before = np.full((1, values.shape[1]), np.nan) if self._last is None else self._last
-        new = np.any(np.diff(values, axis=0, prepend=before) != 0, axis=1)
+        new = np.any(np.diff(values, axis=0, prepend=self._last) != 0, axis=1)
         self._last = values[-1:].copy()
         self._rows = np.concatenate([self._rows, self._count + np.flatnonzero(new)])
-        q = values[new, : self.dof]
-        self._q = np.concatenate([self._q, q]) if len(self._q) else q
+        self._q = np.concatenate([self._q, values[new, : self._dof]])
         self._count += len(values)
         self._look(step)
         self._rows, self._q = self._rows[-3:], self._q[-3:]
@@ -59,7 +53,7 @@ class StaleSearch:
             way = np.abs(self._q[-1] - self._q[-2]) / (self._rows[-1] - self._rows[-2])
             if np.any((way >= _STEPS * step) & (way > 0)):
                 self._found.append(np.array([[self._rows[-1] + 1, self._count - 1]]))
-        return np.concatenate([NONE, *self._found])
+        return np.concatenate(self._found)
 
     def _look(self, step: Float[np.ndarray, " dof"]) -> None:
         """Gaps between new rows whose jump is known with the rows about it.
@@ -72,7 +66,7 @@ class StaleSearch:
             return
         ways = np.abs(np.diff(self._q, axis=0))
         pace = ways / gaps[:, None]
-        before = np.concatenate([np.zeros((1, self.dof)), pace[:-2]])
+        before = np.concatenate([np.zeros((1, self._dof)), pace[:-2]])
         beside = np.maximum(before, pace[1:])
         jumps = (ways[:-1] >= _STEPS * step) & (ways[:-1] > _FARTHER * beside)
         held = (gaps[:-1] > 1) & jumps.any(axis=1)
