@@ -103,7 +103,7 @@ class BaseWrenchRows(GraphRows):
     @property
     def moving(self) -> tuple[Parameter, ...]:
         """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
-        found, robot = [], self.dynamics.robot
+        found, robot = list[Parameter](), self.dynamics.robot
         for spin in self._spins:
             inertia, rail = robot.rotor_inertia[spin.drive], robot.is_linear(spin.drive)
             std = inertia / (2 * np.pi) if rail else inertia
@@ -123,30 +123,26 @@ class BaseWrenchRows(GraphRows):
             moment = wide_moment(self.dynamics, np.array(s.position))
         for k, std in enumerate([force] * 3 + [moment] * 3):
             found += self.bias(k, f"{self.channels[k].name.rpartition('.')[2]}_bias", std)
-        for j, axis in enumerate(_AXES):
-            if s.position_tolerance:
-                found.append(self._off(f"position_{axis}", "m", s.position_tolerance, j, _FORCES))
-        for j, axis in enumerate(_AXES):
-            if s.rotation_tolerance:
-                std = s.rotation_tolerance
-                found.append(self._off(f"rotation_{axis}", "rad", std, j, _FORCES + _MOMENTS))
+        found += self._off("position", "m", s.position_tolerance, _FORCES)
+        found += self._off("rotation", "rad", s.rotation_tolerance, _FORCES + _MOMENTS)
         return (*found, *self.gain(s.gain_tolerance))
 
-    def _off(self, symbol: str, unit: str, std: float, j: int, what: tuple[int, ...]) -> Unknown:
-        """An error of the pose along axis j: v × e_j of what was shown, behind it for a position.
+    def _off(self, symbol: str, unit: str, std: float, what: tuple[int, ...]) -> Iterator[Unknown]:
+        """Errors of the pose along each axis j, none for a std of zero: v × e_j of what was shown,
+        behind it for a position.
 
         Args:
             what: the forces, whose lever changes moments, or all channels that are turned.
         """
-        k, l = (j + 1) % 3, (j + 2) % 3  # v × e_j has v_l along k and −v_k along l
-        starts = range(0, len(what), 3)
-        moved = 3 if len(what) == 3 else 0
+        starts, moved = range(0, len(what), 3), 3 if len(what) == 3 else 0
+        for j, axis in enumerate(_AXES if std else ""):
+            k, l = (j + 1) % 3, (j + 2) % 3  # v × e_j has v_l along k and −v_k along l
 
-        def column(shown: Shown) -> np.ndarray:
-            return np.vstack([row for s in starts for row in (shown[s + l], -shown[s + k])])
+            def column(shown: Shown, k: int = k, l: int = l) -> np.ndarray:
+                return np.vstack([row for s in starts for row in (shown[s + l], -shown[s + k])])
 
-        channels = tuple(moved + s + axis for s in starts for axis in (k, l))
-        return Unknown(self.unknown(symbol, unit, std), channels, column)
+            channels = tuple(moved + s + i for s in starts for i in (k, l))
+            yield Unknown(self.unknown(f"{symbol}_{axis}", unit, std), channels, column)
 
     def _rotors(self) -> ca.SX:
         """Moments on the base, in the world, by rotors whose turns are known; over p."""
@@ -163,16 +159,16 @@ class BaseWrenchRows(GraphRows):
 
     @cached_property
     def _spins(self) -> tuple[_Spin, ...]:
-        return tuple(self._unknown_spins())
-
-    def _unknown_spins(self) -> Iterator[_Spin]:
-        robot = self.dynamics.robot
-        for drive in robot.rotor_drives:
-            if robot.mechanism is not None:
-                for axis, e in zip(_AXES, np.eye(3), strict=True):
-                    yield _Spin(drive, f"spin_{axis}_{drive}", e)
-            elif self._turns(drive) is None:
-                yield _Spin(drive, f"spin_{drive}", self._axis(drive))
+        drives = self.dynamics.robot.rotor_drives
+        if self.dynamics.robot.mechanism is not None:
+            each = [
+                (drive, axis, e)
+                for drive in drives
+                for axis, e in zip(_AXES, np.eye(3), strict=True)
+            ]
+            return tuple(_Spin(drive, f"spin_{axis}_{drive}", e) for drive, axis, e in each)
+        free = [drive for drive in drives if self._turns(drive) is None]
+        return tuple(_Spin(drive, f"spin_{drive}", self._axis(drive)) for drive in free)
 
     def _axis(self, drive: str) -> Float[np.ndarray, " 3"]:
         """Axis of a drive of a described robot in the world, of a rail its direction."""

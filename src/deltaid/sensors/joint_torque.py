@@ -13,11 +13,11 @@ import numpy as np
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.sensors import JointTorque
-from deltaid.sensors.rows import OneChannelRows, SensorChannel, wide_force, wide_moment
+from deltaid.sensors.rows import GraphRows, SensorChannel, Unknown, wide_force, wide_moment
 
 
 @dataclass(frozen=True, eq=False)
-class JointTorqueRows(OneChannelRows):
+class JointTorqueRows(GraphRows):
     """One torque sensor.
 
     Raises:
@@ -36,18 +36,18 @@ class JointTorqueRows(OneChannelRows):
             )
 
     @property
-    def channel(self) -> SensorChannel:
+    def channels(self) -> tuple[SensorChannel, ...]:
         unit = self.dynamics.robot.units(self.sensor.drive).force
-        return SensorChannel(self.name, unit, self.sensor.noise)
+        return (SensorChannel(self.name, unit, self.sensor.noise),)
 
     @property
-    def offsets(self) -> tuple[float, float]:
+    def still(self) -> tuple[Unknown, ...]:
         bias = self.sensor.bias
-        if bias is None:
-            slides = self.dynamics.robot.is_linear(self.sensor.drive)
-            wide = wide_force if slides else lambda d: wide_moment(d, np.zeros(3))
-            bias = wide(self.dynamics)
-        return bias, self.sensor.gain_tolerance
+        if bias is None and self.dynamics.robot.is_linear(self.sensor.drive):
+            bias = wide_force(self.dynamics)
+        elif bias is None:
+            bias = wide_moment(self.dynamics, np.zeros(3))
+        return (*self.bias(0, "bias", bias), *self.gain(self.sensor.gain_tolerance))
 
     @property
     def graph(self) -> ca.SX:

@@ -189,30 +189,6 @@ class GraphRows(SensorRows):
         return (Unknown(self.unknown("gain", "", tolerance), every, lambda shown: shown),)
 
 
-@dataclass(frozen=True, eq=False)
-class OneChannelRows(GraphRows):
-    """A sensor that shows one number, with a bias and a gain."""
-
-    @property
-    @abstractmethod
-    def channel(self) -> SensorChannel:
-        """The one number that it shows."""
-
-    @property
-    @abstractmethod
-    def offsets(self) -> tuple[float, float]:
-        """Standard deviations of bias and gain."""
-
-    @property
-    def channels(self) -> tuple[SensorChannel, ...]:
-        return (self.channel,)
-
-    @property
-    def still(self) -> tuple[Unknown, ...]:
-        bias, gain = self.offsets
-        return (*self.bias(0, "bias", bias), *self.gain(gain))
-
-
 # An offset that nobody knows is a priori so many times what the sensor shows at rest.
 _WIDE = 10.0
 # Gravity [m/s²].

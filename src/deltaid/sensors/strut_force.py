@@ -21,11 +21,11 @@ from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import StrutForce
-from deltaid.sensors.rows import OneChannelRows, SensorChannel, wide_force
+from deltaid.sensors.rows import GraphRows, SensorChannel, Unknown, wide_force
 
 
 @dataclass(frozen=True, eq=False)
-class StrutForceRows(OneChannelRows):
+class StrutForceRows(GraphRows):
     """One gauge.
 
     Raises:
@@ -38,17 +38,17 @@ class StrutForceRows(OneChannelRows):
         _ = self._struts
 
     @property
-    def channel(self) -> SensorChannel:
-        return SensorChannel(self.name, "N", self.sensor.noise)
+    def channels(self) -> tuple[SensorChannel, ...]:
+        return (SensorChannel(self.name, "N", self.sensor.noise),)
 
     @property
-    def offsets(self) -> tuple[float, float]:
-        bias = self.sensor.bias
-        return wide_force(self.dynamics) if bias is None else bias, self.sensor.gain_tolerance
+    def still(self) -> tuple[Unknown, ...]:
+        bias = wide_force(self.dynamics) if self.sensor.bias is None else self.sensor.bias
+        return (*self.bias(0, "bias", bias), *self.gain(self.sensor.gain_tolerance))
 
     @property
     def graph(self) -> ca.SX:
-        forces = self._forces
+        forces = _equations(self.dynamics)
         values = {channel.name: channel.value for channel in forces.channels}
         end = "elbow" if self.sensor.at == "elbow" else "platform"
         along = [values[f"{strut}.{end}.x"] for strut in self._struts]
@@ -74,8 +74,8 @@ class StrutForceRows(OneChannelRows):
         a = body.origin.acceleration - SpeedForces(self.dynamics.robot, mechanism).gravity(body)
         taken = wrench(turned.R, ca.vertcat(own, ca.SX(8, 1)), a, turned.alpha, turned.w)
         along = (turned.R.T @ taken.push + taken.swing)[0]
-        struts = self.dynamics.robot.limb_geometry[self._limb].struts
-        count = 1 if self._is_single else struts
+        single = self.sensor.strut[-1] in "ab"
+        count = 1 if single else self.dynamics.robot.limb_geometry[self._limb].struts
         return mechanism.speeds.by_drives()(-count * ca.jacobian(along, own))
 
     @property
@@ -83,16 +83,8 @@ class StrutForceRows(OneChannelRows):
         return int(self.sensor.strut.removeprefix("strut").rstrip("ab")) - 1
 
     @property
-    def _is_single(self) -> bool:
-        return self.sensor.strut[-1] in "ab"
-
-    @property
     def _body(self):
         return self.dynamics.kinematics.mechanism.limbs[self._limb].strut
-
-    @property
-    def _forces(self) -> ForceEquations:
-        return _equations(self.dynamics)
 
     @cached_property
     def _struts(self) -> tuple[str, ...]:
@@ -105,7 +97,7 @@ class StrutForceRows(OneChannelRows):
                 where=where,
                 cure="describe the robot by limbs and platform if it is composed of them",
             )
-        known = self._forces.struts
+        known = _equations(self.dynamics).struts
         if wanted in known:
             return (wanted,)
         both = tuple(f"{wanted}{side}" for side in "ab")

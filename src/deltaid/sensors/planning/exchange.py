@@ -55,7 +55,9 @@ def exchanges(
         proposed += _alike(layout, by_name[a], by_name[b])
     resting = {name: _resting(layout, some, base) for name, some in by_name.items()}
     for a, b in combinations([name for name, moments in resting.items() if moments], 2):
-        proposed += _both_resting(resting[a], resting[b], a, b)
+        # Mass at rest may pass from one body to another wherever the base carries both.
+        words = f"mass at rest in the base {_passes(a, b)}"
+        proposed.append(Exchange(words, resting[a][0][1] - resting[b][0][1]))
     for name, some in resting.items():
         what = f"{body_in_words(name)}'s" if some else ""
         for kind, direction in some:
@@ -106,10 +108,7 @@ def _between(
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a)] += gives[0]
         direction[layout.body(b)] -= counts @ takes / all_b
-        yield Exchange(
-            f"{what} {place} {_passes(first, second)}",
-            direction,
-        )
+        yield Exchange(f"{what} {place} {_passes(first, second)}", direction)
 
 
 def _partner(one: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
@@ -167,33 +166,28 @@ def _resting(
     return result
 
 
-def _both_resting(
-    one: list[tuple[str, np.ndarray]], other: list[tuple[str, np.ndarray]], a: str, b: str
-) -> Iterator[Exchange]:
-    """Mass at rest may pass from one body to another wherever the base carries both."""
-    words = f"mass at rest in the base {_passes(a, b)}"
-    yield Exchange(words, one[0][1] - other[0][1])
+def _of_entries(layout: ParameterLayout, changes: dict[str, float]) -> np.ndarray:
+    """The direction of p that changes some entries, by name."""
+    direction = np.zeros(len(layout.names))
+    for name, value in changes.items():
+        direction[layout.names.index(name)] = value
+    return direction
 
 
 def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
     """A rotor against the inertia that it turns: of all limbs that share an arm, or of the tool."""
-    names = layout.names
-    rotors = {drive: names.index(f"rotor.{drive}") for drive in robot.rotor_drives}
-    by_arm: dict[str, list[int]] = {}
+    by_arm: dict[str, dict[str, float]] = {}
     for i, limb in enumerate(robot.limb_geometry):
         drive, arm = f"drive{i + 1}", robot.limb_bodies(i)[0]
-        if drive in rotors:
+        if drive in robot.rotor_drives:
             entry = f"{arm}.Iyy" if limb.drive == "rotary" else f"{arm}.m"
-            by_arm.setdefault(entry, []).append(rotors[drive])
-    for entry, drives in by_arm.items():
-        direction = np.zeros(len(names))
-        direction[names.index(entry)], direction[drives] = 1.0, -1.0
-        yield Exchange(f"inertia may pass between rotors and {entry}", direction)
-    for drive, at in rotors.items():
-        if "EE.Izz" in names:
-            direction = np.zeros(len(names))
-            direction[names.index("EE.Izz")], direction[at] = 1.0, -1.0
-            yield Exchange(f"inertia may pass between the rotor of {drive} and the tool", direction)
+            by_arm.setdefault(entry, {entry: 1.0})[f"rotor.{drive}"] = -1.0
+    for entry, changes in by_arm.items():
+        words = f"inertia may pass between rotors and {entry}"
+        yield Exchange(words, _of_entries(layout, changes))
+    for drive in robot.rotor_drives if "EE.Izz" in layout.names else ():
+        words = f"inertia may pass between the rotor of {drive} and the tool"
+        yield Exchange(words, _of_entries(layout, {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}))
 
 
 def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
@@ -207,10 +201,7 @@ def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
         return
 
     def changing(entries: dict[str, float], what: str, body: str) -> Exchange:
-        direction = np.zeros(len(layout.parameters))
-        for name, value in entries.items():
-            direction[layout.names.index(name)] = value
-        return Exchange(f"{what} {_passes(body, 'EE')}", direction)
+        return Exchange(f"{what} {_passes(body, 'EE')}", _of_entries(layout, entries))
 
     if isinstance(platform, I4Platform):
         k, angle = platform.ratio, np.deg2rad(platform.direction_deg)

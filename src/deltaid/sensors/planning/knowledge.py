@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
+from deltaid.effects.geometry import opened
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES
 from deltaid.robot.parameter import PRIOR_SPREAD
 
 Rows = Float[np.ndarray, "rows columns"]
@@ -130,7 +130,7 @@ def unknowns(
         prior_spread: relative standard deviation of the prior where the robot's file has no other.
         gain_spread: of the drives' torque constants; zero for drives that are right.
     """
-    reduction = _reduction(robot)
+    reduction = build_reduction(opened(robot), np.arange(len(parameter_layout(robot).names)))
     variables, dof = reduction.variables, len(robot.drives)
     of_body = [variable.kind == "inertia" for variable in variables]
     zero = np.abs(reduction.prior) < _ZERO * reduction.scale
@@ -155,21 +155,6 @@ def unknowns(
         W=W,
         known=tuple(name for name in robot.body_names if not robot.bodies[name].free),
     )
-
-
-def all_free(robot: RobotDescription) -> RobotDescription:
-    """The robot with all ten entries of every body free that is not known."""
-    entries = tuple(PSEUDO_INERTIA_ENTRIES)
-    bodies = {
-        name: body.changed(free=entries) if body.free else body
-        for name, body in robot.bodies.items()
-    }
-    return robot.changed(bodies=bodies)
-
-
-def _reduction(robot: RobotDescription) -> Reduction:
-    robot = all_free(robot)
-    return build_reduction(robot, np.arange(len(parameter_layout(robot).names)))
 
 
 def _spreads(

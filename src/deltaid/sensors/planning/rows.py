@@ -21,6 +21,7 @@ from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.planning.knowledge import compressed, without
+from deltaid.sensors.robot_sensors import shown_by
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
 
@@ -141,11 +142,8 @@ def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
     """What a sensor says of w, whatever its own unknowns are."""
     motion, n, own = scene.motion, len(scene.p), sensor.parameters
     channels, columns = sensor.pattern
-    nothing = np.zeros((len(sensor.channels), len(motion.z)))
-    values = sensor.entries(motion.z, motion.qd, motion.qdd, nothing)
-    of_p, shown = columns < n, nothing.copy()
-    np.add.at(shown, channels[of_p], values[of_p] * scene.p[columns[of_p]][:, None])
-    values = sensor.entries(motion.z, motion.qd, motion.qdd, shown)
+    along = motion.z, motion.qd, motion.qdd
+    values = sensor.entries(*along, shown_by(sensor, scene.p, np.zeros(len(own)), *along))
     dense = np.zeros((len(motion.z), len(sensor.channels), n + len(own)))
     dense[:, channels, columns] = values.T
     noise = np.array([channel.noise for channel in sensor.channels])

@@ -65,14 +65,10 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
 
 def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
     """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
-    rows = [weighing_row(scene, row) for row in weighed]
-    likely, sure = list(rows), list(rows)
-    for sensor in all_sensor_rows(scene.dynamics):
-        said = sensor_rows(scene, sensor)
-        likely.append(said.likely)
-        sure.append(said.sure)
-    nothing = np.zeros((0, scene.width))
-    return np.vstack([nothing, *likely]), np.vstack([nothing, *sure])
+    rows = [np.zeros((0, scene.width)), *(weighing_row(scene, row) for row in weighed)]
+    shown = [sensor_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
+    likely, sure = [part.likely for part in shown], [part.sure for part in shown]
+    return np.vstack([*rows, *likely]), np.vstack([*rows, *sure])
 
 
 def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Iterator[Use]:
@@ -109,7 +105,8 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
 
     None where its standard deviation is a share of a value that is zero.
     """
-    layout, p, first = scene.dynamics.layout, scene.p, p_of(scene, placed[0])
+    layout, p = scene.dynamics.layout, scene.p
+    first = p[layout.body(placed[0].body)]
     axis = _axis(weigh.axis, first)
     about = first[1:4] / first[0] if weigh.about == CENTRE else np.array(weigh.about)
     given = {} if axis is None else {"axis": axis}
@@ -137,11 +134,6 @@ def _nothing(key: str, placed: Sequence[Placed]) -> DescriptionError:
         where=f"offers.{key}.weigh",
         cure="give std as well",
     )
-
-
-def p_of(scene: Scene, placed: Placed) -> np.ndarray:
-    """The ten parameters of a body at the prior."""
-    return scene.p[scene.dynamics.layout.body(placed.body)]
 
 
 def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | None:
@@ -195,10 +187,8 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
         )
     count = len(fitted) / len(offer.sensors)
     said = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
-    likely, sure = (
-        compressed(np.vstack([getattr(rows, which) for rows in said]))
-        for which in ("likely", "sure")
-    )
+    likely = compressed(np.vstack([rows.likely for rows in said]))
+    sure = compressed(np.vstack([rows.sure for rows in said]))
     work = count * offer.hours * offers.hourly
     return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
 
