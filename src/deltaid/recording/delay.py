@@ -148,7 +148,8 @@ class Shift:
         for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
             if grown is None:
-                at = [(whole + by, share) for by, share in _taps(rest, T)]
+                taps = around(rest, _SLOPE if T else _TORQUE, T)
+                at = [(whole + by, share) for by, share in taps]
                 out[:, tau] = sum(share * later(tau, by) for by, share in at)
                 least = np.min([later(weight, by) for by, _ in at], axis=0)
             else:
@@ -214,29 +215,20 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         yield out
 
 
-def around(place: float, half: int) -> list[tuple[int, float]]:
-    """Samples about a place and their shares of the value there, by Lagrange's polynomial.
+def around(place: float, half: int, constant: float = 0.0) -> list[tuple[int, float]]:
+    """Samples about a place and their shares of y + T ẏ there, by Lagrange's polynomial.
 
     Args:
         place: in samples.
         half: how many on either side.
+        constant: T, in samples.
     """
     whole = int(np.floor(place))
     s = place - whole
-    if s == 0.0:
+    if s == 0.0 and not constant:
         return [(whole, 1.0)]
-    points = np.arange(1 - half, half + 1)
-    shares = weights_at(points[None].astype(float), np.array([s]))[0]
-    return list(zip((whole + points).tolist(), shares.tolist(), strict=True))
-
-
-def _taps(place: float, constant: float) -> list[tuple[int, float]]:
-    """Samples and their shares of y + T ẏ at a place, T in samples."""
-    if not constant:
-        return around(place, _TORQUE)
-    whole = int(np.floor(place))
-    points = np.arange((0 if place == whole else 1) - _SLOPE, _SLOPE + 1)
-    shares = _shares(np.array([place - whole]), points, constant)[0]
+    points = np.arange((s > 0.0) - half, half + 1)
+    shares = _shares(np.array([s]), points, constant)[0]
     return list(zip((whole + points).tolist(), shares.tolist(), strict=True))
 
 
@@ -247,18 +239,15 @@ def _read(
     half = _SLOPE if constant else _TORQUE
     whole, points = np.floor(place).astype(int), np.arange(1 - half, half + 1)
     rows = whole[:, None] + points
-    return np.sum(_shares(place - whole, points, constant) * tau[rows], axis=1), np.min(
-        weight[rows], axis=1
-    )
+    shares = _shares(place - whole, points, constant)
+    return np.sum(shares * tau[rows], axis=1), np.min(weight[rows], axis=1)
 
 
 def _shares(s: np.ndarray, points: np.ndarray, constant: float) -> np.ndarray:
     """Shares of y + T ẏ at s of samples at some points, by the polynomial through them."""
-    shares = np.zeros((len(s), len(points)))
-    for k, point in enumerate(points):
+    shares = weights_at(np.tile(points.astype(float), (len(s), 1)), s)
+    for k, point in enumerate(points if constant else ()):
         others = np.delete(points, k)
-        polynomial = np.poly(others) / np.prod(point - others)
-        shares[:, k] = np.polyval(polynomial, s)
-        if constant:
-            shares[:, k] += constant * np.polyval(np.polyder(polynomial), s)
+        slope = np.polyder(np.poly(others) / np.prod(point - others))
+        shares[:, k] += constant * np.polyval(slope, s)
     return shares

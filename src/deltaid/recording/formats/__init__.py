@@ -1,63 +1,55 @@
-"""Kinds of files, one module each: to add one, write its class and put it into `FORMATS`."""
+"""Kinds of files, one module each: to add one, write how it is opened and put it into `FORMATS`."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
-from deltaid.recording.formats.csv import Csv
-from deltaid.recording.formats.hdf5 import Hdf5
-from deltaid.recording.formats.matlab import Matlab
-from deltaid.recording.formats.npy import Npy, Npz
-from deltaid.recording.formats.parquet import Parquet
-from deltaid.recording.formats.rosbag import RosBag
-from deltaid.recording.formats.twincat import TwinCat
+from deltaid.recording.formats.bag_reader import is_bag
+from deltaid.recording.formats.csv import open_csv
+from deltaid.recording.formats.hdf5 import is_hdf5, open_hdf5
+from deltaid.recording.formats.matlab import is_matlab, open_matlab
+from deltaid.recording.formats.npy import is_npz, open_npy, open_npz
+from deltaid.recording.formats.parquet import open_parquet
+from deltaid.recording.formats.rosbag import open_bag
+from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table
 
 
-class Format(Protocol):
-    """A kind of file."""
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
 
-    @property
-    def name(self) -> str:
-        """What a file of this kind is called, such as 'a Parquet file'."""
-        ...
+    Attributes:
+        name: what a file of this kind is called, such as 'a Parquet file'.
+        claims: whether a file is of this kind, by its signature: takes the first 4096 bytes,
+            without compression, empty for a folder; and the file or folder.
+        open: reads what a file holds, but none of its numbers. Raises a RecordingError if it is
+            damaged, or a library that reads it is not installed.
+        suffixes: ends of names that stand for this kind where no signature is known.
+        unpacks: whether it reads files that are compressed as a whole by gzip or zstd.
+    """
 
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """Ends of names that stand for this kind where no signature is known."""
-        ...
-
-    @property
-    def unpacks(self) -> bool:
-        """Whether it reads files that are compressed as a whole by gzip or zstd."""
-        ...
-
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether a file is of this kind, by its signature.
-
-        Args:
-            start: the first 4096 bytes, without compression; empty for a folder.
-            path: the file or folder.
-        """
-        ...
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Read what a file holds, but none of its numbers.
-
-        Raises:
-            RecordingError: it is damaged, or a library that reads it is not installed.
-        """
-        ...
+    name: str
+    claims: Callable[[bytes, Path], bool]
+    open: Callable[[Path, ColumnMapping], Table]
+    suffixes: tuple[str, ...] = ()
+    unpacks: bool = False
 
 
 # In the order in which they are asked; CSV, which has no signature, takes what is left.
-FORMATS: tuple[Format, ...] = (
-    Parquet(),
-    Hdf5(),
-    Matlab(),
-    Npy(),
-    Npz(),
-    RosBag(),
-    TwinCat(),
-    Csv(),
+FORMATS = (
+    Format(
+        "a Parquet file",
+        lambda start, _: start.startswith(b"PAR1"),
+        open_parquet,
+        (".parquet", ".pq"),
+    ),
+    Format("an HDF5 file", is_hdf5, open_hdf5, (".h5", ".hdf5", ".hdf", ".he5", ".nc")),
+    Format("a MATLAB file", is_matlab, open_matlab, (".mat",)),
+    Format("a NumPy file", lambda start, _: start.startswith(b"\x93NUMPY"), open_npy, (".npy",)),
+    Format("a NumPy archive", is_npz, open_npz, (".npz",)),
+    Format("a ROS bag", is_bag, open_bag, (".bag", ".db3", ".mcap"), unpacks=True),
+    Format("an export of TwinCAT Scope", is_scope, open_scope, unpacks=True),
+    Format("CSV", lambda *_: False, open_csv, unpacks=True),
 )

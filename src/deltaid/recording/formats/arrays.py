@@ -42,13 +42,13 @@ class ArrayTable(Table):
         """Rows of some columns, as in `Table.rows`."""
         picks = self.picks(columns)
         samples = picks[0].samples or 0
-        clocks = {pick.field.name: _Clock() for pick in picks if pick.field.is_clock}
+        origins = dict[str, np.datetime64]()
         with self.arrays(picks) as arrays:
             step = self.step(arrays, picks)
             for start in range(0, samples, step):
                 parts = _cut(arrays, picks, start, min(start + step, samples))
                 numbers = [
-                    clocks[pick.field.name].seconds(part) if pick.field.is_clock else part
+                    _seconds(part, pick.field.name, origins) if pick.field.is_clock else part
                     for pick, part in zip(picks, parts, strict=True)
                 ]
                 yield Rows(numbers, numbers)
@@ -116,17 +116,9 @@ def _cut(
         yield block[tuple(at)]
 
 
-class _Clock:
-    """Dates as seconds since the first one, from whole numbers."""
-
-    def __init__(self) -> None:
-        self._origin: np.datetime64 | None = None
-
-    def seconds(self, dates: np.ndarray) -> np.ndarray:
-        """Of consecutive rows; NaN where there is no date."""
-        if self._origin is None:
-            self._origin = dates[0]
-        since = dates - self._origin
-        seconds = since.astype("m8[ns]").astype(np.int64) / 1e9
-        seconds[np.isnat(since)] = np.nan
-        return seconds
+def _seconds(dates: np.ndarray, name: str, origins: dict[str, np.datetime64]) -> np.ndarray:
+    """Dates as seconds since the first one, from whole numbers; NaN where there is no date."""
+    since = dates - origins.setdefault(name, dates[0])
+    seconds = since.astype("m8[ns]").astype(np.int64) / 1e9
+    seconds[np.isnat(since)] = np.nan
+    return seconds

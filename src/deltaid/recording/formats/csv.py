@@ -1,4 +1,7 @@
-"""CSV: where its names stand, what separates them, where the data begins."""
+"""CSV as people have it: comments, preambles, units, decimal commas, compressed.
+
+Where its names stand, what separates them, where the data begins.
+"""
 
 import csv
 import re
@@ -43,76 +46,62 @@ class _NameLine:
     holds_numbers: bool = False
 
 
-@dataclass(frozen=True)
-class Csv:
-    """The format CSV, as people have it: comments, preambles, units, decimal commas, compressed."""
+def open_csv(path: Path, mapping: ColumnMapping) -> Table:
+    """Find out how a CSV file is laid out.
 
-    name = "CSV"
-    suffixes = ()
-    unpacks = True
+    Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines
+    that holds those of time and positions.
 
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Never: text has no signature."""
-        return False
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Find out how a CSV file is laid out.
-
-        Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines
-        that holds those of time and positions.
-
-        Raises:
-            RecordingError: it is not text, or its header is missing.
-        """
-        with content(path) as file:
-            lines = HeadLines(file, path)
-            header, warnings = _header(lines, path, mapping)
-            first_row, units = mapping.data_row, dict[str, str]()
-            if first_row is None:
-                first_row = _after_comments(lines, header.row + (not header.holds_numbers))
-                if not header.holds_numbers and (
-                    units := _units(lines[first_row], header, mapping)
-                ):
-                    warnings.append(
-                        Doubt(
-                            f"row {first_row} is taken for units ({', '.join(units.values())})",
-                            cause="the logger writes them below the names",
-                            cure="check them; units in a mapping go first",
-                        )
+    Raises:
+        RecordingError: it is not text, or its header is missing.
+    """
+    with content(path) as file:
+        lines = HeadLines(file, path)
+        header, warnings = _header(lines, path, mapping)
+        first_row, units = mapping.data_row, dict[str, str]()
+        if first_row is None:
+            first_row = _after_comments(lines, header.row + (not header.holds_numbers))
+            if not header.holds_numbers and (units := _units(lines[first_row], header, mapping)):
+                warnings.append(
+                    Doubt(
+                        f"row {first_row} is taken for units ({', '.join(units.values())})",
+                        cause="the logger writes them below the names",
+                        cure="check them; units in a mapping go first",
                     )
-                    first_row = _after_comments(lines, first_row + 1)
-            before = lines[first_row - 1] if first_row > 1 else b""
-            data_start = lines.size(first_row - 1)
-            above = range(header.row + 1, first_row) if mapping.data_row is None else ()
-            marked = [
-                row
-                for row in above
-                if is_comment(lines[row])
-                and is_marked_row(lines[row], header.separator, len(header.names))
-            ]
-        with content(path) as file:
-            end = find_end(file, data_start, header.separator)
-        if end.tag:
-            warnings.append(
-                Doubt(
-                    f"ends with text after its data ('{end.tag}'), which is ignored",
-                    cause="the logger marks the end of its file",
-                    cure="nothing is to be done; if data follows it, make a file of each part",
                 )
+                first_row = _after_comments(lines, first_row + 1)
+        before = lines[first_row - 1] if first_row > 1 else b""
+        data_start = lines.size(first_row - 1)
+        above = range(header.row + 1, first_row) if mapping.data_row is None else ()
+        marked = [
+            row
+            for row in above
+            if is_comment(lines[row])
+            and is_marked_row(lines[row], header.separator, len(header.names))
+        ]
+    with content(path) as file:
+        end = find_end(file, data_start, header.separator)
+    if end.tag:
+        warnings.append(
+            Doubt(
+                f"ends with text after its data ('{end.tag}'), which is ignored",
+                cause="the logger marks the end of its file",
+                cure="nothing is to be done; if data follows it, make a file of each part",
             )
-        return CsvTable(
-            path,
-            tuple(Field(name) for name in header.names),
-            header.separator,
-            header.row,
-            data_start,
-            end.size,
-            not (end.last_byte or before).endswith(b"\n"),
-            marked,
-            first_row=first_row,
-            units=units,
-            warnings=tuple(warnings),
         )
+    return CsvTable(
+        path,
+        tuple(Field(name) for name in header.names),
+        header.separator,
+        header.row,
+        data_start,
+        end.size,
+        not (end.last_byte or before).endswith(b"\n"),
+        marked,
+        first_row=first_row,
+        units=units,
+        warnings=tuple(warnings),
+    )
 
 
 def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_NameLine, list[Doubt]]:

@@ -1,9 +1,10 @@
 """HDF5 by h5py, in slices; MATLAB files of version 7.3 are such files too."""
 
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -45,23 +46,18 @@ _PLAIN = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Hdf5:
-    """The format of HDF5 files."""
+def is_hdf5(start: bytes, path: Path) -> bool:
+    """Whether the signature of HDF5 stands where one may."""
+    return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
 
-    name = "an HDF5 file"
-    suffixes = (".h5", ".hdf5", ".hdf", ".he5", ".nc")
-    unpacks = False
 
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether the signature of HDF5 stands where one may."""
-        return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Its groups and datasets."""
-        with _opened(path) as file:
-            found = _Contents(file)
-            return Hdf5Table(path, tuple(found.fields), found.places, found.by_matlab)
+def open_hdf5(path: Path, mapping: ColumnMapping) -> Table:
+    """An HDF5 file: its groups and datasets."""
+    with _opened(path) as file:
+        by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
+        found = list(islice(_contents(file, by_matlab), _MOST))
+    places = {field.name: place for field, place in found if place}
+    return Hdf5Table(path, tuple(field for field, _ in found), places, by_matlab)
 
 
 @dataclass(frozen=True)
@@ -171,59 +167,48 @@ def _opened(path: Path) -> Generator[Any, None, None]:
         ) from None
 
 
-class _Contents:
-    """What a file holds: fields, and the places of their numbers."""
+def _contents(
+    group: Any, by_matlab: bool, name: str = "", depth: int = 0
+) -> Iterator[tuple[Field, _Place | None]]:
+    """All that is in a group, by hard links only: others may lead to other files."""
+    for key in group:
+        hidden = by_matlab and not depth and key.startswith("#")
+        linked = type(group.get(key, getlink=True)).__name__ == "HardLink"
+        if linked and not hidden and depth <= _DEEPEST:
+            mark = ("." if by_matlab else "/") if name else ""
+            yield from _held(f"{name}{mark}{key}", group[key], by_matlab, depth)
 
-    def __init__(self, file: Any) -> None:
-        self.fields: list[Field] = []
-        self.places: dict[str, _Place] = {}
-        self.by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
-        self._file = file
-        self._walk("", file, 0)
 
-    def _walk(self, name: str, group: Any, depth: int) -> None:
-        """All that is in a group, by hard links only: others may lead to other files."""
-        for key in group:
-            hidden = self.by_matlab and not depth and key.startswith("#")
-            if hidden or len(self.fields) > _MOST or depth > _DEEPEST:
-                continue
-            if type(group.get(key, getlink=True)).__name__ != "HardLink":
-                continue
-            mark = ("." if self.by_matlab else "/") if name else ""
-            self._add(f"{name}{mark}{key}", group[key], depth)
+def _held(
+    name: str, item: Any, by_matlab: bool, depth: int
+) -> Iterator[tuple[Field, _Place | None]]:
+    """What stands under a name: fields, with the places of those that are numbers."""
+    kind = _matlab_class(item) if by_matlab else ""
+    if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
+        yield matlab_object(name, kind), None
+    elif not hasattr(item, "shape"):
+        if hasattr(item, "keys"):
+            yield from _contents(item, by_matlab, name, depth + 1)
+    elif item.dtype.kind == "O" and by_matlab:
+        yield from _members(name, item, depth)
+    elif item.is_virtual or item.external:
+        yield Field(name, item.shape, holds="numbers kept in other files"), None
+    elif item.shape is not None:
+        for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, item.dtype):
+            entry = _entry(item.dtype, field.name[len(name) + 1 :])
+            yield field, _Place(item.name or item.ref, entry)
 
-    def _add(self, name: str, item: Any, depth: int) -> None:
-        kind = _matlab_class(item) if self.by_matlab else ""
-        if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
-            self.fields.append(matlab_object(name, kind))
-        elif not hasattr(item, "shape"):
-            if hasattr(item, "keys"):
-                self._walk(name, item, depth + 1)
-        elif item.dtype.kind == "O" and self.by_matlab:
-            self._follow(name, item, depth)
-        elif item.is_virtual or item.external:
-            self.fields.append(Field(name, item.shape, holds="numbers kept in other files"))
-        elif item.shape is not None:
-            self._add_dataset(name, item)
 
-    def _add_dataset(self, name: str, item: Any) -> None:
-        shape = item.shape[::-1] if self.by_matlab else item.shape
-        for field in fields_of(name, shape, item.dtype):
-            entry = field.name[len(name) + 1 :]
-            self.fields.append(field)
-            self.places[field.name] = _Place(item.name or item.ref, _entry(item.dtype, entry))
+def _members(name: str, item: Any, depth: int) -> Iterator[tuple[Field, _Place | None]]:
+    """The members of a MATLAB cell or of a field of a struct array, by their numbers.
 
-    def _follow(self, name: str, item: Any, depth: int) -> None:
-        """The members of a MATLAB cell or of a field of a struct array, by their numbers.
-
-        The number stands before the field: `signals[0].values`.
-        """
-        base, mark, last = name.rpartition(".")
-        in_struct = mark and _matlab_class(item) != "cell"
-        for i, reference in enumerate(item[()].T.ravel()[:_MOST]):
-            if depth <= _DEEPEST:
-                numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
-                self._add(numbered, self._file[reference], depth + 1)
+    The number stands before the field: `signals[0].values`.
+    """
+    base, mark, last = name.rpartition(".")
+    in_struct = mark and _matlab_class(item) != "cell"
+    for i, reference in enumerate(item[()].T.ravel()[:_MOST] if depth <= _DEEPEST else ()):
+        numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
+        yield from _held(numbered, item.file[reference], True, depth + 1)
 
 
 def _entry(dtype: np.dtype[Any], name: str) -> tuple[str, ...]:

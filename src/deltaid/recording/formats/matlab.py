@@ -24,31 +24,24 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import Table, opened
 
 
-@dataclass(frozen=True)
-class Matlab:
-    """The format of MATLAB files before 7.3."""
+def is_matlab(start: bytes, path: Path) -> bool:
+    """Whether the header is one of MATLAB."""
+    return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
 
-    name = "a MATLAB file"
-    suffixes = (".mat",)
-    unpacks = False
 
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether its header is one of MATLAB."""
-        return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Its variables, and what structs and cells hold."""
-        fields: list[Field] = []
-        places: dict[str, tuple[MatVariable, Numbers]] = {}
-        with _mapped(path) as data:
-            for variable in variables(data):
-                for name, held in contents(data, variable):
-                    if isinstance(held, Numbers):
-                        fields.append(Field(name, held.shape))
-                        places.setdefault(name, (variable, held))
-                    else:
-                        fields.append(held)
-        return MatlabTable(path, tuple(fields), places)
+def open_matlab(path: Path, mapping: ColumnMapping) -> Table:
+    """A MATLAB file before 7.3: its variables, and what structs and cells hold."""
+    fields: list[Field] = []
+    places: dict[str, tuple[MatVariable, Numbers]] = {}
+    with _mapped(path) as data:
+        for variable in variables(data):
+            for name, held in contents(data, variable):
+                if isinstance(held, Numbers):
+                    fields.append(Field(name, held.shape))
+                    places.setdefault(name, (variable, held))
+                else:
+                    fields.append(held)
+    return MatlabTable(path, tuple(fields), places)
 
 
 @dataclass(frozen=True)

@@ -30,26 +30,14 @@ _DAMAGE = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Npy:
-    """The format of one array."""
-
-    name = "a NumPy file"
-    suffixes = (".npy",)
-    unpacks = False
-
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether it begins with the signature of NumPy."""
-        return start.startswith(b"\x93NUMPY")
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Its header: one array called `array`, or the columns of a structured one."""
-        with _damage(path), opened(path) as file:
-            header = _header(file)
-            size = path.stat().st_size - file.tell()
-            if header.bytes > size and not header.dtype.hasobject:
-                raise ValueError(f"claims {header.bytes} bytes, but has {size}")
-        return NpyTable(path, tuple(header.fields("" if header.dtype.names else _ONLY)))
+def open_npy(path: Path, mapping: ColumnMapping) -> Table:
+    """A file of one array: it is called `array`; of a structured one, its columns."""
+    with _damage(path), opened(path) as file:
+        header = _header(file)
+        size = path.stat().st_size - file.tell()
+        if header.bytes > size and not header.dtype.hasobject:
+            raise ValueError(f"claims {header.bytes} bytes, but has {size}")
+    return NpyTable(path, tuple(header.fields("" if header.dtype.names else _ONLY)))
 
 
 @dataclass(frozen=True)
@@ -65,29 +53,22 @@ class NpyTable(ArrayTable):
         yield {name.removeprefix("."): part for name, part in parts.items()}
 
 
-@dataclass(frozen=True)
-class Npz:
-    """The format of several arrays."""
+def is_npz(start: bytes, path: Path) -> bool:
+    """Whether the first member of an archive is an array."""
+    length = int.from_bytes(start[26:28], "little")
+    return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
 
-    name = "a NumPy archive"
-    suffixes = (".npz",)
-    unpacks = False
 
-    def claims(self, start: bytes, path: Path) -> bool:
-        """By the name of the first member."""
-        length = int.from_bytes(start[26:28], "little")
-        return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """The headers of its arrays."""
-        fields: list[Field] = []
-        with _archive(path) as archive:
-            for member in _arrays_of(archive):
-                with archive.open(member) as file:
-                    header = _header(file)
-                _require_sane(header, member)
-                fields += header.fields(member.filename.removesuffix(_END))
-        return NpzTable(path, tuple(fields))
+def open_npz(path: Path, mapping: ColumnMapping) -> Table:
+    """A file of several arrays, by their headers."""
+    fields: list[Field] = []
+    with _archive(path) as archive:
+        for member in _arrays_of(archive):
+            with archive.open(member) as file:
+                header = _header(file)
+            _require_sane(header, member)
+            fields += header.fields(member.filename.removesuffix(_END))
+    return NpzTable(path, tuple(fields))
 
 
 @dataclass(frozen=True)

@@ -25,22 +25,10 @@ from deltaid.recording.source import Rows, Table, first_line, readable
 _SLICE_ROWS = 1 << 17
 
 
-@dataclass(frozen=True)
-class Parquet:
-    """The format of Parquet files."""
-
-    name = "a Parquet file"
-    suffixes = (".parquet", ".pq")
-    unpacks = False
-
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether it begins with the signature of Parquet."""
-        return start.startswith(b"PAR1")
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Columns and types by its schema."""
-        with _decoding(path):
-            return ParquetTable(path, fields_of(_scan(path)))
+def open_parquet(path: Path, mapping: ColumnMapping) -> Table:
+    """A Parquet file: columns and types by its schema."""
+    with _decoding(path):
+        return ParquetTable(path, fields_of(_scan(path)))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, find, listing
-from deltaid.recording.formats.bag_reader import is_bag, opened_bag, storage
+from deltaid.recording.formats.bag_reader import opened_bag, storage
 from deltaid.recording.formats.joint_topics import (
     Topic,
     damaged,
@@ -27,41 +27,29 @@ from deltaid.recording.time.resampling import Signal, fastest, merge
 _STAMPED, _RECEIVED = "t", "received"
 
 
-@dataclass(frozen=True)
-class RosBag:
-    """The format of ROS bags."""
+def open_bag(path: Path, mapping: ColumnMapping) -> Table:
+    """A bag: the topics of joint states, as their first messages show them.
 
-    name = "a ROS bag"
-    suffixes = (".bag", ".db3", ".mcap")
-    unpacks = True
-
-    def claims(self, start: bytes, path: Path) -> bool:
-        """Whether it is a file or a folder of a bag."""
-        return is_bag(start, path)
-
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """The topics of joint states, as their first messages show them.
-
-        Raises:
-            RecordingError: it is damaged, or holds no joint states.
-        """
-        with opened_bag(path) as bag:
-            topics = topics_of(bag)
-        names = default_columns(topics)
-        taken = [joint for _, (quantity, joint) in names.values() if quantity == "position"]
-        said = Doubt(
-            f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}",
-            cause="their names end in numbers, and no mapping says more",
-            cure="if the order is another, name the joints in a mapping",
-        )
-        arrays = [array for topic in topics for array in topic.fields]
-        return BagTable(
-            path,
-            (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
-            {topic.name: topic for topic in topics},
-            names,
-            warnings=(said,) if taken else (),
-        )
+    Raises:
+        RecordingError: it is damaged, or holds no joint states.
+    """
+    with opened_bag(path) as bag:
+        topics = topics_of(bag)
+    names = default_columns(topics)
+    taken = [joint for _, (quantity, joint) in names.values() if quantity == "position"]
+    said = Doubt(
+        f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}",
+        cause="their names end in numbers, and no mapping says more",
+        cure="if the order is another, name the joints in a mapping",
+    )
+    arrays = [array for topic in topics for array in topic.fields]
+    return BagTable(
+        path,
+        (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
+        {topic.name: topic for topic in topics},
+        names,
+        warnings=(said,) if taken else (),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +218,7 @@ class BagTable(Table):
                 )
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
-        """All topics at the instants of the fastest; as they are where they share their stamps."""
+        """All topics at the instants of the fastest."""
         signals: list[Signal] = []
         for name in wanted:
             mine = [piece for piece in pieces if piece.topic == name]
@@ -242,10 +230,10 @@ class BagTable(Table):
                     cure="give a whole recording",
                 )
             signals.append(Signal(time, np.concatenate([piece.values for piece in mine])))
-        onto = fastest(signals)
-        if not all(np.array_equal(signal.time, signals[onto].time) for signal in signals):
-            names = list(wanted)
-            others = [name for k, name in enumerate(names) if k != onto]
+        onto, names = fastest(signals), list(wanted)
+        same = [np.array_equal(signal.time, signals[onto].time) for signal in signals]
+        if not all(same):
+            others = [name for name, is_same in zip(names, same, strict=True) if not is_same]
             self.noticed.append(
                 Doubt(
                     f"{', '.join(others)} is interpolated to the instants of {names[onto]}, "
@@ -254,7 +242,5 @@ class BagTable(Table):
                     cure="publish positions and torques in one message to keep them in step",
                 )
             )
-            time, values = merge(signals, onto)
-        else:
-            time, values = signals[0].time, [signal.values for signal in signals]
+        time, values = merge(signals, onto)
         return _Piece("", time, np.hstack(values))

@@ -13,7 +13,6 @@ decimal mark are options of the export.
 
 import csv
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
@@ -39,76 +38,69 @@ _MARKS = re.compile(
 _FILE_TIME = 1e16
 
 
-@dataclass(frozen=True)
-class TwinCat:
-    """The format of text exports of TwinCAT Scope."""
+def is_scope(start: bytes, path: Path) -> bool:
+    """Whether a file is an export, by the words at the head of its first lines."""
+    first = _FIRST.match(start)
+    if not first:
+        return False
+    line, separator = start.split(b"\n", 1)[0], first["separator"]
+    return bool(_MARKS.search(start)) or separator + b"Name" + separator in line
 
-    name = "an export of TwinCAT Scope"
-    suffixes = ()
-    unpacks = True
 
-    def claims(self, start: bytes, path: Path) -> bool:
-        """By the words at the head of its first lines."""
-        first = _FIRST.match(start)
-        if not first:
-            return False
-        line, separator = start.split(b"\n", 1)[0], first["separator"]
-        return bool(_MARKS.search(start)) or separator + b"Name" + separator in line
+def open_scope(path: Path, mapping: ColumnMapping) -> Table:
+    """Find out how an export is laid out.
 
-    def open(self, path: Path, mapping: ColumnMapping) -> Table:
-        """Find out how an export is laid out.
-
-        Raises:
-            RecordingError: its rows of names, its times or its data are missing.
-        """
-        with content(path) as file:
-            lines = HeadLines(file, path)
-            first = _FIRST.match(lines[1])
-            separator = first["separator"].decode("latin-1") if first else "\t"
-            rows, first_row = _rows(lines, separator, path)
-            shown = [_cells(lines[first_row + k], separator) for k in range(_SHOWING_LINES)]
-            data_start = lines.size(first_row - 1)
-            ends_on_separator = as_text(lines[first_row]).endswith(separator)
-        widest = max(len(cells) for cells in shown) - ends_on_separator
-        names = next((rows[word] for word in _NAMES if len(rows.get(word, ())) >= widest), [])
-        heads = [k for k, name in enumerate(names) if name == names[0]]
-        blanks = separator == " " and len(names) != widest
-        if not names or len(names) - len(heads) >= widest or blanks:
-            found = max(len(rows.get(word, ())) for word in _NAMES)
-            raise RecordingError(
-                f"has {widest} columns of data, but {found} names, times included",
-                where=f"{path}, row {first_row}",
-                cure="export with a header and with times (Timelines: All, or For each "
-                "sampletime), separated by tabs or semicolons: names may hold blanks, and numbers "
-                "commas",
-            )
-        with content(path) as file:
-            end = find_end(file, data_start, separator)
-        times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
-        origin = min(map(int, times), default=0)
-        channels = _channels(rows, names, heads)
-        traces = {trace.name: trace for trace in reversed(channels) if trace.name}
-        symbols = [trace.symbol for trace in channels]
-        for trace in channels:
-            if symbols.count(trace.symbol) == 1 and trace.symbol and trace.symbol not in traces:
-                traces[trace.symbol] = trace
-        named = [trace.name for trace in channels if trace.name]
-        more = [name for name in traces if name not in named]
-        return ScopeTable(
-            path,
-            (Field(TIME), *map(Field, named), *map(Field, more)),
-            separator,
-            len(names),
-            ends_on_separator,
-            data_start,
-            end.size,
-            not end.last_byte.endswith(b"\n"),
-            origin if origin > _FILE_TIME else None,
-            channels,
-            traces,
-            first_row=first_row,
-            units={name: trace.unit for name, trace in traces.items() if trace.unit},
+    Raises:
+        RecordingError: its rows of names, its times or its data are missing.
+    """
+    with content(path) as file:
+        lines = HeadLines(file, path)
+        first = _FIRST.match(lines[1])
+        separator = first["separator"].decode("latin-1") if first else "\t"
+        rows, first_row = _rows(lines, separator, path)
+        shown = [_cells(lines[first_row + k], separator) for k in range(_SHOWING_LINES)]
+        data_start = lines.size(first_row - 1)
+        ends_on_separator = as_text(lines[first_row]).endswith(separator)
+    widest = max(len(cells) for cells in shown) - ends_on_separator
+    names = next((rows[word] for word in _NAMES if len(rows.get(word, ())) >= widest), [])
+    heads = [k for k, name in enumerate(names) if name == names[0]]
+    blanks = separator == " " and len(names) != widest
+    if not names or len(names) - len(heads) >= widest or blanks:
+        found = max(len(rows.get(word, ())) for word in _NAMES)
+        raise RecordingError(
+            f"has {widest} columns of data, but {found} names, times included",
+            where=f"{path}, row {first_row}",
+            cure="export with a header and with times (Timelines: All, or For each "
+            "sampletime), separated by tabs or semicolons: names may hold blanks, and numbers "
+            "commas",
         )
+    with content(path) as file:
+        end = find_end(file, data_start, separator)
+    times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
+    origin = min(map(int, times), default=0)
+    channels = _channels(rows, names, heads)
+    traces = {trace.name: trace for trace in reversed(channels) if trace.name}
+    symbols = [trace.symbol for trace in channels]
+    for trace in channels:
+        if symbols.count(trace.symbol) == 1 and trace.symbol and trace.symbol not in traces:
+            traces[trace.symbol] = trace
+    named = [trace.name for trace in channels if trace.name]
+    more = [name for name in traces if name not in named]
+    return ScopeTable(
+        path,
+        (Field(TIME), *map(Field, named), *map(Field, more)),
+        separator,
+        len(names),
+        ends_on_separator,
+        data_start,
+        end.size,
+        not end.last_byte.endswith(b"\n"),
+        origin if origin > _FILE_TIME else None,
+        channels,
+        traces,
+        first_row=first_row,
+        units={name: trace.unit for name, trace in traces.items() if trace.unit},
+    )
 
 
 def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[str]], int]:

@@ -158,46 +158,36 @@ class ScopeTable(Table):
                     i, k = (int(index) for index in bad[0])
                     raise self._bad((time, *values)[k], texts[k][i], row + int(there[i]))
                 parts[time].append(block)
-        signals, order = self._signals(
-            {time: np.vstack(part) for time, part in parts.items()}, groups
-        )
+        blocks = {time: np.vstack(part) for time, part in parts.items()}
+        for time, block in blocks.items():
+            if len(block) < 2:
+                raise RecordingError(
+                    f"channel {self._named(groups[time][0])} has fewer than two samples",
+                    where=str(self.path),
+                    cure="give a whole recording, or leave the channel out of the mapping",
+                )
+        signals = [Signal(block[:, 0], block[:, 1:]) for block in blocks.values()]
         onto = fastest(signals)
+        instants = [
+            self._named(k)
+            for signal, group in zip(signals, groups.values(), strict=True)
+            for k in group
+            if np.array_equal(signal.time, signals[onto].time)
+        ]
         self.noticed.append(
             Doubt(
                 "channels in use have times of their own; they are interpolated to those of "
-                f"{', '.join(map(self._named, order[onto]))}",
+                f"{', '.join(instants)}",
                 cause="they are recorded in tasks of different cycles",
                 cure="nothing is to be done if all were of one controller; one task for all of "
                 "them keeps them in step",
             )
         )
         time, values = merge(signals, onto)
-        found = dict(zip([k for group in order for k in group], np.hstack(values).T, strict=True))
+        order = [k for group in groups.values() for k in group]
+        found = dict(zip(order, np.hstack(values).T, strict=True))
         numbers = [time if k in groups else found[k] for k in at]
         return Rows(numbers, numbers)
-
-    def _signals(
-        self, blocks: dict[int, np.ndarray], groups: dict[int, list[int]]
-    ) -> tuple[list[Signal], list[list[int]]]:
-        """Channels with the same times together, and which columns they are."""
-        signals: list[Signal] = []
-        order: list[list[int]] = []
-        for start, block in blocks.items():
-            if len(block) < 2:
-                raise RecordingError(
-                    f"channel {self._named(groups[start][0])} has fewer than two samples",
-                    where=str(self.path),
-                    cure="give a whole recording, or leave the channel out of the mapping",
-                )
-            time, values = block[:, 0], block[:, 1:]
-            same = [k for k, signal in enumerate(signals) if np.array_equal(signal.time, time)]
-            if same:
-                signals[same[0]] = Signal(time, np.hstack([signals[same[0]].values, values]))
-                order[same[0]] += groups[start]
-            else:
-                signals.append(Signal(time, values))
-                order.append(list(groups[start]))
-        return signals, order
 
     def _seconds(self, text: pl.Series, numbers: pl.Series) -> np.ndarray:
         """Times from a column of them."""

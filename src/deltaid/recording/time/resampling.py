@@ -79,7 +79,8 @@ def merge(
 ) -> tuple[Instants, list[Float[np.ndarray, "instants _"]]]:
     """All signals at the instants of one of them.
 
-    Its own values stay as they are; the others are interpolated. Instants of which one of the
+    Its own values, and those of signals with the same stamps, stay as they are; the others are
+    interpolated. Instants of which one of the
     others tells nothing, before its start, after its end, in a hole, are left out, so that a hole
     in any signal is one of the whole recording.
 
@@ -93,15 +94,18 @@ def merge(
     """
     onto = fastest(signals) if onto is None else onto
     at = signals[onto].time
-    increasing = [_increasing(signal) for signal in signals]
+    others = {
+        k: _increasing(signal)
+        for k, signal in enumerate(signals)
+        if not np.array_equal(signal.time, at)
+    }
     keep = np.ones(len(at), dtype=bool)
-    for k, signal in enumerate(increasing):
-        if k != onto:
-            keep &= _covered(signal.time, at)
+    for signal in others.values():
+        keep &= _covered(signal.time, at)
     at = at[keep]
     values = [
-        signals[k].values[keep] if k == onto else interpolate(signal.time, signal.values, at)
-        for k, signal in enumerate(increasing)
+        interpolate(others[k].time, others[k].values, at) if k in others else signal.values[keep]
+        for k, signal in enumerate(signals)
     ]
     return at, values
 
