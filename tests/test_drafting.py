@@ -13,10 +13,9 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
 from deltaid.studio.drafting.backwards import answers, kind_of
 from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
-from deltaid.studio.drafting.guesses import lifted
 from deltaid.studio.drafting.interview import description, doubts, interview
 from deltaid.studio.drafting.kinds import KINDS as KINDS_OF_ROBOT
-from deltaid.studio.drafting.questions import QUESTIONS, Question, asked
+from deltaid.studio.drafting.questions import QUESTIONS, Question, asked, lifted
 from deltaid.studio.drafting.text import written
 from support import KINDS
 from test_catalogue import number_paths

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.studio.drafting.guesses import rounded
-from deltaid.studio.drafting.kinds import has_telescope, is_linear, platform_of
+from deltaid.studio.drafting.kinds import has_telescope, is_linear, platform_of, turns
+from deltaid.studio.drafting.questions import rounded
 
 # kg/m³: aluminium with holes; struts of carbon fibre with joints of metal.
 _METAL, _CARBON = 2700.0, 1800.0
@@ -35,61 +35,54 @@ class Drawn:
 
 def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
     """All bodies of a kind of robot, in the order of the parameters."""
-    return [_driven(kind, a), _strut(a), *_platform(kind, a), *_telescope(kind, a)]
-
-
-def _driven(kind: str, a: Mapping[str, float]) -> Drawn:
     if is_linear(kind):
-        shape = _lump("z", a["carriage_mass"])
-        return Drawn("C", "carriage: slides along the rail", shape, "[m]", "carriage_mass")
-    shape = _rod("x", a["arm"], a["arm_mass"], _METAL, a["arm"] / 2)
-    return Drawn("U", "upper arm: turns about its y axis only", shape, _ARM, "arm_mass")
-
-
-def _strut(a: Mapping[str, float]) -> Drawn:
-    shape = _rod("x", a["strut"], a["strut_mass"], _CARBON, a["strut"] / 2)
-    return Drawn("S", "one strut of the parallelogram", shape, _STRUT, "strut_mass")
-
-
-def _platform(kind: str, a: Mapping[str, float]) -> list[Drawn]:
-    """A platform's mass is shared among its parts as in machines of its kind."""
-    mass, key = a["platform_mass"], "platform_mass"
-    tool = [] if platform_of(kind) == "rigid" else [_tool(a)]
-    if platform_of(kind) == "rigid":
-        tool = [_tool(a)] if has_telescope(kind) else []
-        own = [Drawn("P", "platform: translates only", _lump("z", mass), "[m]", key)]
-        # The tool comes after the telescope's tubes.
-        return own if has_telescope(kind) else own + tool
-    if platform_of(kind) == "i4":
-        half = _lump("y", mass / 2)
-        return [Drawn("HP", "one of two half platforms, with its rack", half, "[m]", key), *tool]
-    if platform_of(kind) == "h4":
-        middle = _rod("x", 2 * a["bar"], mass / 2, _METAL)
-        return [
-            Drawn("SB", "one of two side bars: translates only", _lump("y", mass / 4), "[m]", key),
-            Drawn("MB", "middle bar: translates and turns about z", middle, "[m, Sxx, Syy]", key),
-            *tool,
-        ]
-    rod = _rod("x", a["bar"], mass / 8, _METAL)
-    main = _lump("y", 3 * mass / 8)
-    return [
-        Drawn("MP", "one of two main parts: translates only", main, "[m]", key),
-        Drawn("R", "one of two rods: translates and turns about z", rod, "[m, Sxx, Syy]", key),
-        *tool,
+        carriage = _lump("z", a["carriage_mass"])
+        drawn = [Drawn("C", "carriage: slides along the rail", carriage, "[m]", "carriage_mass")]
+    else:
+        arm = _rod("x", a["arm"], a["arm_mass"], _METAL, a["arm"] / 2)
+        drawn = [Drawn("U", "upper arm: turns about its y axis only", arm, _ARM, "arm_mass")]
+    strut = _rod("x", a["strut"], a["strut_mass"], _CARBON, a["strut"] / 2)
+    drawn.append(Drawn("S", "one strut of the parallelogram", strut, _STRUT, "strut_mass"))
+    drawn += [
+        Drawn(name, what, shape, free, "platform_mass")
+        for name, what, shape, free in _platform(kind, a)
     ]
+    if has_telescope(kind):
+        half, length = a["telescope_mass"] / 2, tube(a)
+        for name, which, middle in (("TU", "upper", -length / 2), ("TL", "lower", length / 2)):
+            shape = _rod("z", length, half, _METAL, middle)
+            drawn.append(Drawn(name, f"telescope, {which} tube", shape, _TUBE, "telescope_mass"))
+    if turns(kind):
+        size = _size(a["tool_mass"])
+        tool = _rod("z", size, a["tool_mass"], _METAL, -size / 2)
+        drawn.append(Drawn("EE", "tool: translates and turns about z", tool, _TOOL, "tool_mass"))
+    return drawn
 
 
-def _telescope(kind: str, a: Mapping[str, float]) -> list[Drawn]:
-    if not has_telescope(kind):
-        return []
-    half, length = a["telescope_mass"] / 2, tube(a)
-    upper = _rod("z", length, half, _METAL, -length / 2)
-    lower = _rod("z", length, half, _METAL, length / 2)
-    return [
-        Drawn("TU", "telescope, upper tube", upper, _TUBE, "telescope_mass"),
-        Drawn("TL", "telescope, lower tube", lower, _TUBE, "telescope_mass"),
-        _tool(a),
-    ]
+def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
+    """Name, comment, shape and free entries of its parts.
+
+    A platform's mass is shared among them as in machines of its kind.
+    """
+    mass = a["platform_mass"]
+    match platform_of(kind):
+        case "i4":
+            what = "one of two half platforms, with its rack"
+            return [("HP", what, _lump("y", mass / 2), "[m]")]
+        case "h4":
+            side, bar = _lump("y", mass / 4), _rod("x", 2 * a["bar"], mass / 2, _METAL)
+            return [
+                ("SB", "one of two side bars: translates only", side, "[m]"),
+                ("MB", "middle bar: translates and turns about z", bar, "[m, Sxx, Syy]"),
+            ]
+        case "par4":
+            main, rod = _lump("y", 3 * mass / 8), _rod("x", a["bar"], mass / 8, _METAL)
+            return [
+                ("MP", "one of two main parts: translates only", main, "[m]"),
+                ("R", "one of two rods: translates and turns about z", rod, "[m, Sxx, Syy]"),
+            ]
+        case _:
+            return [("P", "platform: translates only", _lump("z", mass), "[m]")]
 
 
 def stroke(a: Mapping[str, float]) -> tuple[float, float]:
@@ -101,12 +94,6 @@ def stroke(a: Mapping[str, float]) -> tuple[float, float]:
 def tube(a: Mapping[str, float]) -> float:
     """Length of either tube: they overlap at the longest stroke [m]."""
     return rounded(0.55 * stroke(a)[1], 3)
-
-
-def _tool(a: Mapping[str, float]) -> Drawn:
-    size = _size(a["tool_mass"])
-    shape = _rod("z", size, a["tool_mass"], _METAL, -size / 2)
-    return Drawn("EE", "tool: translates and turns about z", shape, _TOOL, "tool_mass")
 
 
 def _size(mass: float) -> float:

@@ -1,16 +1,20 @@
-"""What a new robot is asked for, in order, each with what is assumed when nobody knows it."""
+"""What a new robot is asked for, in order, each with what is assumed when nobody knows it.
 
+Imports nothing that is slow: the help of `deltaid new` is made of it.
+"""
+
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.drafting import guesses
 from deltaid.studio.drafting.kinds import (
     has_telescope,
     is_articulated,
     is_linear,
     is_rotary,
+    limbs_of,
     platform_of,
     turns,
 )
@@ -83,6 +87,88 @@ class Question:
         return ""
 
 
+# [m/s²].
+GRAVITY = 9.81
+# Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
+# stronger they are than one limb alone would need.
+_ACCELERATION, _MORE = 40.0, 2.0
+# Mass of a part over the cube of arm and strut [kg/m³], at most: a tenth of a solid block's.
+_HEAVIEST = 15.0
+# Largest speed and acceleration that are assumed of a platform [m/s, m/s²].
+_FASTEST, _HARDEST = 5.0, 60.0
+
+
+def rounded(value: float, digits: int = 2) -> float:
+    """A number that does not pretend to be known."""
+    return float(f"{value:.{digits}g}")
+
+
+def lifted(kind: str, a: Answers) -> float:
+    """Mass that one drive moves: its share of platform, tool and telescope, and its struts [kg]."""
+    shared = sum(a.get(key, 0.0) for key in ("platform_mass", "tool_mass", "telescope_mass"))
+    return shared / limbs_of(kind) + 2 * a["strut_mass"]
+
+
+def _mass(kind: str, a: Answers, typical: float) -> float:
+    """A mass that a robot of this size may have [kg]."""
+    size = a["strut"] + a.get("arm", 0.0)
+    return rounded(min(typical, _HEAVIEST * size**3))
+
+
+def _bar_length(kind: str, a: Answers) -> float:
+    """Length of an articulated platform's bar [m]."""
+    return rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7))
+
+
+def _torque(kind: str, a: Answers) -> float:
+    """Of a motor before its gear: arm and load at the elbow, lifted and accelerated [N m]."""
+    return rounded(_MORE * _moment(kind, a) * (GRAVITY + _ACCELERATION) / a["gear"])
+
+
+def _force(kind: str, a: Answers) -> float:
+    """Of a carriage [N]."""
+    mass = lifted(kind, a) + a["carriage_mass"]
+    return rounded(_MORE * mass * (GRAVITY + _ACCELERATION))
+
+
+def _rotor(kind: str, a: Answers) -> float:
+    """Before the gear: a third of what the load is, seen from the arm [kg m²]."""
+    return rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2)
+
+
+def _pinion(kind: str, a: Answers) -> float:
+    """Of an I4: its platform stays smaller than its limbs' circle [m]."""
+    return rounded(0.018 * a["strut"])
+
+
+def _tool_torque(kind: str, a: Answers) -> float:
+    """Of a telescope's motor [N m]."""
+    return rounded(2.0 * GRAVITY * a["tool_mass"] * a["strut"])
+
+
+def _top_speed(kind: str, a: Answers) -> float:
+    """Half of what the drives' ends reach [m/s]."""
+    if is_linear(kind):
+        return rounded(min(_FASTEST, 0.5 * a["rail_speed"]))
+    return rounded(min(_FASTEST, 0.5 * math.radians(a["speed"]) / a["gear"] * a["arm"]))
+
+
+def _top_acceleration(kind: str, a: Answers) -> float:
+    """What the motors have above gravity, halved as they work together [m/s²]."""
+    if is_linear(kind):
+        mass = lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"]
+        most = a["rail_force"] / mass
+    else:
+        inertia = a["rotor"] * a["gear"] ** 2 / a["arm"]
+        most = a["torque"] * a["gear"] / (_moment(kind, a) + inertia)
+    return rounded(min(max(0.5 * (most - GRAVITY), 1.0), _HARDEST))
+
+
+def _moment(kind: str, a: Answers) -> float:
+    """Mass times lever about the motor's axis [kg m]."""
+    return (lifted(kind, a) + 0.4 * a["arm_mass"]) * a["arm"]
+
+
 def _all(_: str) -> bool:
     return True
 
@@ -113,9 +199,9 @@ QUESTIONS: tuple[Question, ...] = (
     Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
              90, "drawing, or a phone's spirit level", is_linear, _constant(0.0), "lengths"),
     Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
-             0.002, 1, _CALIPER, _bar, guesses.bar, "lengths"),
+             0.002, 1, _CALIPER, _bar, _bar_length, "lengths"),
     Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, _all,
-             lambda kind, a: guesses.rounded(0.1 * a["strut"]), "lengths"),
+             lambda kind, a: rounded(0.1 * a["strut"]), "lengths"),
     Question("swing", "largest angle of the ball joints between strut and the plane of the arm",
              "degree", 5, 85, _SHEET + " of the joints", _all, _constant(40.0), "lengths"),
     Question("angle_low", "lowest angle of the arms, upwards from horizontal", "degree", -180, 90,
@@ -126,57 +212,57 @@ QUESTIONS: tuple[Question, ...] = (
              "measure from stop to stop", is_linear, _constant(0.0), "lengths"),
     Question("rail_high", "lower end of a carriage's travel, from the rail's zero", "m", -20, 20,
              "measure from stop to stop", is_linear,
-             lambda kind, a: guesses.rounded(a["strut"] + a["rail_low"]), "lengths"),
+             lambda kind, a: rounded(a["strut"] + a["rail_low"]), "lengths"),
     Question("arm_mass", "mass of one arm, with the elbow's joints", "kg", 1e-3, 500, _SCALE,
-             is_rotary, lambda kind, a: guesses.mass(kind, a, 1.5 * a["arm"]), "masses"),
+             is_rotary, lambda kind, a: _mass(kind, a, 1.5 * a["arm"]), "masses"),
     Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, is_linear,
-             lambda kind, a: guesses.mass(kind, a, 2.0 * a["strut"]), "masses"),
+             lambda kind, a: _mass(kind, a, 2.0 * a["strut"]), "masses"),
     Question("strut_mass", "mass of one strut of the two, with its joints", "kg", 1e-4, 200, _SCALE,
-             _all, lambda kind, a: guesses.mass(kind, a, 0.15 * a["strut"]), "masses"),
+             _all, lambda kind, a: _mass(kind, a, 0.15 * a["strut"]), "masses"),
     Question("platform_mass", "mass of the platform, with all that does not turn", "kg", 1e-3, 500,
-             _SCALE, _all, lambda kind, a: guesses.mass(kind, a, 0.8 * a["strut"]), "masses"),
+             _SCALE, _all, lambda kind, a: _mass(kind, a, 0.8 * a["strut"]), "masses"),
     Question("tool_mass", "mass of the tool, and what turns with it", "kg", 1e-3, 500, _SCALE,
-             turns, lambda kind, a: guesses.mass(kind, a, 0.3 * a["strut"]), "masses"),
+             turns, lambda kind, a: _mass(kind, a, 0.3 * a["strut"]), "masses"),
     Question("telescope_mass", "mass of the telescope's two tubes together", "kg", 1e-3, 500,
-             _SCALE, has_telescope, lambda kind, a: guesses.mass(kind, a, a["strut"]), "masses"),
+             _SCALE, has_telescope, lambda kind, a: _mass(kind, a, a["strut"]), "masses"),
     Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
              1000, _SHEET, is_rotary, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
-             _SHEET + ": peak torque", is_rotary, guesses.torque, "motors"),
+             _SHEET + ": peak torque", is_rotary, _torque, "motors"),
     Question("rail_force", "largest force that drives a carriage", "N", 1e-3, 1e6,
              _SHEET + ": torque times 2π, by the lead of a spindle or the travel of a belt a turn",
-             is_linear, guesses.force, "motors"),
+             is_linear, _force, "motors"),
     Question("speed", "largest speed of a motor, before its gear", "degree/s", 1, 1e6, _SHEET,
-             is_rotary, lambda kind, a: guesses.rounded(600.0 * a["gear"]), "motors"),
+             is_rotary, lambda kind, a: rounded(600.0 * a["gear"]), "motors"),
     Question("rail_speed", "largest speed of a carriage", "m/s", 1e-3, 100, _SHEET, is_linear,
              _constant(3.0), "motors"),
     Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
-             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary, guesses.rotor, "motors"),
+             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary, _rotor, "motors"),
     Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
              1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", is_linear,
-             lambda kind, a: guesses.rounded(0.5 * a["carriage_mass"]), "motors"),
+             lambda kind, a: rounded(0.5 * a["carriage_mass"]), "motors"),
     Question("ratio", "turns of the tool for a turn of the platform's bar", "", 0.1, 100,
              "count the teeth", _bar, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
-             lambda kind: platform_of(kind) == "i4", guesses.pinion, "tool"),
+             lambda kind: platform_of(kind) == "i4", _pinion, "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
              is_articulated, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
     Question("tool_speed", "largest speed of the tool's turn", "degree/s", 1, 1e5, _SHEET, turns,
              _constant(1500.0), "tool"),
     Question("tool_torque", "largest torque of the tool's motor, behind its gear", "N*m", 1e-4, 1e5,
-             _SHEET, has_telescope, guesses.tool_torque, "tool"),
+             _SHEET, has_telescope, _tool_torque, "tool"),
     Question("tool_rotor", "inertia of the tool's motor, behind its gear", "kg*m**2", 1e-12, 1e3,
              _SHEET + ": rotor times the square of the gear ratio", has_telescope,
-             lambda kind, a: guesses.rounded(2e-4 * a["tool_torque"]), "tool"),
+             lambda kind, a: rounded(2e-4 * a["tool_torque"]), "tool"),
     Question("coulomb", "torque that a motor needs to turn at all, behind its gear", "N*m", 1e-6,
              1e5, _TRY, is_rotary,
-             lambda kind, a: guesses.rounded(0.03 * a["torque"] * a["gear"]), "friction"),
+             lambda kind, a: rounded(0.03 * a["torque"] * a["gear"]), "friction"),
     Question("viscous", "torque more for each rad/s, behind the gear", "N*m*s/rad", 1e-6, 1e5, _TRY,
-             is_rotary, lambda kind, a: guesses.rounded(a["coulomb"] / 3), "friction"),
+             is_rotary, lambda kind, a: rounded(a["coulomb"] / 3), "friction"),
     Question("rail_coulomb", "force that a carriage needs to move at all", "N", 1e-5, 1e6, _TRY,
-             is_linear, lambda kind, a: guesses.rounded(0.05 * a["rail_force"]), "friction"),
+             is_linear, lambda kind, a: rounded(0.05 * a["rail_force"]), "friction"),
     Question("rail_viscous", "force more for each m/s", "N*s/m", 1e-5, 1e6, _TRY, is_linear,
-             lambda kind, a: guesses.rounded(a["rail_coulomb"]), "friction"),
+             lambda kind, a: rounded(a["rail_coulomb"]), "friction"),
     Question("radius", "radius of the workspace, a cylinder", "m", 1e-3, 20, _FOUND, _all,
              lambda kind, a: a["found_radius"], "workspace"),
     Question("low", "lowest height of the platform point, below the base negative", "m", -50, 50,
@@ -184,9 +270,9 @@ QUESTIONS: tuple[Question, ...] = (
     Question("high", "highest height of the platform point", "m", -50, 50, _FOUND, _all,
              lambda kind, a: a["found_high"], "workspace"),
     Question("top_speed", "largest speed of the platform", "m/s", 1e-3, 100, _SHEET, _all,
-             guesses.top_speed, "workspace"),
+             _top_speed, "workspace"),
     Question("top_acceleration", "largest acceleration of the platform", "m/s**2", 1e-2, 2000,
-             _SHEET, _all, guesses.top_acceleration, "workspace"),
+             _SHEET, _all, _top_acceleration, "workspace"),
 )  # fmt: skip
 GROUPS: tuple[Group, ...] = ("lengths", "masses", "motors", "tool", "friction", "workspace")
 

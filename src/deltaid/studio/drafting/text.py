@@ -1,20 +1,18 @@
-"""A draft written as a description: YAML with a comment beside every number."""
+"""A draft written as a description: YAML with a comment beside every number, and its sources."""
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
-from deltaid.studio.drafting.guesses import GRAVITY, rounded
 from deltaid.studio.drafting.kinds import (
     has_telescope,
     is_linear,
     limbs_of,
     platform_of,
 )
-from deltaid.studio.drafting.questions import QUESTIONS
-from deltaid.studio.drafting.sources import sources
+from deltaid.studio.drafting.questions import GRAVITY, QUESTIONS, rounded
 
 SCHEMA_FILE = "robot.schema.json"
 _HEAD = f"""\
@@ -35,24 +33,64 @@ _AZIMUTHS = {
 _HOW = {question.key: question.how for question in QUESTIONS}
 
 
-class _Writer:
-    """Lines of a draft."""
+class _Description:
+    """A description line by line, and where its numbers come from, by the paths of their keys."""
 
     def __init__(self, draft: Draft) -> None:
-        self.draft, self.a = draft, draft.values
+        self.draft, self.kind, self.a = draft, draft.kind, draft.values
+        self.lines = [f"name: {_scalar(draft.name)}", f"title: {_scalar(draft.title)}"]
+        self.sources: dict[str, str] = {}
 
-    def note(self, *keys: str) -> str:
-        """A comment that says where numbers come from, and how to find out what is assumed."""
-        own = [self.draft.origins[key] for key in keys]
-        if ASSUMED in own:
-            return f" # assumed; {_HOW[keys[own.index(ASSUMED)]]}"
-        return f" # {own[0]}"
+    def part(self, key: str, comment: str = "", source: str = "") -> None:
+        """Begin a part; its source, if it is given, holds for all of its keys."""
+        self.lines += ["", f"{key}:{comment and f' # {comment}'}"]
+        if source:
+            self.sources[key] = source
 
-    def line(self, path: str, key: str, unit: str, question: str) -> str:
+    def put(self, path: str, value: str, *questions: str, note: str = "", source: str = "") -> None:
+        """One key with its value.
+
+        Args:
+            path: of the key.
+            value: as YAML.
+            questions: whose answers it is made of; the comment says where they come from, and how
+                to find out what is assumed.
+            note: begins the comment.
+            source: where it comes from, if that is not where the answers come from.
+        """
+        origins = [self.draft.origins[key] for key in questions]
+        comment = [note] if note else []
+        if ASSUMED in origins:
+            comment.append(f"{ASSUMED}; {_HOW[questions[origins.index(ASSUMED)]]}")
+        elif origins:
+            comment.append(origins[0])
+        line = f"{path.rpartition('.')[2]}: {value}" + (
+            f" # {'; '.join(comment)}" if comment else ""
+        )
+        self.lines.append("  " * path.count(".") + line)
+        said = source or (self.together(*questions) if questions else "")
+        if said and path.partition(".")[0] not in self.sources:
+            self.sources[path] = said
+
+    def answer(self, path: str, question: str, unit: str = "") -> None:
         """One key with the answer to one question."""
-        value = number(self.a[question])
-        comment = self.note(question).replace("# ", f"# {unit}; " if unit else "# ", 1)
-        return f"{path}{key}: {value}{comment}"
+        self.put(path, number(self.a[question]), question, note=unit)
+
+    def each_drive(self, part: str, value: str, source: str) -> None:
+        """The same for the drives of all limbs that have none yet."""
+        for i in range(limbs_of(self.kind)):
+            if f"{part}.drive{i + 1}" not in self.sources:
+                self.put(f"{part}.drive{i + 1}", value, source=source)
+
+    def together(self, *questions: str) -> str:
+        """One word if all answers come from one place, or each by its name."""
+        origins = [self.draft.origins[key] for key in questions]
+        if len(set(origins)) == 1:
+            return origins[0]
+        return ", ".join(
+            f"{key.replace('_', ' ')} {origin}"
+            for key, origin in zip(questions, origins, strict=True)
+        )
 
 
 def number(value: float) -> str:
@@ -60,49 +98,65 @@ def number(value: float) -> str:
     return str(int(value)) if value == int(value) and abs(value) < 1e6 else repr(float(value))
 
 
-def product(a: float, b: float) -> float:
+def _product(a: float, b: float) -> float:
     """Without the last bits, which only rounding made: 0.4 times 3 is 1.2."""
     return float(f"{a * b:.12g}")
 
 
-def scalar(text: str) -> str:
+def _scalar(text: str) -> str:
     """Text of one line: plain words as they are, all else between quotes."""
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
 def written(draft: Draft) -> str:
     """The description as YAML; all questions of its kind must have answers."""
-    writer = _Writer(draft)
-    head = f"name: {scalar(draft.name)}\ntitle: {scalar(draft.title)}\n"
-    parts = (
-        _limbs(writer), _platform(writer), _bodies(writer), _friction(writer), _rotors(writer),
-        _limits(writer), _sources(writer),
-    )  # fmt: skip
-    return (
-        _HEAD + head + "".join("\n" + "\n".join(part) + "\n" for part in map(list, parts) if part)
+    d = _Description(draft)
+    for chapter in (_limbs, _telescope, _platform, _bodies, _friction, _rotors, _limits):
+        chapter(d)
+    d.lines += ["", "sources:"]
+    d.lines += [f"  {path}: {_scalar(source)}" for path, source in _once(d.sources).items()]
+    return _HEAD + "".join(f"{line}\n" for line in d.lines)
+
+
+def _once(sources: Mapping[str, str]) -> dict[str, str]:
+    """Sources with what all drives share said once."""
+    said = dict(sources)
+    for part in ("friction", "rotor_inertia", "drive_limits"):
+        own = [key for key in said if key.startswith(f"{part}.")]
+        if len({said[key] for key in own}) == 1:
+            said[part] = said[own[0]]
+            said = {key: text for key, text in said.items() if key not in own}
+    return said
+
+
+def _limbs(d: _Description) -> None:
+    platform, rail = platform_of(d.kind), is_linear(d.kind)
+    d.part("limbs")
+    d.put("limbs.drive", "linear" if rail else "rotary")
+    d.put(
+        "limbs.azimuth_deg",
+        _AZIMUTHS[platform],
+        note="assumed: world axes are laid that way",
+        source=ASSUMED,
     )
-
-
-def _limbs(w: _Writer) -> Iterator[str]:
-    kind, platform = w.draft.kind, platform_of(w.draft.kind)
-    yield "limbs:"
-    yield f"  drive: {'linear' if is_linear(kind) else 'rotary'}"
-    yield f"  azimuth_deg: {_AZIMUTHS[platform]} # assumed: world axes are laid that way"
-    if is_linear(kind):
-        yield w.line("  ", "tilt_deg", "0 upright, 90 flat", "tilt")
+    if rail:
+        d.answer("limbs.tilt_deg", "tilt", "0 upright, 90 flat")
     if platform == "h4":
-        yield from _points_of_h4(w)
+        base, own = _h4_points(d.a)
+        d.put("limbs.base_points", _list(base), "base_radius", note="m, from base_radius")
+        source = f"{ASSUMED}, by the length of the middle bar"
+        d.put("limbs.platform_points", _list(own), note="m; assumed", source=source)
     else:
-        yield w.line("  ", "base_radius", "m", "base_radius")
-        yield w.line("  ", "platform_radius", "m", "platform_radius")
-    if not is_linear(kind):
-        yield w.line("  ", "upper_arm", "m, axis to elbow", "arm")
-    yield w.line("  ", "strut", "m, between joints", "strut")
-    yield "  struts_per_limb: 2"
-    yield w.line("  ", "strut_spacing", "m; forces in single struts depend on it", "spacing")
+        d.answer("limbs.base_radius", "base_radius", "m")
+        d.answer("limbs.platform_radius", "platform_radius", "m")
+    if not rail:
+        d.answer("limbs.upper_arm", "arm", "m, axis to elbow")
+    d.answer("limbs.strut", "strut", "m, between joints")
+    d.put("limbs.struts_per_limb", "2", source=ASSUMED)
+    d.answer("limbs.strut_spacing", "spacing", "m; forces in single struts depend on it")
 
 
-def h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
+def _h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
     """Base and platform points of an H4 near the prototype's arrangement [m]."""
     R, h = a["base_radius"], a["bar"]
     base = [[R, 0.0], [-R, 0.0], [0.35 * R, -R], [-0.35 * R, -R]]
@@ -110,129 +164,128 @@ def h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[floa
     return tuple([[*(rounded(x, 6) for x in p), 0.0] for p in points] for points in (base, own))  # pyright: ignore
 
 
-def _points_of_h4(w: _Writer) -> Iterator[str]:
-    base, own = h4_points(w.a)
-    note = w.note("base_radius").replace("# ", "# m, from base_radius; ", 1)
-    yield f"  base_points: {_list(base)}{note}"
-    yield f"  platform_points: {_list(own)} # m; assumed"
-
-
 def _list(points: list[list[float]]) -> str:
     return "[" + ", ".join("[" + ", ".join(map(number, p)) + "]" for p in points) + "]"
 
 
-def _platform(w: _Writer) -> Iterator[str]:
-    platform, a = platform_of(w.draft.kind), w.a
-    if has_telescope(w.draft.kind):
-        low, high = stroke(a)
-        yield "telescope:"
-        yield "  base_joint: [0, 0, 0] # m; assumed in the middle of base and platform"
-        yield "  platform_joint: [0, 0, 0]"
-        yield f"  stroke: [{number(low)}, {number(high)}] # m; assumed, what the workspace takes"
+def _telescope(d: _Description) -> None:
+    if not has_telescope(d.kind):
+        return
+    low, high = stroke(d.a)
+    d.part("telescope", source=ASSUMED)
+    d.put("telescope.base_joint", "[0, 0, 0]", note="m; assumed in the middle of base and platform")
+    d.put("telescope.platform_joint", "[0, 0, 0]")
+    ends = f"[{number(low)}, {number(high)}]"
+    d.put("telescope.stroke", ends, note="m; assumed, what the workspace takes")
+
+
+def _platform(d: _Description) -> None:
+    platform, a = platform_of(d.kind), d.a
     if platform == "rigid":
         return
-    yield "platform:"
-    yield f"  kind: {platform}"
+    d.part("platform")
+    d.put("platform.kind", platform)
     if platform == "i4":
-        yield "  direction_deg: 90 # the slide lies across the limbs that hold one half"
-        yield "  first: [1, 2]"
-        note = w.note("pinion").replace("# ", f"# rad/m, of a pinion of {number(a['pinion'])} m; ")
-        yield f"  ratio: {number(product(0.5, 1 / a['pinion']))}{note}"
+        across = "the slide lies across the limbs that hold one half"
+        d.put("platform.direction_deg", "90", note=across, source=ASSUMED)
     else:
-        key = "half_length" if platform == "h4" else "length"
-        yield w.line("  ", key, "m", "bar")
-        yield f"  first: {'[1, 3]' if platform == 'h4' else '[1, 2]'}"
-        yield w.line("  ", "ratio", "", "ratio")
+        d.answer(f"platform.{'half_length' if platform == 'h4' else 'length'}", "bar", "m")
+    d.put("platform.first", "[1, 3]" if platform == "h4" else "[1, 2]", source=ASSUMED)
+    if platform == "i4":
+        d.put(
+            "platform.ratio",
+            number(_product(0.5, 1 / a["pinion"])),
+            "pinion",
+            note=f"rad/m, of a pinion of {number(a['pinion'])} m",
+            source=f"by the pinion's radius, {d.draft.origins['pinion']}",
+        )
+    else:
+        d.answer("platform.ratio", "ratio")
     turn = number(a["tool_turn"])
-    yield f"  angle_deg: [-{turn}, {turn}]{w.note('tool_turn')}"
-    yield w.line("  ", "speed_deg_s", "", "tool_speed")
+    d.put("platform.angle_deg", f"[-{turn}, {turn}]", "tool_turn")
+    d.answer("platform.speed_deg_s", "tool_speed")
 
 
-def _bodies(w: _Writer) -> Iterator[str]:
-    yield "bodies: # solids of the right mass; shapes are assumed: better ones are worth minutes"
-    for body in bodies(w.draft.kind, w.a):
-        yield f"  {body.name}: # {body.comment}; mass:{w.note(body.mass)[2:]}"
-        yield "    prior:"
-        yield f"      - {body.shape}"
-        yield f"    free: {body.free}"
+def _bodies(d: _Description) -> None:
+    d.part("bodies", "solids of the right mass; shapes are assumed: better ones are worth minutes")
+    for body in bodies(d.kind, d.a):
+        origin, length = d.draft.origins[body.mass], {"U": "arm", "S": "strut"}.get(body.name)
+        how = f"; {_HOW[body.mass]}" if origin == ASSUMED else ""
+        d.lines += [
+            f"  {body.name}: # {body.comment}; mass: {origin}{how}",
+            "    prior:",
+            f"      - {body.shape}",
+            f"    free: {body.free}",
+        ]
+        long = f", length {d.draft.origins[length]}" if length else ""
+        d.sources[f"bodies.{body.name}"] = f"mass {origin}{long}; shape {ASSUMED}"
 
 
-def _friction(w: _Writer) -> Iterator[str]:
-    kind, a = w.draft.kind, w.a
-    rail = "rail_" if is_linear(kind) else ""
+def _friction(d: _Description) -> None:
+    a, rail = d.a, "rail_" if is_linear(d.kind) else ""
     keys = f"{rail}viscous", f"{rail}coulomb"
     law = f"{{viscous: {number(a[keys[0]])}, coulomb: {number(a[keys[1]])}}}"
-    yield f"friction: # {'N s/m and N' if rail else 'N m s/rad and N m'}"
-    for i in range(limbs_of(kind)):
-        yield f"  drive{i + 1}: {law}{w.note(*keys) if i == 0 else ''}"
+    d.part("friction", "N s/m and N" if rail else "N m s/rad and N m")
+    d.put("friction.drive1", law, *keys)
+    d.each_drive("friction", law, d.together(*keys))
     weight = GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
-    if has_telescope(kind):
+    if has_telescope(d.kind):
         coulomb = rounded(0.08 * a["tool_torque"])
-        yield f"  drive4: {_law(coulomb / 16, coulomb)} # assumed"
-        yield f"  slide: {_law(0.3 * weight, 0.4 * weight)} # N s/m and N, telescope; assumed"
-    elif platform_of(kind) == "i4":
-        yield f"  platform: {_law(0.3 * weight, 0.3 * weight)} # N s/m and N; assumed"
-    elif platform_of(kind) != "rigid":
+        d.put("friction.drive4", _law(coulomb / 16, coulomb), note=ASSUMED, source=ASSUMED)
+        slide = "N s/m and N, telescope; assumed"
+        d.put("friction.slide", _law(0.3 * weight, 0.4 * weight), note=slide, source=ASSUMED)
+    elif platform_of(d.kind) == "i4":
+        law, note = _law(0.3 * weight, 0.3 * weight), "N s/m and N; assumed"
+        d.put("friction.platform", law, note=note, source=ASSUMED)
+    elif platform_of(d.kind) != "rigid":
         coulomb = 0.25 * weight * a["bar"]
-        yield f"  platform: {_law(coulomb / 6, coulomb)} # of the bar's joints; assumed"
+        law, note = _law(coulomb / 6, coulomb), "of the bar's joints; assumed"
+        d.put("friction.platform", law, note=note, source=ASSUMED)
 
 
 def _law(viscous: float, coulomb: float) -> str:
     return f"{{viscous: {number(rounded(viscous))}, coulomb: {number(rounded(coulomb))}}}"
 
 
-def _rotors(w: _Writer) -> Iterator[str]:
-    kind, a = w.draft.kind, w.a
-    yield "rotor_inertia: # of motor and gear, seen from the joint"
-    if is_linear(kind):
-        value, note = a["rotor_mass"], w.note("rotor_mass").replace("# ", "# kg; ", 1)
+def _rotors(d: _Description) -> None:
+    d.part("rotor_inertia", "of motor and gear, seen from the joint")
+    if is_linear(d.kind):
+        value, keys, note = d.a["rotor_mass"], ("rotor_mass",), "kg"
     else:
-        value = product(a["rotor"], a["gear"] ** 2)
-        times = f"{number(a['rotor'])} times {number(a['gear'])}²"
-        note = w.note("rotor", "gear").replace("# ", f"# kg m², {times}; ", 1)
-    for i in range(limbs_of(kind)):
-        yield f"  drive{i + 1}: {number(value)}{note if i == 0 else ''}"
-    if has_telescope(kind):
-        yield w.line("  ", "drive4", "kg m²", "tool_rotor")
+        rotor, gear = d.a["rotor"], d.a["gear"]
+        value, keys = _product(rotor, gear**2), ("rotor", "gear")
+        note = f"kg m², {number(rotor)} times {number(gear)}²"
+    d.put("rotor_inertia.drive1", number(value), *keys, note=note)
+    d.each_drive("rotor_inertia", number(value), d.together(*keys))
+    if has_telescope(d.kind):
+        d.answer("rotor_inertia.drive4", "tool_rotor", "kg m²")
 
 
-def _limits(w: _Writer) -> Iterator[str]:
-    kind, a = w.draft.kind, w.a
-    yield "workspace:"
-    yield "  shape: cylinder"
-    yield w.line("  ", "radius", "m", "radius")
-    yield f"  z: [{number(a['low'])}, {number(a['high'])}]{w.note('low', 'high')}"
-    yield ""
-    yield "drive_limits:"
-    if is_linear(kind):
-        ends, keys = (
-            [a["rail_low"], a["rail_high"]],
-            ("rail_low", "rail_high", "rail_speed", "rail_force"),
-        )
-        rest = f"speed: {number(a['rail_speed'])}, force: {number(a['rail_force'])}"
-        limits = f"{{position: [{', '.join(map(number, ends))}], {rest}}}"
+def _limits(d: _Description) -> None:
+    a = d.a
+    d.part("workspace", source=d.together("radius", "low", "high"))
+    d.put("workspace.shape", "cylinder")
+    d.answer("workspace.radius", "radius", "m")
+    d.put("workspace.z", f"[{number(a['low'])}, {number(a['high'])}]", "low", "high")
+    if is_linear(d.kind):
+        keys = ("rail_low", "rail_high", "rail_speed", "rail_force")
+        names, values = ("position", "speed", "force"), [a[key] for key in keys]
     else:
-        ends, keys = (
-            [a["angle_low"], a["angle_high"]],
-            ("angle_low", "angle_high", "speed", "torque"),
-        )
-        speed, torque = product(a["speed"], 1 / a["gear"]), product(a["torque"], a["gear"])
-        rest = f"speed_deg_s: {number(speed)}, torque: {number(torque)}"
-        limits = f"{{angle_deg: [{', '.join(map(number, ends))}], {rest}}}"
-    said = [f"{key.replace('_', ' ')} {w.draft.origins[key]}" for key in keys]
-    yield f"  # {', '.join(said)}"
-    for i in range(limbs_of(kind)):
-        yield f"  drive{i + 1}: {limits}"
-    if has_telescope(kind):
-        rest = f"speed_deg_s: {number(a['tool_speed'])}, torque: {number(a['tool_torque'])}"
-        yield f"  drive4: {{{rest}}}{w.note('tool_speed', 'tool_torque')}"
-    yield w.line("", "platform_speed", "m/s", "top_speed")
-    yield w.line("", "platform_acceleration", "m/s²", "top_acceleration")
-    yield w.line("", "strut_swing_deg", "", "swing")
-    yield f"largest_condition: {_CONDITION} # assumed: how near to a singularity motions may come"
-
-
-def _sources(w: _Writer) -> Iterator[str]:
-    yield "sources:"
-    for path, origin in sources(w.draft).items():
-        yield f"  {path}: {scalar(origin)}"
+        keys = ("angle_low", "angle_high", "speed", "torque", "gear")
+        names = ("angle_deg", "speed_deg_s", "torque")
+        speed, torque = _product(a["speed"], 1 / a["gear"]), _product(a["torque"], a["gear"])
+        values = [a["angle_low"], a["angle_high"], speed, torque]
+    low, high, speed, effort = map(number, values)
+    limits = f"{{{names[0]}: [{low}, {high}], {names[1]}: {speed}, {names[2]}: {effort}}}"
+    said = [f"{key.replace('_', ' ')} {d.draft.origins[key]}" for key in keys if key != "gear"]
+    d.part("drive_limits")
+    d.lines.append(f"  # {', '.join(said)}")
+    d.each_drive("drive_limits", limits, d.together(*keys))
+    if has_telescope(d.kind):
+        rest = f"{{speed_deg_s: {number(a['tool_speed'])}, torque: {number(a['tool_torque'])}}}"
+        d.put("drive_limits.drive4", rest, "tool_speed", "tool_torque")
+    d.answer("platform_speed", "top_speed", "m/s")
+    d.answer("platform_acceleration", "top_acceleration", "m/s²")
+    d.answer("strut_swing_deg", "swing")
+    singular = "assumed: how near to a singularity motions may come"
+    d.put("largest_condition", str(_CONDITION), note=singular, source=ASSUMED)
