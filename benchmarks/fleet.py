@@ -71,19 +71,17 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
 
     from deltaid.fleets.cluster import client, done
     from deltaid.fleets.fleet import Recorded
-    from deltaid.fleets.gather_one import GatherJob, How, gather_recorded
+    from deltaid.fleets.gather_all import gather_recorded
+    from deltaid.fleets.gather_plan import GatherJob, How
     from deltaid.fleets.place import Place
-    from deltaid.fleets.store import FileStore
+    from deltaid.fleets.store import stamp_of
     from deltaid.model.record import Settings
     from deltaid.robot.load import load_robot
 
-    place, how = (
-        Place.named(folder, FileStore()),
-        How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF)),
-    )
+    place, how = Place.named(folder), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
     jobs = [
         GatherJob.for_recording(
-            Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=place.store.stamp(str(one))),
+            Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=stamp_of(str(one))),
             how,
         )
         for one in paths

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from deltaid.fleets.site.site import write_site
+
 Names = list[str]
 Times = list[datetime]
 Which = tuple[int, ...]
@@ -17,6 +19,7 @@ PARAMETERS = {"U.mcx": (0.42, "kg m"), "U.Izz": (0.11, "kg m²"), "EE.m": (1.3, 
               "S.m": (0.31, "kg"), "friction.viscous.q1": (0.24, "N m s/rad")}  # fmt: skip
 LEVEL, LIMIT, ONSET = 2.0, 3.0, 10  # [N m], [N m], [weeks]
 ALARMS = 0.1  # a robot and year, at most
+BOUND = f"at most {ALARMS} a robot-year"
 
 
 def name(k: int) -> str:
@@ -27,7 +30,7 @@ def name(k: int) -> str:
 def write_tables(
     folder: Path, robots: int = 12, weeks: int = 20, *, rising: tuple[int, ...] = (2,),
     foreign: tuple[int, ...] = (5,), silent: tuple[int, ...] = (), seed: int = 1,
-    names: dict[int, str] | None = None, per_week: int = 1, without: tuple[str, ...] = (),
+    names: dict[int, str] | None = None, per_week: int = 1,
 ) -> Path:  # fmt: skip
     """Tables in a folder.
 
@@ -36,7 +39,6 @@ def write_tables(
         foreign: robots that do not belong to their type.
         silent: robots without any recording that could be used.
         names: of single robots, in place of R001.
-        without: tables that are left out, by their names.
     """
     rng = np.random.default_rng(seed)
     named = [(names or {}).get(k, name(k)) for k in range(robots)]
@@ -53,15 +55,21 @@ def write_tables(
     }
     folder.mkdir(parents=True, exist_ok=True)
     for key, table in tables.items():
-        if key not in without:
-            table.write_parquet(folder / f"{key}.parquet")
+        table.write_parquet(folder / f"{key}.parquet")
     bad = tables["recordings"].filter(pl.col("reason") != "")
     quarantine = bad.select(
         pl.lit("recording").alias("what"), "robot", pl.col("path").alias("which"), "reason"
     )
-    if "quarantine" not in without:
-        quarantine.write_csv(folder / "quarantine.csv")
+    quarantine.write_csv(folder / "quarantine.csv")
     return folder
+
+
+def write(folder: Path) -> Path:
+    """The site of the tables in a folder; its first page."""
+    tables = {path.stem: pl.read_parquet(path) for path in folder.glob("*.parquet")}
+    quarantine = pl.read_csv(folder / "quarantine.csv", infer_schema=False)
+    write_site({**tables, "quarantine": quarantine}, folder / "site", folder.name)
+    return folder / "site" / "index.html"
 
 
 def changed(folder: Path, table: str, robot: str, **values: object) -> None:
@@ -141,7 +149,7 @@ def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.D
                 )
                 why = "no change is more likely than chance"
             rows.append((named[k], drive, *found, -0.004, -0.0047, -0.0033, LEVEL, "N m",
-                         len(times), ALARMS, why))  # fmt: skip
+                         len(times), ALARMS, BOUND, why))  # fmt: skip
     kinds = {"robot": pl.String, "drive": pl.String, "state": pl.String}
     kinds |= dict.fromkeys(("change", "change_low", "change_high"), pl.Datetime)
     kinds |= dict.fromkeys(("rate", "rate_low", "rate_high"), pl.Float64)
@@ -150,7 +158,7 @@ def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.D
     slopes = ("temperature_slope", "temperature_slope_low", "temperature_slope_high", "level")
     kinds |= dict.fromkeys(slopes, pl.Float64)
     kinds |= {"unit": pl.String, "recordings": pl.Int64}
-    kinds |= {"false_alarms": pl.Float64, "reason": pl.String}
+    kinds |= {"false_alarms": pl.Float64, "bound": pl.String, "reason": pl.String}
     return pl.DataFrame(rows, schema=kinds, orient="row")
 
 

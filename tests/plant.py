@@ -10,9 +10,8 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.fleets.fleet import find_fleet
-from deltaid.fleets.run import FleetRun, run_fleet
-from deltaid.fleets.store import FileStore
+from deltaid.fleets.run import FleetRun
+from deltaid.fleets.run import fleet as run_fleet
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
@@ -69,8 +68,9 @@ class Plant:
 
     def run(self, **options) -> FleetRun:
         """A call on this machine, with one worker."""
-        fleet = find_fleet(str(self.manifest), FileStore())
-        return run_fleet(fleet, self.output, **{"settings": SETTINGS, "workers": 1, **options})
+        return run_fleet(
+            self.manifest, self.output, **{"settings": SETTINGS, "workers": 1, **options}
+        )
 
     def table(self, name: str = "parameters.parquet") -> pl.DataFrame:
         """One of its tables, without what depends on where files lie."""

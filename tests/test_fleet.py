@@ -29,8 +29,7 @@ from deltaid.errors import DeltaidError
 from deltaid.fleets import cluster
 from deltaid.fleets.cluster import client, done, require_shared
 from deltaid.fleets.fleet import find_fleet
-from deltaid.fleets.run import run_fleet
-from deltaid.fleets.store import FileStore
+from deltaid.fleets.run import fleet as run_fleet
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.robot import own
@@ -216,7 +215,7 @@ def test_a_cluster_and_a_store_that_fail_give_the_same_bits(whole: Plant, site: 
             hurt.add(stage)
             site.workers()[0].send_signal(signal.SIGKILL)
 
-    fleet = find_fleet("s3://plant/fleet.yaml", FileStore())
+    fleet = find_fleet("s3://plant/fleet.yaml")
     run = run_fleet(fleet, FLEET, settings=SETTINGS, scheduler=site.scheduler, progress=hurting)
     assert hurt == {"gathered", "fitted"}
     assert [line.which for line in run.quarantine] == ["s3://plant/south/2026-01-09.parquet"]

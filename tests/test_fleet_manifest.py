@@ -7,7 +7,6 @@ import pytest
 
 from command import run
 from deltaid.fleets.fleet import find_fleet
-from deltaid.fleets.store import FileStore
 from plant import DAYS, TYPE, plant
 
 FIRST = [f"north/{day}" for day in DAYS[:2]]
@@ -25,10 +24,7 @@ def test_a_table_says_the_same_as_yaml(tmp_path: Path) -> None:
                          f"{FIRST[1]}.parquet\n      load: 0.5"),
         encoding="utf-8",
     )  # fmt: skip
-    found = [
-        find_fleet(str(tmp_path / f"fleet.{kind}"), FileStore())
-        for kind in ("yaml", "csv", "parquet")
-    ]
+    found = [find_fleet(str(tmp_path / f"fleet.{kind}")) for kind in ("yaml", "csv", "parquet")]
     assert found[0].recordings == found[1].recordings == found[2].recordings
     assert [one.load for one in found[0].recordings] == [None, 0.5]
     assert [f"{one.time:%Y-%m-%d}" for one in found[0].recordings] == list(DAYS[:2])
@@ -90,5 +86,5 @@ def test_names_and_folders_say_when(tmp_path: Path, name: str, time: str) -> Non
     path.touch()
     text = f"type: {TYPE}\nrobots: [{{robot: a, recordings: 'r/**/*.csv'}}]\n"
     (tmp_path / "fleet.yaml").write_text(text, encoding="utf-8")
-    (found,) = find_fleet(str(tmp_path / "fleet.yaml"), FileStore()).recordings
+    (found,) = find_fleet(str(tmp_path / "fleet.yaml")).recordings
     assert str(found.time) == time

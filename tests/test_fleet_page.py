@@ -4,17 +4,13 @@ import re
 
 import pytest
 
-from deltaid.fleets import fit_step, known, study_step, type_step
+from deltaid.fleets.known import RECORDINGS_SCHEMA
 from deltaid.fleets.manifest import Manifest
+from deltaid.fleets.steps import TABLES as STEPS
 from sessions import ROOT
 
 PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
-TABLES = {
-    "parameters": fit_step.SCHEMA,
-    "recordings": known.RECORDINGS_SCHEMA,
-    **study_step.TABLES,
-    **type_step.TABLES,
-}
+TABLES = {"recordings": RECORDINGS_SCHEMA, **STEPS}
 
 
 def test_all_keys_of_a_manifest_are_named() -> None:

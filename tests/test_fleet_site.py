@@ -11,9 +11,7 @@ import plotly.graph_objects as go
 import polars as pl
 import pytest
 
-from deltaid.errors import DeltaidError
-from deltaid.fleets.site.site import write
-from fleet_tables import START, TYPES, changed, name, write_tables
+from fleet_tables import START, TYPES, changed, name, write, write_tables
 from html_page import HOSTILE, Document
 
 
@@ -180,48 +178,6 @@ def test_a_site_is_of_one_call_or_not_changed(
     with pytest.raises(KeyboardInterrupt):
         write(folder)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.parametrize(
-    "table", ["recordings", "quarantine", "parameters", "friction", "drift", "types", "members"]
-)
-def test_a_missing_table_is_left_out_with_a_word(tmp_path: Path, table: str) -> None:
-    folder = write_tables(tmp_path, 2, 3, rising=(), foreign=(), without=(table,))
-    write(folder)
-    said = words(folder / "site" / "index.html")
-    assert f"{table}.{'csv' if table == 'quarantine' else 'parquet'} is missing" in said
-    sure = "None of 2 robots needs attention." in said
-    assert sure == (table not in ("recordings", "drift"))
-    robot = words(folder / "site" / "robots" / "R001.html")
-    assert ("All friction is steady." in robot) == (table != "drift")
-
-
-def test_what_is_no_table_is_told(tmp_path: Path) -> None:
-    with pytest.raises(DeltaidError, match="has no table of a fleet"):
-        write(tmp_path)
-    folder = write_tables(tmp_path, 2, 3)
-    (folder / "drift.parquet").write_bytes(b"PAR1 and no more")
-    with pytest.raises(DeltaidError, match=r"drift\.parquet"):
-        write(folder)
-    pl.DataFrame({"robot": ["R001"], "drive": ["q1"], "rate": ["fast"]}).write_parquet(
-        folder / "drift.parquet"
-    )
-    with pytest.raises(DeltaidError, match=r"drift\.parquet.*holds what it should not"):
-        write(folder)
-    assert not (folder / "site").exists()
-
-
-def test_columns_that_are_missing_and_times_with_zones(tmp_path: Path) -> None:
-    folder = write_tables(tmp_path, 2, 15)
-    path = folder / "recordings.parquet"
-    frame = pl.read_parquet(path).drop("temperature")
-    zoned = pl.col("time").dt.replace_time_zone("UTC").dt.convert_time_zone("Asia/Tokyo")
-    frame.with_columns(zoned).write_parquet(path)
-    write(folder)
-    said = words(folder / "site" / "index.html")
-    assert "recordings.parquet has no column temperature" in said
-    robot = words(folder / "site" / "robots" / "R001.html")
-    assert "2026-04-13 06:00" in robot  # and not nine hours later
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import polars as pl
 import pytest
 from playwright import sync_api
 
-from deltaid.fleets.site.site import write
-from fleet_tables import TYPES, write_tables
+from fleet_tables import TYPES, write, write_tables
 from html_page import HOSTILE
 from visit import CHROMIUM, Visit, chromium
 

@@ -16,7 +16,6 @@ from deltaid.model.options import FrictionLaws, Period
 if TYPE_CHECKING:
     from deltaid.fleets.fleet import Fleet
     from deltaid.fleets.run import FleetRun
-    from deltaid.fleets.store import FileStore
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -100,7 +99,6 @@ def fleet(
     require_dask()
     from deltaid.fleets.fleet import find_fleet
     from deltaid.fleets.run import fleet as run_fleet
-    from deltaid.fleets.store import FileStore
     from deltaid.model.record import Settings
 
     positive("--cutoff", cutoff)
@@ -114,13 +112,13 @@ def fleet(
         cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
-    drift, store = drift_settings(limit, false_alarms, since), FileStore()
+    drift = drift_settings(limit, false_alarms, since)
     if prior_out is not None:
         require_writable(prior_out)
     try:
         with _bar(as_json) as say:
             say("looking for recordings")
-            found = find_fleet(manifest, store, period)
+            found = find_fleet(manifest, period)
             if prior_out is not None:
                 _require_one_type(found)
             run = run_fleet(
@@ -138,12 +136,12 @@ def fleet(
         )
         raise typer.Exit(_INTERRUPTED) from None
     if prior_out is not None:
-        _write_prior(run, output, store, prior_out)
+        _write_prior(run, output, prior_out)
     if as_json:
         print_json(_as_dictionary(run, output))
     else:
         _print(run, output)
-    if all(fit.reasons for fit in run.fits):
+    if all(fit.reason for fit in run.fits):
         raise typer.Exit(2)
 
 
@@ -161,7 +159,7 @@ def _require_one_type(found: "Fleet") -> None:
         )
 
 
-def _write_prior(run: "FleetRun", output: str, store: "FileStore", path: Path) -> None:
+def _write_prior(run: "FleetRun", output: str, path: Path) -> None:
     """The description of the next robot under a name of the user's.
 
     Raises:
@@ -169,12 +167,10 @@ def _write_prior(run: "FleetRun", output: str, store: "FileStore", path: Path) -
     """
     from deltaid.files import write_bytes
     from deltaid.fleets.place import Place
-    from deltaid.fleets.type_step import next_robot_file
+    from deltaid.fleets.steps import next_robot_file
 
-    place = Place.named(output, store)
-    data = [
-        store.read(place.path_to(next_robot_file(fit.job))) for fit in run.types if not fit.reasons
-    ]
+    place = Place.named(output)
+    data = [place.read(next_robot_file(fit.job)) for fit in run.types if not fit.reason]
     if not data or data[0] is None:
         raise DeltaidError(
             "there is nothing to write: no robot of the fleet could be used",
@@ -193,7 +189,7 @@ def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
         "recordings": len(run.outcomes),
         "gathered": run.computed[0],
         "used": sum(bool(one.file) for one in run.outcomes),
-        "fits": sum(not fit.reasons for fit in run.fits),
+        "fits": sum(not fit.reason for fit in run.fits),
         "fitted": run.computed[1],
         "site": None if not run.site else f"{output}/{run.site}",
         "quarantine": [asdict(line) for line in run.quarantine],
@@ -208,7 +204,7 @@ def _print(run: "FleetRun", output: str) -> None:
     console.print(
         f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
         f"({run.computed[0]} looked at now), "
-        f"{_count(sum(not fit.reasons for fit in run.fits), 'fit')} "
+        f"{_count(sum(not fit.reason for fit in run.fits), 'fit')} "
         f"({run.computed[1]} made now); in {output}"
     )
     if run.site:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deltaid.errors import DescriptionError
 from deltaid.fleets.manifest import Entry, RecordedFile, beside, read_manifest
-from deltaid.fleets.store import FileStore, has_pattern
+from deltaid.fleets.store import has_pattern, matching, stamps_of
 from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
 
@@ -47,18 +47,22 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Absent:
-    """What the manifest names and no file can be used for.
+class Quarantined:
+    """What cannot be used: a line of the quarantine.
 
     Attributes:
+        what: 'recording', 'fit', 'drift', 'type'.
         robot: whose.
-        path: path, address or pattern.
-        reason: why.
+        which: path, pattern, period or type.
+        reason: in words.
+        key: of what it follows from; empty where it is tried again at the next call.
     """
 
+    what: str
     robot: str
-    path: str
+    which: str
     reason: str
+    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,11 +80,11 @@ class Fleet:
     recordings: tuple[Recorded, ...]
     types: dict[str, str]
     period: Period = "week"
-    absent: tuple[Absent, ...] = ()
+    absent: tuple[Quarantined, ...] = ()
     entries: tuple[tuple[str, str], ...] = ()
 
 
-def find_fleet(manifest: str, store: FileStore, period: Period | None = None) -> Fleet:
+def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
     """The fleet of a manifest; paths are seen from its folder.
 
     Args:
@@ -90,25 +94,23 @@ def find_fleet(manifest: str, store: FileStore, period: Period | None = None) ->
         DescriptionError: the manifest is wrong, or gives a recording to two robots.
         StoreError: a store cannot be reached.
     """
-    read, absent, types = read_manifest(manifest, store), list[Absent](), dict[str, str]()
+    read, absent, types = read_manifest(manifest), list[Quarantined](), dict[str, str]()
     recordings, entries = dict[str, Recorded](), list[tuple[str, str]]()
     named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
-    single = store.stamps(pattern for pattern, _ in named if not has_pattern(pattern))
+    single = stamps_of(pattern for pattern, _ in named if not has_pattern(pattern))
     for pattern, (robot, kind, file, columns) in named:
         types[kind] = kind if kind in catalogue() else beside(kind, manifest)
         entries.append((robot, pattern))
-        matches = (
-            store.matching(pattern)
-            if has_pattern(pattern)
-            else {pattern: single[pattern]}
-            if pattern in single
-            else {}
-        )
+        if has_pattern(pattern):
+            matches, why = matching(pattern), "no file answers to it"
+        else:
+            matches = {pattern: single[pattern]} if pattern in single else {}
+            why = "no such file"
         if not matches:
-            what = "no file answers to it" if has_pattern(pattern) else "no such file"
-            absent.append(Absent(robot, pattern, f"{what}\n  → check the manifest"))
+            reason = f"{why}\n  → check the manifest"
+            absent.append(Quarantined("recording", robot, pattern, reason))
         for recording in _recorded((robot, kind, file, columns), matches, manifest):
-            if isinstance(recording, Absent):
+            if isinstance(recording, Quarantined):
                 absent.append(recording)
             elif (first := recordings.setdefault(recording.path, recording)) != recording:
                 raise DescriptionError(
@@ -135,14 +137,16 @@ def period_of(time: datetime, period: Period) -> str:
     return {"day": f"{time:%Y-%m-%d}", "month": f"{time:%Y-%m}", "all": "all"}[period]
 
 
-def _recorded(entry: Entry, matches: dict[str, str], manifest: str) -> Iterable[Recorded | Absent]:
+def _recorded(
+    entry: Entry, matches: dict[str, str], manifest: str
+) -> Iterable[Recorded | Quarantined]:
     robot, kind, file, columns = entry
     mapping = beside(columns, manifest) if columns else ""
     for path, stamp in matches.items():
         time = _time(file, path)
         if time is None:
-            yield Absent(
-                robot, path,
+            yield Quarantined(
+                "recording", robot, path,
                 "nothing says when it was made\n"
                 "  → give its time, or put a date such as 2026-01-31 into its name or folder",
             )  # fmt: skip

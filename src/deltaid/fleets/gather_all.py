@@ -2,13 +2,23 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, RecordingError
+from deltaid.fleets.cluster import ALONE
+from deltaid.fleets.factor_file import FactorFile, write
 from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gather_one import FACTORS, GatherJob, GatherResult, gather_recorded
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.gather_plan import FACTORS, GatherJob
+from deltaid.fleets.known import GatherResult
+from deltaid.fleets.place import Place
 from deltaid.fleets.step import Call
-from deltaid.fleets.store import has_pattern
+from deltaid.fleets.store import StoreError, has_pattern, local_file
+from deltaid.parallel import threads
+
+# Grades of verdicts that a table names.
+_POOR = ("wrong", "doubtful")
 
 
 def gather_all(call: Call) -> tuple[list[GatherResult], int]:
@@ -21,7 +31,7 @@ def gather_all(call: Call) -> tuple[list[GatherResult], int]:
         except DeltaidError as error:
             outcomes.append(GatherResult(recorded, "", reason=str(error), is_new=False))
             continue
-        known = call.known.gathered(recorded, job.key, listing)
+        known = call.known.gathered(job, listing)
         if known is None:
             jobs.append(job)
         else:
@@ -46,21 +56,13 @@ def gather_again(
     return [known.get(outcome.recorded, outcome) for outcome in outcomes], len(new)
 
 
-def how_digest(call: Call, recorded: Recorded) -> str:
-    """The checksum of how a recording is gathered; empty where it cannot be."""
-    try:
-        return call.plan.how(recorded).digest
-    except DeltaidError:
-        return ""
-
-
 def _gathered(call: Call, jobs: Sequence[GatherJob]) -> list[GatherResult]:
     words = ("gathered", "recordings")
     return list(call.done(words, gather_recorded, jobs, _failed))
 
 
 def _failed(job: GatherJob, why: str) -> GatherResult:
-    return GatherResult(job.recorded, "", reason=why)
+    return GatherResult(job.recorded, "", reason=why, how=job.how.digest)
 
 
 def _gone(call: Call, listing: dict[str, int]) -> list[GatherResult]:
@@ -75,11 +77,13 @@ def _gone(call: Call, listing: dict[str, int]) -> list[GatherResult]:
         if has_pattern(pattern):
             patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
     here, gone = {recorded.path for recorded in call.fleet.recordings}, list[GatherResult]()
-    for outcome, how in call.known.gone(here, listing):
+    for outcome in call.known.gone(here, listing):
         robot, path = outcome.recorded.robot, outcome.recorded.path
         matches = any(pattern.fullmatch(path) for pattern in patterns.get(robot, ()))
-        if (matches or (robot, path) in named) and how_digest(call, outcome.recorded) == how:
-            gone.append(outcome)
+        with suppress(DeltaidError):  # what cannot be gathered now is of other means
+            same = call.plan.how(outcome.recorded).digest == outcome.how
+            if same and (matches or (robot, path) in named):
+                gone.append(outcome)
     return gone
 
 
@@ -99,3 +103,54 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
             reason += "  → give each recording once"
             kept.append(replace(outcome, key="", file="", reason=reason))
     return sorted(kept, key=lambda outcome: outcome.recorded)
+
+
+def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
+    """Gather a recording into a fleet's folder, unless it is there.
+
+    A recording that cannot be used is an outcome with its reason, and no error.
+    """
+    with ALONE:
+        try:
+            file = there = place.factors(job.file, job.key)
+            if file is None:
+                file = _gathered_now(job)
+                place.save_file(job.file, lambda path: write(file, path, job.key))
+            size = place.size(job.file)
+        except DeltaidError as error:
+            result = _failed(job, str(error))
+            return result if isinstance(error, StoreError) else replace(result, key=job.key)
+    return GatherResult(
+        job.recorded,
+        job.key,
+        file=job.file,
+        is_new=there is None,
+        size=size,
+        sha256=file.record.sha256,
+        samples=file.record.model.sources[0].samples,
+        verdicts=poor([file]),
+        how=job.how.digest,
+    )
+
+
+def poor(files: list[FactorFile]) -> str:
+    """Names of verdicts that are not good, joined."""
+    verdicts = (verdict for file in files for verdict in file.record.verdicts)
+    return ", ".join(sorted({verdict.key for verdict in verdicts if verdict.grade in _POOR}))
+
+
+def _gathered_now(job: GatherJob) -> FactorFile:
+    recorded, how = job.recorded, job.how
+    try:
+        with local_file(recorded.path, recorded.stamp) as path, threads(1):
+            try:
+                return gathered(
+                    how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
+                )
+            except RecordingError as error:  # of a copy, which the user has not seen
+                where = error.where.replace(str(path), recorded.path)
+                raise RecordingError(error.what, where=where, cure=error.cure) from None
+    except FileNotFoundError:
+        raise StoreError(
+            "is no longer there", where=recorded.path, cure="check the manifest"
+        ) from None

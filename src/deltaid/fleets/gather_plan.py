@@ -3,27 +3,100 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.fleets.cluster import ALONE
+from deltaid.fleets.factor_file import ENDING
 from deltaid.fleets.fleet import Fleet, Recorded
-from deltaid.fleets.gather_one import GatherJob, How, suggested_cutoff
+from deltaid.fleets.keys import digest, safe, ways
 from deltaid.fleets.place import Place
+from deltaid.fleets.store import local_file
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
+from deltaid.parallel import threads
+from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping, load_mapping
+from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
 
 if TYPE_CHECKING:
     from distributed import Client
 
+FACTORS = "factors"
 DECIDED = "decided.json"
 # Recordings of a type that are asked for a cut-off, one after the other, until one can be used.
 _ASKED = 20
 
 _Read = TypeVar("_Read")
+
+
+@dataclass(frozen=True)
+class How:
+    """What a recording is gathered with.
+
+    Attributes:
+        robot: whose it is.
+        mapping: of its columns.
+        settings: of filter, masks and corrections.
+        force: go on with what the checks call wrong.
+    """
+
+    robot: RobotDescription
+    mapping: ColumnMapping | None
+    settings: Settings
+    force: bool = False
+
+    @cached_property
+    def digest(self) -> str:
+        """A checksum of all this."""
+        return digest([ways(self.robot, self.mapping, self.settings), self.force])
+
+    def holding(self, mass: float | None, where: str) -> "How":
+        """The same for a recording with a mass that was held all the time, 0 for none.
+
+        Raises:
+            RecordingError: its mapping says as well what is held.
+        """
+        if mass is None:
+            return self
+        if self.mapping is not None and self.mapping.load is not None:
+            raise RecordingError(
+                "its mapping and the manifest both say what it holds",
+                where=where,
+                cure="say it in one of them",
+            )
+        if not mass:
+            return self
+        # Loads of one name are the same thing, so those of another mass have another name.
+        load = Load(always=True, mass=mass, name=f"load-{round(1e6 * mass)}mg")
+        return replace(self, mapping=(self.mapping or ColumnMapping()).changed(load=load))
+
+
+@dataclass(frozen=True)
+class GatherJob:
+    """A recording that is to be gathered, how, and the checksum of all that follows from."""
+
+    recorded: Recorded
+    how: How
+    key: str
+
+    @classmethod
+    def for_recording(cls, recorded: Recorded, how: How) -> "GatherJob":
+        """By the recording's stamp: nothing is read for it."""
+        known = [recorded.path, recorded.stamp, how.digest, version("deltaid")]
+        return cls(recorded, how, digest(known))
+
+    @property
+    def file(self) -> str:
+        """Name of the factor file, seen from the fleet's folder."""
+        robot, log = safe(self.recorded.robot), safe(Path(self.recorded.path).stem)
+        return f"{FACTORS}/{robot}/{log}-{self.key[:12]}{ENDING}"
 
 
 @dataclass(frozen=True)
@@ -49,9 +122,7 @@ class GatherPlan:
     hows: dict[tuple[str, str, float | None], How] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def from_manifest(
-        cls, fleet: Fleet, place: Place, settings: Settings, *, force: bool
-    ) -> "GatherPlan":
+    def from_manifest(cls, fleet: Fleet, settings: Settings, *, force: bool) -> "GatherPlan":
         """What a fleet's manifest says; what cannot be read does not stop the rest."""
         wrong = dict[str, DeltaidError]()
 
@@ -59,7 +130,7 @@ class GatherPlan:
             values = dict[str, _Read]()
             for name, file in names.items():
                 try:
-                    with place.store.local(file) as path:
+                    with local_file(file) as path:
                         values[name] = load(path)
                 except FileNotFoundError:
                     wrong[name] = RecordingError(
@@ -85,15 +156,12 @@ class GatherPlan:
                 raise self.wrong[name]
         kind = (recorded.type, recorded.columns, recorded.load)
         if kind not in self.hows:
-            self.hows[kind] = self._how(recorded)
+            settings, mapping = self.settings, self.mappings.get(recorded.columns)
+            if settings.cutoff is None and recorded.type in self.cutoffs:
+                settings = settings.changed(cutoff=self.cutoffs[recorded.type])
+            how = How(self.robots[recorded.type], mapping, settings, self.force)
+            self.hows[kind] = how.holding(recorded.load, recorded.path)
         return self.hows[kind]
-
-    def _how(self, recorded: Recorded) -> How:
-        settings, kind = self.settings, recorded.type
-        if settings.cutoff is None and kind in self.cutoffs:
-            settings = settings.changed(cutoff=self.cutoffs[kind])
-        how = How(self.robots[kind], self.mappings.get(recorded.columns), settings, self.force)
-        return how.holding(recorded.load, recorded.path)
 
 
 def with_cutoffs(
@@ -112,7 +180,7 @@ def with_cutoffs(
         if kind in cutoffs:
             continue
         jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
-        asked = (client().submit(suggested_cutoff, job, place, pure=False) for job in jobs)
+        asked = (client().submit(suggested_cutoff, job, pure=False) for job in jobs)
         cutoff = next((x for future in asked if (x := future.result()) is not None), None)
         if cutoff is not None:
             cutoffs[kind] = cutoff
@@ -123,10 +191,23 @@ def with_cutoffs(
                 cure="check these with `deltaid check`, or give --cutoff",
             )
     if cutoffs != known:
-        place.store.write(
-            place.path_to(DECIDED), json.dumps({"cutoff_hz": cutoffs}, indent=2).encode()
-        )
+        place.write(DECIDED, json.dumps({"cutoff_hz": cutoffs}, indent=2).encode())
     return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
+
+
+def suggested_cutoff(job: GatherJob) -> float | None:
+    """The cut-off that a recording asks for [Hz], of two digits; None where it cannot be used."""
+    with ALONE, threads(1):
+        try:
+            with local_file(job.recorded.path) as path:
+                kinematics = Kinematics(job.how.robot)
+                log = open_log(
+                    path, kinematics, job.how.mapping, keep_all=job.how.settings.keep_all
+                )
+            cutoff = log.suggested_cutoff
+        except (DeltaidError, FileNotFoundError):
+            return None
+    return None if cutoff is None else float(f"{cutoff:.2g}")
 
 
 def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
@@ -140,7 +221,7 @@ def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
 
 
 def _decided(place: Place) -> dict[str, float]:
-    data = place.store.read(place.path_to(DECIDED))
+    data = place.read(DECIDED)
     if data is None:
         return {}
     try:

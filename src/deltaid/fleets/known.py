@@ -1,15 +1,15 @@
 """What the tables of a fleet's folder say of earlier calls, so that nothing is done again."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from io import BytesIO
 from typing import Any
 
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.fleet import Recorded
-from deltaid.fleets.gather_one import GatherResult
+from deltaid.fleets.fleet import Quarantined, Recorded
+from deltaid.fleets.gather_plan import GatherJob
 from deltaid.fleets.place import Place
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
@@ -33,27 +33,36 @@ RECORDINGS_SCHEMA = {
 }
 # Columns that are fields of the recording and of its outcome.
 _RECORDED = ("robot", "type", "time", "path", "columns", "load", "temperature")
-_OUTCOME = ("file", "reason", "samples", "verdicts", "sha256", "key")
-_QUARANTINE = ("what", "robot", "which", "reason", "key")
+_OUTCOME = ("file", "reason", "samples", "verdicts", "sha256", "key", "how")
 
 
 @dataclass(frozen=True)
-class Quarantined:
-    """A line of the quarantine.
+class GatherResult:
+    """What became of one recording.
 
     Attributes:
-        what: 'recording', 'fit', 'drift', 'type'.
-        robot: whose.
-        which: path, period or type.
-        reason: in words.
-        key: of what it follows from; empty where it is tried again at the next call.
+        recorded: which.
+        key: checksum of what its factors follow from; empty where another call may end otherwise.
+        file: its factor file, seen from the fleet's folder; empty if it was refused.
+        reason: why it is in quarantine; empty if it is not.
+        is_new: whether it was looked at now.
+        size: of the factor file [bytes].
+        sha256: of the recording.
+        samples: of the recording.
+        verdicts: of its checks that are not good, by name.
+        how: checksum of how it is gathered; empty where it cannot be.
     """
 
-    what: str
-    robot: str
-    which: str
-    reason: str
-    key: str = ""
+    recorded: Recorded
+    key: str
+    file: str = ""
+    reason: str = ""
+    is_new: bool = True
+    size: int = 0
+    sha256: str = ""
+    samples: int = 0
+    verdicts: str = ""
+    how: str = ""
 
 
 @dataclass(frozen=True)
@@ -130,50 +139,38 @@ class EarlierCalls:
         ordered = order.join(rows, on="key", how="inner", maintain_order="left_right")
         return ordered.select(*schema)
 
-    def gathered(
-        self, recorded: Recorded, key: str, listing: Mapping[str, int]
-    ) -> GatherResult | None:
+    def gathered(self, job: GatherJob, listing: Mapping[str, int]) -> GatherResult | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""
-        if key in self.refused:
-            return GatherResult(recorded, key, reason=self.refused[key], is_new=False)
-        if key not in self.rows:
+        if job.key in self.refused:
+            reason, how = self.refused[job.key], job.how.digest
+            return GatherResult(job.recorded, job.key, reason=reason, is_new=False, how=how)
+        if job.key not in self.rows:
             return None
-        row = self.recordings.row(self.rows[key], named=True)
-        if listing.get(row["file"]) != row["bytes"]:
-            return None
-        return _outcome(recorded, row)
+        row = self.recordings.row(self.rows[job.key], named=True)
+        return _outcome(job.recorded, row) if listing.get(row["file"]) == row["bytes"] else None
 
-    def gone(
-        self, here: Set[str], listing: Mapping[str, int]
-    ) -> Iterator[tuple[GatherResult, str]]:
-        """What became of recordings that are not `here` and whose factors are still there whole,
-        each with the checksum of how it was gathered."""
+    def gone(self, here: Set[str], listing: Mapping[str, int]) -> Iterator[GatherResult]:
+        """What became of recordings that are not `here` and whose factors are still there whole."""
         for row in self.recordings.iter_rows(named=True):
             if row["path"] not in here and listing.get(row["file"]) == row["bytes"]:
-                recorded = Recorded(**{key: row[key] for key in _RECORDED})
-                yield _outcome(recorded, row), row["how"]
+                yield _outcome(Recorded(**{key: row[key] for key in _RECORDED}), row)
 
 
-def recordings_table(outcomes: Sequence[GatherResult], how: Mapping[Recorded, str]) -> pl.DataFrame:
+def recordings_table(outcomes: Sequence[GatherResult]) -> pl.DataFrame:
     """One row a recording."""
     rows = [
         {key: getattr(outcome.recorded, key) for key in _RECORDED}
         | {key: getattr(outcome, key) for key in _OUTCOME}
-        | {
-            "bytes": outcome.size,
-            "how": how.get(outcome.recorded, ""),
-            "there": bool(outcome.recorded.stamp),
-        }
+        | {"bytes": outcome.size, "there": bool(outcome.recorded.stamp)}
         for outcome in outcomes
     ]
     return pl.DataFrame(rows, schema=RECORDINGS_SCHEMA, orient="row")
 
 
-def quarantine_csv(lines: Sequence[Quarantined]) -> bytes:
-    """The quarantine as CSV."""
-    rows = [tuple(getattr(line, name) for name in _QUARANTINE) for line in lines]
-    frame = pl.DataFrame(rows, schema=dict.fromkeys(_QUARANTINE, pl.String), orient="row")
-    return frame.write_csv().encode()
+def quarantine_table(lines: Sequence[Quarantined]) -> pl.DataFrame:
+    """One row a line of the quarantine."""
+    schema = dict.fromkeys((entry.name for entry in fields(Quarantined)), pl.String)
+    return pl.DataFrame([astuple(line) for line in lines], schema=schema, orient="row")
 
 
 def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
@@ -183,7 +180,7 @@ def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
 
 def _refused(place: Place) -> dict[str, str]:
     """Reasons of what was refused and would be again, by key."""
-    data = place.store.read(place.path_to(QUARANTINE))
+    data = place.read(QUARANTINE)
     if not data:
         return {}
     try:

@@ -16,7 +16,7 @@ import polars as pl
 from pydantic import Field, field_validator
 
 from deltaid.errors import DescriptionError, nearest
-from deltaid.fleets.store import FileStore, is_address
+from deltaid.fleets.store import is_address, read
 from deltaid.model.options import Period
 from deltaid.robot.load import parse
 from deltaid.robot.part import Part
@@ -103,7 +103,7 @@ class Manifest(Part):
 Entry = tuple[str, str, RecordedFile, str | None]
 
 
-def read_manifest(name: str, store: FileStore) -> Manifest:
+def read_manifest(name: str) -> Manifest:
     """The manifest of a path or address.
 
     Raises:
@@ -112,7 +112,7 @@ def read_manifest(name: str, store: FileStore) -> Manifest:
     cure = "give the YAML, CSV or Parquet file of a fleet"
     if not is_address(name) and Path(name).is_dir():
         raise DescriptionError("is a folder, not a file", where=name, cure=cure)
-    data = store.read(name)
+    data = read(name)
     if data is None:
         raise DescriptionError("no such file", where=name, cure=cure)
     ending = f".{name.rpartition('.')[2].lower()}"

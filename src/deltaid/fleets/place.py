@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,32 +10,31 @@ from tempfile import TemporaryDirectory
 import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
-from deltaid.fleets.store import FileStore, is_address
 
 
 @dataclass(frozen=True)
 class Place:
-    """A folder, by its path or its address, and how to get at it.
-
-    Attributes:
-        root: its absolute path, or its address.
-        store: of it, and of recordings.
-    """
+    """A folder by `root`, its absolute path or its address; names of files are seen from it."""
 
     root: str
-    store: FileStore = field(default_factory=FileStore)
 
     @classmethod
-    def named(cls, folder: str | Path, store: FileStore) -> "Place":
+    def named(cls, folder: str | Path) -> "Place":
         """The folder of a name."""
         text = str(folder)
-        return cls(text.rstrip("/") if is_address(text) else str(Path(text).resolve()), store)
+        return cls(text.rstrip("/") if store.is_address(text) else str(Path(text).resolve()))
 
     @property
     def is_local(self) -> bool:
         """Whether it is a path."""
-        return not is_address(self.root)
+        return not store.is_address(self.root)
+
+    @property
+    def name(self) -> str:
+        """Its own name, without what it lies in."""
+        return Path(self.root).name
 
     def require(self) -> None:
         """Find out before any work whether the folder can be written to.
@@ -62,13 +61,21 @@ class Place:
         """Path or address of a file in it."""
         return f"{self.root}/{name}"
 
+    def read(self, name: str) -> bytes | None:
+        """The bytes of a file; None if there is none."""
+        return store.read(self.path_to(name))
+
+    def write(self, name: str, data: bytes) -> None:
+        """A file of these bytes, whole or not at all."""
+        store.write(self.path_to(name), data)
+
     def table(self, name: str) -> pl.DataFrame | None:
         """A Parquet table in it; None if there is none.
 
         Raises:
             DeltaidError: it is no table.
         """
-        data = self.store.read(self.path_to(name))
+        data = self.read(name)
         if data is None:
             return None
         try:
@@ -101,7 +108,7 @@ class Place:
             StoreError: the store cannot be reached.
         """
         try:
-            with self.store.local(self.path_to(name)) as path:
+            with store.local_file(self.path_to(name)) as path:
                 file = read(path)
         except (FileNotFoundError, RecordingError):
             return None
@@ -109,18 +116,16 @@ class Place:
 
     def size(self, name: str) -> int:
         """Bytes of a file; zero if there is none."""
-        return int(self.store.stamp(self.path_to(name)).partition(" ")[0] or 0)
+        return int(store.stamp_of(self.path_to(name)).partition(" ")[0] or 0)
 
     def listing(self, folder: str) -> dict[str, int]:
         """Sizes of all files in one of its folders, by their names seen from itself."""
-        sizes = self.store.listing(self.path_to(folder))
+        sizes = store.listing(self.path_to(folder))
         return {f"{folder}/{name}": size for name, size in sizes.items()}
 
-    def save_file(self, name: str, write: Callable[[Path], None]) -> int:
-        """Write a file as `write` writes it on this machine; its size in bytes."""
+    def save_file(self, name: str, write: Callable[[Path], None]) -> None:
+        """Write a file as `write` writes it on this machine."""
         with TemporaryDirectory(prefix="deltaid-") as folder:
             path = Path(folder) / name.rpartition("/")[2]
             write(path)
-            data = path.read_bytes()
-        self.store.write(self.path_to(name), data)
-        return len(data)
+            self.write(name, path.read_bytes())

@@ -1,6 +1,6 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
@@ -8,40 +8,43 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import polars as pl
+
+from deltaid.fleets import store
 from deltaid.fleets.cluster import client, require_dask, require_shared
 from deltaid.fleets.drift_inputs import DriftSettings
-from deltaid.fleets.fit_step import FITS, fit_jobs
-from deltaid.fleets.fleet import Fleet, find_fleet
-from deltaid.fleets.gather_all import (
-    gather_again,
-    gather_all,
-    how_digest,
-)
-from deltaid.fleets.gather_one import GatherResult
+from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
+from deltaid.fleets.gather_all import gather_again, gather_all
 from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
 from deltaid.fleets.known import (
     QUARANTINE,
     RECORDINGS,
     EarlierCalls,
-    Quarantined,
-    quarantine_csv,
+    GatherResult,
+    quarantine_table,
     recordings_table,
 )
 from deltaid.fleets.place import Place
-from deltaid.fleets.site.site import SITE
-from deltaid.fleets.site.site import write as write_site
-from deltaid.fleets.step import JOURNAL, Call, JobResult, Say
-from deltaid.fleets.store import FileStore
-from deltaid.fleets.study_step import MEMBERS, STUDIES, member_file, study_jobs
-from deltaid.fleets.type_step import TYPE_FITS, type_jobs
+from deltaid.fleets.site.site import SITE, write_site
+from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult, Say
+from deltaid.fleets.steps import (
+    DRIFTS,
+    FITS,
+    MEMBERS_FOLDER,
+    ROBOTS,
+    TABLES,
+    TYPE_FITS,
+    fit_jobs,
+    member_file,
+    study_jobs,
+    type_jobs,
+)
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
 
 if TYPE_CHECKING:
     from distributed import Client
-
-STEPS = (FITS, STUDIES, TYPE_FITS)
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ def fleet(
 ) -> FleetRun:
     """Gather the recordings of many robots, fit each robot in each period, and look for drift.
 
-    It may be ended at any time: the same call does what is left. What cannot be used is put into
+    It may be ended at any time: the same call does what is left. Results do not depend on the
+    number of workers, on their order, nor on the number of calls. What cannot be used is put into
     quarantine with its reason and stops nothing else.
 
     Args:
@@ -105,156 +109,117 @@ def fleet(
         options: single settings of fits by name, such as `lag="none"`.
 
     Raises:
-        DeltaidError: Dask is missing, or the manifest or the folder cannot be used.
+        DeltaidError: Dask is missing, nobody answers, workers do not see the folder, or the
+            manifest or the folder cannot be used.
     """
     require_dask()
-    store = FileStore()
-    with watched(progress, "fleet") as say:
-        say("looking for recordings")
+    with watched(progress, "fleet") as say, ExitStack() as stack:
         if not isinstance(manifest, Fleet):
-            manifest = find_fleet(str(manifest), store, period)
-        return run_fleet(
-            manifest, output, settings=settings_of(settings, options), drift=drift, store=store,
-            scheduler=scheduler, workers=workers, force=force, retry=retry, dashboard=dashboard,
-            progress=say,
-        )  # fmt: skip
-
-
-def run_fleet(
-    fleet: Fleet,
-    folder: str | Path,
-    *,
-    settings: Settings | None = None,
-    drift: DriftSettings | None = None,
-    store: FileStore | None = None,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    force: bool = False,
-    retry: bool = False,
-    progress: Say = lambda _: None,
-    dashboard: Say = lambda _: None,
-) -> FleetRun:
-    """Gather all recordings of a fleet, fit every robot in every period, and look for drift.
-
-    It may be ended at any time: the next call does what is left. Results do not depend on the
-    number of workers, on their order, nor on the number of calls.
-
-    Args:
-        folder: of factors and tables, a path or an address; made if there is none.
-        drift: of what is said of drift.
-        store: where recordings lie.
-        scheduler: address of a Dask scheduler; processes of this machine where None.
-        workers: how many of these; one a core where None.
-        force: go on with what the checks call wrong.
-        retry: try again what is in quarantine.
-        progress: told of every step, such as 'gathered 3 of 8 recordings'.
-        dashboard: told where Dask shows what it does.
-
-    Raises:
-        DeltaidError: Dask is not installed, nobody answers, workers do not see the folder, or it
-            cannot be written to.
-    """
-    settings, place = settings or Settings(), Place.named(folder, store or FileStore())
-    place.require()
-    plan = GatherPlan.from_manifest(fleet, place, settings, force=force)
-    schemas = {name: columns for step in STEPS for name, columns in step.tables.items()}
-    known = EarlierCalls.read(place, schemas, retry=retry)
-    with ExitStack() as stack:
+            say("looking for recordings")
+            manifest = find_fleet(str(manifest), period)
+        settings, place = settings_of(settings, options), Place.named(output)
+        place.require()
+        plan = GatherPlan.from_manifest(manifest, settings, force=force)
+        known = EarlierCalls.read(place, TABLES, retry=retry)
 
         @cache
         def started() -> "Client":
             """Workers, which are not started for a call that has nothing to do."""
-            progress("starting workers")
+            say("starting workers")
             own = stack.enter_context(client(scheduler, workers))
             dashboard(str(own.dashboard_link))
             if place.is_local:
                 require_shared(own, Path(place.root))
             return own
 
-        plan = with_cutoffs(plan, fleet, place, started)
-        call = Call(fleet, place, plan, known, started, progress)
+        plan = with_cutoffs(plan, manifest, place, started)
+        return _run(Call(manifest, place, plan, known, started, say), drift or DriftSettings())
 
-        def fit_all() -> tuple[list[JobResult], int]:
-            return FITS.run(call, fit_jobs(outcomes, fleet.period, plan.robots, settings))
 
-        outcomes, gathered = gather_all(call)
-        fits, fitted = fit_all()
-        damaged = {file for fit in fits for file in fit.damaged}
-        if damaged:
-            outcomes, more = gather_again(call, outcomes, damaged)
-            fits, again = fit_all()
-            gathered, fitted = gathered + more, fitted + again
-        jobs = study_jobs(fits, outcomes, drift or DriftSettings())
-        studies, studied = STUDIES.run(call, jobs)
-        types, _ = TYPE_FITS.run(call, type_jobs(studies))
+def _run(call: Call, drift: DriftSettings) -> FleetRun:
+    """All steps of a call, then its tables and pages."""
+
+    def fit_all() -> tuple[list[JobResult], int]:
+        jobs = fit_jobs(outcomes, call.fleet.period, call.plan.robots, call.plan.settings)
+        return FITS.run(call, jobs)
+
+    outcomes, gathered = gather_all(call)
+    fits, fitted = fit_all()
+    damaged = {file for fit in fits for file in fit.damaged}
+    if damaged:
+        outcomes, more = gather_again(call, outcomes, damaged)
+        fits, again = fit_all()
+        gathered, fitted = gathered + more, fitted + again
+    jobs = study_jobs(fits, outcomes, drift)
+    studies, studied = DRIFTS.run(call, jobs)
+    robots, _ = ROBOTS.run(call, jobs)
+    types, _ = TYPE_FITS.run(call, type_jobs(robots))
+    results = {FITS: fits, DRIFTS: studies, ROBOTS: robots, TYPE_FITS: types}
     finished = FleetRun(
         tuple(outcomes),
         tuple(fits),
         tuple(studies),
         tuple(types),
-        tuple(_quarantine(fleet, outcomes, [*fits, *studies, *types])),
+        tuple(_quarantine(call.fleet, outcomes, results)),
         (gathered, fitted, studied),
     )
-    progress("writing tables")
-    _write(call, finished)
+    call.say("writing tables")
+    tables = _write(call, finished, results)
     if finished.site:
-        progress("writing the site")
-        _write_site(place)
+        call.say("writing the site")
+        _write_pages(call.place, tables)
     return finished
 
 
 def _quarantine(
-    fleet: Fleet, outcomes: Sequence[GatherResult], results: Sequence[JobResult]
+    fleet: Fleet,
+    outcomes: Sequence[GatherResult],
+    results: Mapping[FleetStep, Sequence[JobResult]],
 ) -> Iterable[Quarantined]:
     used = {(outcome.recorded.robot, outcome.recorded.path) for outcome in outcomes if outcome.file}
-    for absent in fleet.absent:
-        if (absent.robot, absent.path) not in used:
-            yield Quarantined("recording", absent.robot, absent.path, absent.reason)
+    yield from (absent for absent in fleet.absent if (absent.robot, absent.which) not in used)
     for outcome in outcomes:
         if outcome.reason:
-            recorded = outcome.recorded
-            yield Quarantined(
-                "recording", recorded.robot, recorded.path, outcome.reason, outcome.key
-            )
-    for result in results:
-        job, key = result.job, result.job.key * result.lasting
-        for what, reason in result.reasons.items():
-            for name in job.names:
-                yield Quarantined(what, job.robot, name, reason, key)
+            log = outcome.recorded
+            yield Quarantined("recording", log.robot, log.path, outcome.reason, outcome.key)
+    for step, own in results.items():
+        for result in own:
+            for name in result.job.names if result.reason else ():
+                key = result.job.key * result.lasting
+                yield Quarantined(step.what, result.job.robot, name, result.reason, key)
 
 
-def _write(call: Call, run: FleetRun) -> None:
-    """The tables; what jobs have left behind is then no longer needed."""
-    place = call.place
-    how = {outcome.recorded: how_digest(call, outcome.recorded) for outcome in run.outcomes}
-    for step, results in zip(STEPS, (run.fits, run.studies, run.types), strict=True):
-        keys = [result.job.key for result in results]
+def _write(
+    call: Call, run: FleetRun, results: Mapping[FleetStep, Sequence[JobResult]]
+) -> dict[str, pl.DataFrame]:
+    """The tables, by name; what jobs have left behind is then no longer needed."""
+    place, tables = call.place, dict[str, pl.DataFrame]()
+    for step, own in results.items():
+        keys = [result.job.key for result in own]
         for name, schema in step.tables.items():
-            made = (result for result in results if name in result.tables)
-            new = {result.job.key: result.tables[name] for result in made}
-            place.save(f"{name}.parquet", call.known.with_new(name, schema, keys, new))
-    place.save(RECORDINGS, recordings_table(run.outcomes, how))
-    place.store.write(place.path_to(QUARANTINE), quarantine_csv(run.quarantine))
+            new = {result.job.key: result.tables[name] for result in own if name in result.tables}
+            tables[name] = call.known.with_new(name, schema, keys, new)
+            place.save(f"{name}.parquet", tables[name])
+    tables |= {
+        "recordings": recordings_table(run.outcomes),
+        "quarantine": quarantine_table(run.quarantine),
+    }
+    place.save(RECORDINGS, tables["recordings"])
+    place.write(QUARANTINE, tables["quarantine"].write_csv().encode())
     used = {member_file(study.job) for study in run.studies}
-    for name in {**place.listing(JOURNAL), **place.listing(MEMBERS)}:
+    for name in {**place.listing(JOURNAL), **place.listing(MEMBERS_FOLDER)}:
         if name not in used:
-            place.store.remove(place.path_to(name))
+            store.remove(place.path_to(name))
+    return tables
 
 
-def _write_site(place: Place) -> None:
-    """The pages; of a fleet in a store they are made here and copied there."""
+def _write_pages(place: Place, tables: Mapping[str, pl.DataFrame]) -> None:
+    """The site; that of a fleet in a store is made here and copied there."""
     if place.is_local:
-        write_site(Path(place.root))
+        write_site(tables, Path(place.root) / SITE, place.name)
         return
-    with TemporaryDirectory(prefix="deltaid-") as name:
-        folder = Path(name)
-        names = [f"{name}.parquet" for step in STEPS for name in step.tables]
-        for table in (*names, RECORDINGS, QUARANTINE):
-            data = place.store.read(place.path_to(table))
-            if data is not None:
-                (folder / table).write_bytes(data)
-        write_site(folder, place.root.rstrip("/").rpartition("/")[2])
-        for page in sorted((folder / SITE).rglob("*")):
+    with TemporaryDirectory(prefix="deltaid-") as folder:
+        write_site(tables, Path(folder), place.name)
+        for page in sorted(Path(folder).rglob("*")):
             if page.is_file():
-                address = place.path_to(page.relative_to(folder).as_posix())
-                place.store.write(address, page.read_bytes())
+                place.write(f"{SITE}/{page.relative_to(folder).as_posix()}", page.read_bytes())

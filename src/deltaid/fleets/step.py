@@ -108,14 +108,14 @@ class JobResult:
     Attributes:
         job: which.
         tables: by name, such as 'parameters', if they were made in this call.
-        reasons: why something is missing, by part: 'fit', 'drift', 'type'.
+        reason: why there is nothing; empty if there is.
         lasting: whether another call would end the same.
         damaged: factor files that cannot be read, and have to be gathered again.
     """
 
     job: FleetJob
     tables: Tables = field(default_factory=dict)
-    reasons: Mapping[str, str] = field(default_factory=dict)
+    reason: str = ""
     lasting: bool = True
     damaged: tuple[str, ...] = ()
 
@@ -125,98 +125,74 @@ def _no_file(job: FleetJob) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class StepPart:
-    """A part of what a step makes of a job.
+@dataclass(frozen=True, eq=False)
+class FleetStep:
+    """What is done with every robot or type once recordings have been gathered.
 
     Attributes:
-        make: tables from a job, what it reads, and the fleet's folder, into which it writes the
+        what: as the quarantine calls it.
+        words: for progress, such as 'fitted' 'periods'.
+        read: what a job needs, from the fleet's folder.
+        make: tables from a job, what it needs, and the fleet's folder, into which it writes the
             file.
         tables: their columns, by name.
         file: that it leaves behind, seen from the fleet's folder; empty if there is none.
     """
 
+    what: str
+    words: tuple[str, str]
+    read: Callable[[Any, Place], Any]
     make: Callable[[Any, Any, Place], Tables]
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     file: Callable[[Any], str] = _no_file
 
-
-@dataclass(frozen=True)
-class FleetStep:
-    """What is done with every robot or type once recordings have been gathered.
-
-    Attributes:
-        words: for progress, such as 'fitted' 'periods'.
-        read: what all parts need of a job, from the fleet's folder.
-        parts: by what the quarantine calls them.
-    """
-
-    words: tuple[str, str]
-    read: Callable[[Any, Place], Any]
-    parts: Mapping[str, StepPart]
-
-    @property
-    def tables(self) -> dict[str, Mapping[str, Any]]:
-        """Columns of all tables, by name."""
-        parts = self.parts.values()
-        return {name: columns for part in parts for name, columns in part.tables.items()}
-
     def run(self, call: Call, jobs: Sequence[FleetJob]) -> tuple[list[JobResult], int]:
         """What became of all jobs, in their order, and how many were done now."""
         results = dict[str, JobResult]()
-        rows = {name: call.known.keys(name) for name in self.tables}
-        files = {part.file(job) for job in jobs for part in self.parts.values()} - {""}
-        for folder in {file.partition("/")[0] for file in files}:
-            files.difference_update(call.place.listing(folder))
+        keys = [call.known.keys(name) for name in self.tables]
+        absent = {self.file(job) for job in jobs} - {""}
+        for folder in {file.partition("/")[0] for file in absent}:
+            absent.difference_update(call.place.listing(folder))
         for job in jobs:
-            missing = [
-                what
-                for what, part in self.parts.items()
-                if part.file(job) in files or any(job.key not in rows[name] for name in part.tables)
-            ]
-            if not missing:
+            if self.file(job) not in absent and all(job.key in own for own in keys):
                 results[job.key] = JobResult(job)
             elif job.key in call.known.refused:
-                reason = call.known.refused[job.key]
-                results[job.key] = JobResult(job, reasons=dict.fromkeys(missing, reason))
+                results[job.key] = JobResult(job, reason=call.known.refused[job.key])
         left = [job for job in jobs if job.key not in results]
 
         def failed(job: FleetJob, why: str) -> JobResult:
-            return JobResult(job, reasons=dict.fromkeys(self.parts, why), lasting=False)
+            return JobResult(job, reason=why, lasting=False)
 
         for result in call.done(self.words, self.work, left, failed):
             results[result.job.key] = result
         return [results[job.key] for job in jobs], len(left)
 
     def work(self, job: FleetJob, place: Place) -> JobResult:
-        """Do a job, but for what a call that was ended before its end has done of it.
+        """Do a job, unless a call that was ended before its end has done it.
 
         What cannot be done has its reason, and is no error.
         """
-        tables, reasons, lasting = Tables(), dict[str, str](), True
         with ALONE, threads(1):
-            left = dict[str, StepPart]()
-            for what, part in self.parts.items():
-                finished = _finished(part, job, place)
-                if finished is None:
-                    left[what] = part
-                else:
-                    tables |= finished
+            left = {name: place.finished(_journal(job, name)) for name in self.tables}
+            whole = {name: table for name, table in left.items() if table is not None}
+            file = self.file(job)
+            if len(whole) == len(left) and (not file or place.size(file)):
+                return JobResult(job, whole)
             try:
-                given = self.read(job, place) if left else None
+                given = self.read(job, place)
             except DeltaidError as error:
                 damaged = error.files if isinstance(error, DamagedFactorsError) else ()
-                return JobResult(job, tables, dict.fromkeys(left, str(error)), False, damaged)
-            for what, part in left.items():
-                try:
-                    made = part.make(job, given, place)
-                    for name, table in made.items():
-                        place.save(_journal(job, name), table)
-                    tables |= made
-                except DeltaidError as error:
-                    reasons[what] = str(error)
-                    lasting = lasting and not isinstance(error, StoreError)
-        return JobResult(job, tables, reasons, lasting)
+                return JobResult(job, reason=str(error), lasting=False, damaged=damaged)
+            try:
+                made = {
+                    name: table.with_columns(key=pl.lit(job.key))
+                    for name, table in self.make(job, given, place).items()
+                }
+                for name, table in made.items():
+                    place.save(_journal(job, name), table)
+            except DeltaidError as error:
+                return JobResult(job, reason=str(error), lasting=not isinstance(error, StoreError))
+        return JobResult(job, made)
 
 
 class DamagedFactorsError(StoreError):
@@ -231,28 +207,13 @@ def read_factors(job: FleetJob, place: Place) -> list[FactorFile]:
     """The factor files of a job.
 
     Raises:
-        DamagedError: some cannot be read.
+        DamagedFactorsError: some cannot be read.
     """
-    files, damaged = list[FactorFile](), list[str]()
-    for name in job.files:
-        file = place.factors(name)
-        if file is None:
-            damaged.append(name)
-        else:
-            files.append(file)
+    files = {name: place.factors(name) for name in job.files}
+    damaged = [name for name, file in files.items() if file is None]
     if damaged:
         raise DamagedFactorsError(damaged)
-    return files
-
-
-def _finished(part: StepPart, job: FleetJob, place: Place) -> Tables | None:
-    """What a call that was ended before its end has left of a part; None if not all of it."""
-    tables = {name: place.finished(_journal(job, name)) for name in part.tables}
-    file = part.file(job)
-    if file and not place.size(file):
-        return None
-    whole = {name: table for name, table in tables.items() if table is not None}
-    return whole if len(whole) == len(tables) else None
+    return [file for file in files.values() if file is not None]
 
 
 def _journal(job: FleetJob, table: str) -> str:

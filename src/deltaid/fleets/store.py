@@ -1,4 +1,7 @@
-"""Files of any place that fsspec knows: on this machine, on S3, and others."""
+"""Files of any place that fsspec knows: on this machine, on S3, and others.
+
+Credentials and options of a store come from the environment, as fsspec's libraries find them there.
+"""
 
 import glob
 import os
@@ -6,8 +9,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
 from tempfile import TemporaryDirectory
@@ -43,191 +45,185 @@ def has_pattern(path: str) -> bool:
     return any(sign in path for sign in _MAGIC)
 
 
-@dataclass(frozen=True)
-class FileStore:
-    """Where files lie.
+def matching(pattern: str) -> dict[str, str]:
+    """Files that a pattern stands for, each with its stamp.
 
-    Attributes:
-        options: of fsspec, by protocol, such as {"s3": {"endpoint_url": …}}; secrets come from the
-            environment as its libraries find them there.
+    A stamp changes when a file does, and is known without reading it: size and time of change, or
+    entity tag.
+
+    Raises:
+        DeltaidError: the store cannot be reached.
     """
+    if not is_address(pattern):
+        names = sorted(glob.glob(pattern, recursive=True))
+        return {name: stamp_of(name) for name in names if os.path.isfile(name)}
+    system = _system(pattern)
+    return _stamps(_asked(lambda: system.glob(pattern, detail=True), pattern), pattern)
 
-    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def matching(self, pattern: str) -> dict[str, str]:
-        """Files that a pattern stands for, each with its stamp.
+def stamps_of(paths: Iterable[str]) -> dict[str, str]:
+    """Stamps of those of these files that are there; many of one folder are asked for at once.
 
-        A stamp changes when a file does, and is known without reading it: size and time of change,
-        or entity tag.
-
-        Raises:
-            DeltaidError: the store cannot be reached.
-        """
-        if not is_address(pattern):
-            names = sorted(glob.glob(pattern, recursive=True))
-            return {name: self.stamp(name) for name in names if os.path.isfile(name)}
-        system = self.system(pattern)
-        return _stamps(_asked(lambda: system.glob(pattern, detail=True), pattern), pattern)
-
-    def stamps(self, paths: Iterable[str]) -> dict[str, str]:
-        """Stamps of those of these files that are there; many of one folder are asked for at once.
-
-        Raises:
-            DeltaidError: the store cannot be reached.
-        """
-        folders, stamps = dict[str, list[str]](), dict[str, str]()
-        for path in dict.fromkeys(paths):
-            folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
-        for folder, own in folders.items():
-            if folder and len(own) >= _MANY:
-                there = self._listed(folder)
-                stamps |= {path: there[path] for path in own if path in there}
-            else:
-                stamps |= {path: stamp for path in own if (stamp := self.stamp(path))}
-        return stamps
-
-    def _listed(self, folder: str) -> dict[str, str]:
-        system = self.system(folder)
-        try:
-            listed = _asked(lambda: system.ls(folder, detail=True), folder)
-        except FileNotFoundError:
-            return {}
-        return _stamps({info["name"]: info for info in listed}, folder)
-
-    def stamp(self, path: str) -> str:
-        """A file's stamp; empty if there is no such file.
-
-        Raises:
-            StoreError: the store cannot be reached.
-        """
-        try:
-            if not is_address(path):
-                status = os.stat(path)
-                return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
-            info = _asked(lambda: self.system(path).info(path), path)
-            return _stamp(info) if info.get("type") == "file" else ""
-        except (FileNotFoundError, NotADirectoryError):
-            return ""
-
-    @contextmanager
-    def local(self, path: str, stamp: str = "") -> Generator[Path]:
-        """A file on this machine with the contents of a path or address, for as long as needed.
-
-        Args:
-            stamp: that it has to have, if one is given.
-
-        Raises:
-            StoreError: the store cannot be reached, has no such file, or the file changes.
-        """
-        if not is_address(path):
-            self._require(path, stamp)
-            yield Path(path)
-            self._require(path, stamp)
-            return
-        with TemporaryDirectory(prefix="deltaid-") as folder:
-            copy = Path(folder) / path.rpartition("/")[2]
-            _asked(lambda: self._fetch(path, copy, stamp), path)
-            yield copy
-
-    def read(self, path: str) -> bytes | None:
-        """The bytes of a file; None if there is none.
-
-        Raises:
-            StoreError: the store cannot be reached.
-        """
-        try:
-            if not is_address(path):
-                return Path(path).read_bytes()
-            return _asked(lambda: self.system(path).cat_file(path), path)
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise StoreError(
-                f"cannot be read: {error.strerror or error}",
-                where=path,
-                cure="check its name and permissions",
-            ) from None
-
-    def write(self, path: str, data: bytes) -> None:
-        """A file of these bytes, whole or not at all.
-
-        Raises:
-            DeltaidError: it cannot be written.
-        """
-        if not is_address(path):
-            write_bytes(Path(path), data)
+    Raises:
+        DeltaidError: the store cannot be reached.
+    """
+    folders, stamps = dict[str, list[str]](), dict[str, str]()
+    for path in dict.fromkeys(paths):
+        folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
+    for folder, own in folders.items():
+        if folder and len(own) >= _MANY:
+            listed = _listed(folder)
+            stamps |= {path: listed[path] for path in own if path in listed}
         else:
-            _asked(lambda: self.system(path).pipe_file(path, data), path)
-
-    def listing(self, folder: str) -> dict[str, int]:
-        """Sizes of all files in a folder and those in it, by their names seen from there.
-
-        Raises:
-            StoreError: the store cannot be reached.
-        """
-        if not is_address(folder):
-            return {
-                path.relative_to(folder).as_posix(): path.stat().st_size
-                for path in Path(folder).rglob("*")
-                if path.is_file()
-            }
-        system = self.system(folder)
-        base = system._strip_protocol(folder).rstrip("/") + "/"
-        files = _asked(lambda: system.find(folder, detail=True), folder)
-        return {name.removeprefix(base): int(info["size"] or 0) for name, info in files.items()}
-
-    def remove(self, path: str) -> None:
-        """Remove a file, if it is there.
-
-        Raises:
-            StoreError: the store cannot be reached.
-        """
-        try:
-            if is_address(path):
-                _asked(lambda: self.system(path).rm_file(path), path)
-            else:
-                os.unlink(path)
-        except FileNotFoundError:
-            return
-
-    def system(self, path: str) -> Any:
-        """The file system of an address.
-
-        Raises:
-            DeltaidError: no library for it is installed.
-        """
-        protocol = path.partition("://")[0]
-        try:
-            import fsspec
-
-            return fsspec.filesystem(
-                protocol, use_listings_cache=False, **self.options.get(protocol, {})
-            )
-        except (ImportError, ValueError) as error:
-            raise DeltaidError(
-                f"no library for {protocol}:// is installed: {error}",
-                where=path,
-                cure="install what fsspec asks for, such as s3fs for s3://",
-            ) from None
-
-    def _fetch(self, path: str, copy: Path, stamp: str) -> None:
-        """Copy a file here, whole and as it was listed."""
-        system = self.system(path)
-        system.get_file(path, str(copy))
-        after = system.info(path)
-        if stamp and _stamp(after) != stamp:
-            raise StoreError(*_CHANGED, where=path, cure="call again when nobody writes to it")
-        if after.get("size") is not None and copy.stat().st_size != after["size"]:
-            raise _IncompleteError(
-                f"came incomplete: {copy.stat().st_size} of {after['size']} bytes"
-            )
-
-    def _require(self, path: str, stamp: str) -> None:
-        if stamp and self.stamp(path) != stamp:
-            raise StoreError(*_CHANGED, where=path, cure="call again when nobody writes to it")
+            stamps |= {path: stamp for path in own if (stamp := stamp_of(path))}
+    return stamps
 
 
-_CHANGED = ("has changed since it was listed",)
+def _listed(folder: str) -> dict[str, str]:
+    system = _system(folder)
+    try:
+        listed = _asked(lambda: system.ls(folder, detail=True), folder)
+    except FileNotFoundError:
+        return {}
+    return _stamps({info["name"]: info for info in listed}, folder)
+
+
+def stamp_of(path: str) -> str:
+    """A file's stamp; empty if there is no such file.
+
+    Raises:
+        StoreError: the store cannot be reached.
+    """
+    try:
+        if not is_address(path):
+            status = os.stat(path)
+            return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
+        info = _asked(lambda: _system(path).info(path), path)
+        return _stamp(info) if info.get("type") == "file" else ""
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+
+
+@contextmanager
+def local_file(path: str, stamp: str = "") -> Generator[Path]:
+    """A file on this machine with the contents of a path or address, for as long as needed.
+
+    Args:
+        stamp: that it has to have, if one is given.
+
+    Raises:
+        StoreError: the store cannot be reached, has no such file, or the file changes.
+    """
+    if not is_address(path):
+        _require_stamp(path, stamp, stamp and stamp_of(path))
+        yield Path(path)
+        _require_stamp(path, stamp, stamp and stamp_of(path))
+        return
+    with TemporaryDirectory(prefix="deltaid-") as folder:
+        copy = Path(folder) / path.rpartition("/")[2]
+        _asked(lambda: _fetch(path, copy, stamp), path)
+        yield copy
+
+
+def read(path: str) -> bytes | None:
+    """The bytes of a file; None if there is none.
+
+    Raises:
+        StoreError: the store cannot be reached.
+    """
+    try:
+        if not is_address(path):
+            return Path(path).read_bytes()
+        return _asked(lambda: _system(path).cat_file(path), path)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise StoreError(
+            f"cannot be read: {error.strerror or error}",
+            where=path,
+            cure="check its name and permissions",
+        ) from None
+
+
+def write(path: str, data: bytes) -> None:
+    """A file of these bytes, whole or not at all.
+
+    Raises:
+        DeltaidError: it cannot be written.
+    """
+    if not is_address(path):
+        write_bytes(Path(path), data)
+    else:
+        _asked(lambda: _system(path).pipe_file(path, data), path)
+
+
+def listing(folder: str) -> dict[str, int]:
+    """Sizes of all files in a folder and those in it, by their names seen from there.
+
+    Raises:
+        StoreError: the store cannot be reached.
+    """
+    if not is_address(folder):
+        return {
+            path.relative_to(folder).as_posix(): path.stat().st_size
+            for path in Path(folder).rglob("*")
+            if path.is_file()
+        }
+    system = _system(folder)
+    base = system._strip_protocol(folder).rstrip("/") + "/"
+    files = _asked(lambda: system.find(folder, detail=True), folder)
+    return {name.removeprefix(base): int(info["size"] or 0) for name, info in files.items()}
+
+
+def remove(path: str) -> None:
+    """Remove a file, if it is there.
+
+    Raises:
+        StoreError: the store cannot be reached.
+    """
+    with suppress(FileNotFoundError):
+        if is_address(path):
+            _asked(lambda: _system(path).rm_file(path), path)
+        else:
+            os.unlink(path)
+
+
+def _system(path: str) -> Any:
+    """The file system of an address.
+
+    Raises:
+        DeltaidError: no library for it is installed.
+    """
+    protocol = path.partition("://")[0]
+    try:
+        import fsspec
+
+        return fsspec.filesystem(protocol, use_listings_cache=False)
+    except (ImportError, ValueError) as error:
+        raise DeltaidError(
+            f"no library for {protocol}:// is installed: {error}",
+            where=path,
+            cure="install what fsspec asks for, such as s3fs for s3://",
+        ) from None
+
+
+def _fetch(path: str, copy: Path, stamp: str) -> None:
+    """Copy a file here, whole and as it was listed."""
+    system = _system(path)
+    system.get_file(path, str(copy))
+    after = system.info(path)
+    _require_stamp(path, stamp, _stamp(after))
+    if after.get("size") is not None and copy.stat().st_size != after["size"]:
+        raise _IncompleteError(f"came incomplete: {copy.stat().st_size} of {after['size']} bytes")
+
+
+def _require_stamp(path: str, stamp: str, now: str) -> None:
+    if stamp and now != stamp:
+        raise StoreError(
+            "has changed since it was listed",
+            where=path,
+            cure="call again when nobody writes to it",
+        )
 
 
 def _stamps(infos: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:

@@ -5,10 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import polars as pl
 
-from deltaid.fleets.site.panels import Panel, dots, grid
-from deltaid.fleets.site.parts import NOTHING, deviation_figure, most_spread
-from deltaid.fleets.site.state import Robot
-from deltaid.fleets.site.tables import Tables
+from deltaid.fleets.site.parts import Panel, deviation_figure, dots, grid, most_spread
+from deltaid.fleets.site.state import FleetTables, Robot
 from deltaid.view.page import Chart, Section, Table, Text
 
 # Types that have figures on the fleet's page; all have pages.
@@ -16,7 +14,7 @@ _TYPES = 6
 
 
 def levels(
-    tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
+    tables: FleetTables, robots: Sequence[Robot], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
     """How friction spreads over robots of a type, drive by drive."""
     kinds = [
@@ -53,13 +51,13 @@ def level_panel(robots: Iterable[Robot], title: str, unit: str) -> Panel:
     return Panel(title, (trace,), unit=f"friction [{unit}]")
 
 
-def unit_of(tables: Tables) -> str:
+def unit_of(tables: FleetTables) -> str:
     """Of friction, where all drives have the same."""
     units = tables.drift["unit"].unique().to_list()
     return units[0] if len(units) == 1 else "unit of the drive"
 
 
-def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]:
+def deviations(tables: FleetTables, labels: Mapping[str, str]) -> tuple[Section, ...]:
     """How robots of a type differ, parameter by parameter."""
     blocks = []
     for kind, label in labels.items():
@@ -74,7 +72,10 @@ def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]
 
 
 def type_section(
-    tables: Tables, robots: Sequence[Robot], types: Mapping[str, str], labels: Mapping[str, str]
+    tables: FleetTables,
+    robots: Sequence[Robot],
+    types: Mapping[str, str],
+    labels: Mapping[str, str],
 ) -> tuple[Section, ...]:
     count = Counter(robot.type for robot in robots)
     foreign = Counter(robot.type for robot in robots if robot.belongs is False)
@@ -82,7 +83,7 @@ def type_section(
         (
             labels[kind],
             str(count[kind]),
-            str(foreign[kind]) if "members" not in tables.absent else NOTHING,
+            str(foreign[kind]),
             str(tables.types.filter(pl.col("type") == kind).height),
         )
         for kind in types
@@ -92,16 +93,11 @@ def type_section(
     return (Section("Types", (table,), "what the fleet knows of each"),)
 
 
-def quarantine(tables: Tables) -> tuple[Section, ...]:
+def quarantine(tables: FleetTables) -> tuple[Section, ...]:
     """Reasons of what could not be used, the most frequent first."""
-    bad = tables.quarantine
-    if bad.is_empty():
-        bad = tables.recordings.filter(pl.col("reason") != "").with_columns(
-            what=pl.lit("recording"), which=pl.col("path")
-        )
+    bad, reasons = tables.quarantine, dict[str, list[str]]()
     if bad.is_empty():
         return ()
-    reasons: dict[str, list[str]] = {}
     for row in bad.iter_rows(named=True):
         said = _without_name(row["reason"], row["which"])
         reasons.setdefault(said, []).append(row["robot"])

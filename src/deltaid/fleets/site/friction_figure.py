@@ -4,7 +4,7 @@ from datetime import datetime, timedelta
 
 import polars as pl
 
-from deltaid.fleets.site.panels import Data, Panel, dates, numbers
+from deltaid.fleets.site.parts import Data, Panel, dates, numbers
 from deltaid.fleets.site.state import Row
 from deltaid.view import style
 from deltaid.view.numbers import WIDTH, number

@@ -6,10 +6,8 @@ import polars as pl
 
 from deltaid.fleets.site.chapters import deviations, levels, quarantine, type_section
 from deltaid.fleets.site.friction_figure import friction_panel, main_quantity
-from deltaid.fleets.site.panels import Panel, grid
-from deltaid.fleets.site.parts import NOTHING, WORDS, bounds, share, shown
-from deltaid.fleets.site.state import Robot, Urgency, day
-from deltaid.fleets.site.tables import Tables
+from deltaid.fleets.site.parts import NOTHING, WORDS, Panel, bounds, grid, share, shown
+from deltaid.fleets.site.state import FleetTables, Robot, Urgency, day
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Trust
 
 # Robots that the verdict names, those in the table below it, panels of friction.
@@ -17,7 +15,7 @@ _NAMED, _LISTED, _PANELS = 3, 20, 12
 
 
 def overview(
-    tables: Tables,
+    tables: FleetTables,
     robots: Sequence[Robot],
     title: str,
     links: Mapping[str, str],
@@ -36,9 +34,9 @@ def overview(
     return Page(
         title=title,
         subtitle=_subtitle(robots, types),
-        verdict=verdict(tables, robots),
-        facts=_facts(tables, robots, urgent),
-        warnings=(*tables.words, *_of_types(tables, labels)),
+        verdict=_verdict(robots, urgent),
+        facts=_facts(robots, urgent),
+        warnings=_of_types(tables, labels),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
             Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
@@ -50,9 +48,8 @@ def overview(
     )
 
 
-def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
+def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     """In one sentence how many robots need attention, then which and why."""
-    urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
     act = sum(robot.urgency is Urgency.ACT for robot in urgent)
     lines = [
         f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
@@ -60,15 +57,13 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     ]
     if len(urgent) > _NAMED:
         lines.append(f"And {len(urgent) - _NAMED} more, listed below.")
-    lines += _untold(tables, robots)
+    lines += _untold(robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
         now = "now" if act == len(urgent) else f", {act} of them now"
         grade, said = Trust.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
     elif urgent:
         grade, said = Trust.FAIR, f"{many} attention."
-    elif tables.absent & {"drift", "recordings"}:
-        grade, said = Trust.UNTESTED, "No robot is known to need attention, but tables are missing."
     elif 2 * _unknown(robots) > sum(len(robot.drives) for robot in robots):
         said = "No robot is known to need attention, but most have not enough data."
         grade = Trust.UNTESTED
@@ -77,7 +72,7 @@ def verdict(tables: Tables, robots: Sequence[Robot]) -> Summary:
     return Summary(grade, said, tuple(lines))
 
 
-def _untold(tables: Tables, robots: Sequence[Robot]) -> list[str]:
+def _untold(robots: Sequence[Robot]) -> list[str]:
     """What nobody can tell yet, and what was not used."""
     drives = [row for robot in robots for row in robot.drives]
     unknown = _unknown(robots)
@@ -99,14 +94,14 @@ def _unknown(robots: Sequence[Robot]) -> int:
     return sum(row["state"] == "unknown" for robot in robots for row in robot.drives)
 
 
-def _of_types(tables: Tables, labels: Mapping[str, str]) -> list[str]:
+def _of_types(tables: FleetTables, labels: Mapping[str, str]) -> tuple[str, ...]:
     """Types of which nothing could be said, and why."""
     lost = tables.quarantine.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
-    return [
+    return tuple(
         f"Robots of type {labels.get(row['which'], row['which'])} could not be compared: "
         f"{row['reason']}"
         for row in lost.iter_rows(named=True)
-    ]
+    )
 
 
 def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
@@ -117,19 +112,15 @@ def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
     return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
 
 
-def _facts(tables: Tables, robots: Sequence[Robot], urgent: Sequence[Robot]) -> tuple[Fact, ...]:
-    recordings = sum(robot.recordings for robot in robots)
-    bad = sum(robot.quarantined for robot in robots)
-    facts = [Fact("need attention", str(len(urgent)), f"of {len(robots)} robots")]
-    if "recordings" not in tables.absent:
-        facts += [Fact("recordings", str(recordings)), Fact("in quarantine", str(bad))]
-    if "drift" not in tables.absent:
-        rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
-        facts.append(Fact("drives with rising friction", str(rising)))
-    if "members" not in tables.absent:
-        foreign = sum(robot.belongs is False for robot in robots)
-        facts.append(Fact("not like their type", str(foreign)))
-    return tuple(facts)
+def _facts(robots: Sequence[Robot], urgent: Sequence[Robot]) -> tuple[Fact, ...]:
+    rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
+    return (
+        Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
+        Fact("recordings", str(sum(robot.recordings for robot in robots))),
+        Fact("in quarantine", str(sum(robot.quarantined for robot in robots))),
+        Fact("drives with rising friction", str(rising)),
+        Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
+    )
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
@@ -154,7 +145,7 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
     )
 
 
-def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
+def _rising(tables: FleetTables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     """Friction over time of drives where it changes."""
     changed = [(robot, row) for robot in urgent for row in robot.changed]
     panels = list[Panel]()

@@ -2,8 +2,7 @@
 
 import polars as pl
 
-from deltaid.fleets.site.panels import Panel, grid, numbers
-from deltaid.fleets.site.parts import MOST, between, known, shown
+from deltaid.fleets.site.parts import MOST, Panel, between, grid, known, numbers, shown
 from deltaid.fleets.site.state import ALL, Robot, Row, last_period
 from deltaid.view import style
 from deltaid.view.page import Block, Chart, Section, Table, Text

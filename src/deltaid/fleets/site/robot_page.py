@@ -5,9 +5,18 @@ from collections.abc import Mapping
 import polars as pl
 
 from deltaid.fleets.site.friction_figure import MAIN, friction_panel, time_axis
-from deltaid.fleets.site.panels import dates, grid, numbers
 from deltaid.fleets.site.parameter_sections import parameter_section, type_section
-from deltaid.fleets.site.parts import NOTHING, bounds, count, drive_tables, share, shown
+from deltaid.fleets.site.parts import (
+    NOTHING,
+    bounds,
+    count,
+    dates,
+    drive_tables,
+    grid,
+    numbers,
+    share,
+    shown,
+)
 from deltaid.fleets.site.state import Robot, Urgency, day
 from deltaid.view import style
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust

@@ -11,13 +11,11 @@ from urllib.parse import quote
 import polars as pl
 from plotly.offline import get_plotlyjs
 
-from deltaid.errors import DeltaidError
 from deltaid.files import together, written_whole
 from deltaid.fleets.site.chapters import unit_of
 from deltaid.fleets.site.overview import overview
 from deltaid.fleets.site.robot_page import robot_page
-from deltaid.fleets.site.state import Robot, by_robot, robots_of
-from deltaid.fleets.site.tables import Tables, read_tables
+from deltaid.fleets.site.state import FleetTables, by_robot, robots_of
 from deltaid.fleets.site.type_page import type_page
 from deltaid.view.html import contents, environment, part
 from deltaid.view.page import Page
@@ -26,42 +24,33 @@ SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"
 
 
-def write(folder: Path, name: str = "") -> Path:
-    """Write the site of a fleet from the tables in its folder, into `site` there.
+def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> None:
+    """Write the site of a fleet into a folder.
 
     Pages of robots that the tables no longer have are removed. Either all pages are of this call,
     or none is.
 
     Args:
-        name: of the fleet; the folder's if left out.
-
-    Returns:
-        The first page.
+        tables: of `deltaid fleet`, by name.
+        name: of the fleet.
 
     Raises:
-        DeltaidError: there is no table, one cannot be read, or a page cannot be written.
+        DeltaidError: a page cannot be written.
     """
-    tables = read_tables(folder)
-    robots = robots_of(tables)
-    if not robots:
-        raise DeltaidError(
-            "has no robot in its tables",
-            where=str(folder),
-            cure="call `deltaid fleet MANIFEST -o FOLDER` with recordings first",
-        )
-    site = folder / SITE
     written = set[Path]()
     with together():
-        for place, text in _pages(tables, robots, f"Fleet {name or folder.resolve().name}"):
+        for place, text in _pages(FleetTables.shown(tables), f"Fleet {name}"):
             with written_whole(site / place) as file:
                 file.write(text)
             written.add(site / place)
-    _remove_others(site, written)
-    return site / "index.html"
+    for folder in (ROBOTS, TYPES):
+        for page in {*(site / folder).glob("*.html")} - written:
+            page.unlink(missing_ok=True)
 
 
-def _pages(tables: Tables, robots: tuple[Robot, ...], title: str) -> Iterable[tuple[str, str]]:
+def _pages(tables: FleetTables, title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
+    robots = robots_of(tables)
     kinds = tuple(sorted({robot.type for robot in robots} | set(tables.types["type"].to_list())))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
     pages, of_types = file_names(robot.name for robot in robots), file_names(kinds)
@@ -107,14 +96,6 @@ def _rendered(page: Page, root: str, way: tuple[tuple[str, str], ...]) -> str:
     """A page that lies `root` below the files it shares, with links to those above it."""
     template = environment("fleets/site").get_template("site.html.jinja")
     return template.render(**contents(page), root=root, way=way)
-
-
-def _remove_others(site: Path, written: set[Path]) -> None:
-    """Remove pages of robots and types that are no more."""
-    for folder in (ROBOTS, TYPES):
-        for page in (site / folder).glob("*.html"):
-            if page not in written:
-                page.unlink(missing_ok=True)
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")

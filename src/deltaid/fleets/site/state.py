@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from deltaid.fleets.site.tables import Tables
+from deltaid.fleets.belonging import LEAST
 from deltaid.view.numbers import percent
 
 Row = Mapping[str, Any]
@@ -39,6 +39,36 @@ class Concern:
 
     urgency: Urgency
     text: str
+
+
+@dataclass(frozen=True)
+class FleetTables:
+    """Tables of a fleet; `members` has `spreads` besides, deviations in spreads between robots."""
+
+    recordings: pl.DataFrame
+    quarantine: pl.DataFrame
+    parameters: pl.DataFrame
+    friction: pl.DataFrame
+    drift: pl.DataFrame
+    types: pl.DataFrame
+    members: pl.DataFrame
+
+    @classmethod
+    def shown(cls, frames: Mapping[str, pl.DataFrame]) -> "FleetTables":
+        """Tables with deviations in spreads between robots too, null where none is known.
+
+        Whether a robot belongs is null where too few others could tell.
+        """
+        types, spread = frames["types"].select("type", "parameter", "spread"), pl.col("spread")
+        joined = frames["members"].join(
+            types, on=["type", "parameter"], how="left", maintain_order="left"
+        )
+        enough = pl.col("robot").n_unique().over("type") >= LEAST
+        members = joined.with_columns(
+            spreads=pl.col("deviation") / pl.when(spread > 0).then(spread),
+            belongs=pl.when(enough).then(pl.col("belongs")),
+        )
+        return cls(**{**frames, "members": members})
 
 
 @dataclass(frozen=True)
@@ -84,7 +114,7 @@ class Robot:
         return min((x["horizon"] for x in self.changed if x["horizon"] is not None), default=None)
 
 
-def robots_of(tables: Tables) -> tuple[Robot, ...]:
+def robots_of(tables: FleetTables) -> tuple[Robot, ...]:
     """All robots of all tables: the most urgent first, then by limits to come, then by names."""
     types = dict[str, str]()
     for frame in (tables.members, tables.parameters, tables.recordings):

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import polars as pl
 
 from deltaid.fleets.site.chapters import level_panel
-from deltaid.fleets.site.panels import grid
 from deltaid.fleets.site.parts import (
     NOTHING,
     between,
     count,
     deviation_figure,
+    grid,
     known,
     most_spread,
     shown,

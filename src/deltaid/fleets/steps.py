@@ -1,0 +1,257 @@
+"""What a fleet does once recordings are gathered: fits by period, drift, types.
+
+A job is a robot in a period, a robot with all of its recordings, or a type; what it comes to is
+kept, so that robots without news cost nothing.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+
+import polars as pl
+
+from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
+from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.fleet import Recorded, period_of
+from deltaid.fleets.gather_all import poor
+from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.keys import FIT_SETTINGS, digest, safe
+from deltaid.fleets.known import GatherResult
+from deltaid.fleets.member import TypeMember, member, read_member, write_member
+from deltaid.fleets.next_robot import save_next
+from deltaid.fleets.place import Place
+from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
+from deltaid.fleets.robot_drift import robot_drift
+from deltaid.fleets.step import FleetJob, FleetStep, JobResult, Tables, read_factors
+from deltaid.fleets.store import StoreError, local_file
+from deltaid.fleets.type_fit import PopulationSettings, fitted
+from deltaid.model.model import load
+from deltaid.model.options import Period
+from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.robot.description import RobotDescription
+
+# The period of all recordings of a robot.
+ALL = "all"
+# Folder of what robots tell of their types.
+MEMBERS_FOLDER = "members"
+PARAMETERS = {
+    "robot": pl.String,
+    "type": pl.String,
+    "period": pl.String,
+    "recordings": pl.Int64,
+    "parameter": pl.String,
+    "value": pl.Float64,
+    "std": pl.Float64,
+    "low": pl.Float64,
+    "high": pl.Float64,
+    "unit": pl.String,
+    "prior": pl.Float64,
+    "decided_by": pl.String,
+    "noise": pl.Float64,
+    "worst_error": pl.Float64,
+    "verdicts": pl.String,
+}
+_KEY = {"key": pl.String}
+
+
+def fit_jobs(
+    outcomes: Sequence[GatherResult],
+    period: Period,
+    descriptions: Mapping[str, RobotDescription],
+    settings: Settings,
+) -> list[FleetJob]:
+    """All fits that recordings ask for: by robot, its periods in order and then all of them."""
+    robots: dict[tuple[str, str], dict[str, list[GatherResult]]] = {}
+    for outcome in sorted(outcomes, key=lambda outcome: outcome.recorded):
+        if outcome.file:
+            recorded = outcome.recorded
+            periods = robots.setdefault((recorded.robot, recorded.type), {})
+            periods.setdefault(period_of(recorded.time, period), []).append(outcome)
+    fit = settings.model_dump(mode="json", include=FIT_SETTINGS)
+    common = {
+        kind: digest([version("deltaid"), description.model_dump(mode="json"), fit])
+        for kind, description in descriptions.items()
+    }
+    jobs = list[FleetJob]()
+    for (robot, kind), periods in robots.items():
+        for names, own in _with_all(periods):
+            files = tuple(outcome.file for outcome in own)
+            sources = sorted((outcome.sha256, outcome.file) for outcome in own)
+            key = digest([common[kind], robot, names, sources])
+            jobs.append(FleetJob(robot, kind, names, files, key, descriptions[kind], settings))
+    return jobs
+
+
+def _with_all(
+    periods: dict[str, list[GatherResult]],
+) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
+    """Periods, and all of them together; the only one is all."""
+    if len(periods) == 1:
+        ((name, own),) = periods.items()
+        return [(tuple(dict.fromkeys((name, ALL))), own)]
+    every = [outcome for own in periods.values() for outcome in own]
+    return [*(((name,), own) for name, own in periods.items()), ((ALL,), every)]
+
+
+def _model_file(job: FleetJob) -> str:
+    """Where the model of a robot is, by all of its recordings."""
+    return f"models/{job.robot}.yaml"
+
+
+def _fit(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
+    """The rows of the table of parameters, and the model where it is of all recordings."""
+    model = identify_gathered(job.description, files, job.settings).model
+    if ALL in job.names:
+        place.save_file(_model_file(job), model.save)
+    verdicts, worst = poor(files), max(model.fit.nrmse)
+    rows = [
+        (job.robot, job.type, period, len(files), parameter.name, parameter.value, parameter.std,
+         parameter.low, parameter.high, parameter.unit, parameter.prior, parameter.determined_by,
+         model.fit.noise_level, worst, verdicts)
+        for period in job.names
+        for parameter in model.parameters
+    ]  # fmt: skip
+    return {"parameters": pl.DataFrame(rows, schema=PARAMETERS, orient="row")}
+
+
+def _model_of_all(job: FleetJob) -> str:
+    return _model_file(job) if ALL in job.names else ""
+
+
+FITS = FleetStep(
+    "fit",
+    ("fitted", "periods"),
+    read_factors,
+    _fit,
+    {"parameters": PARAMETERS | _KEY},
+    _model_of_all,
+)
+
+
+@dataclass(frozen=True)
+class StudyJob(FleetJob):
+    """A robot with all of its recordings.
+
+    Attributes:
+        recorded: what the manifest says of each.
+        drift: settings of the search for drift.
+    """
+
+    recorded: tuple[Recorded, ...]
+    drift: DriftSettings
+
+
+def study_jobs(
+    fits: Sequence[JobResult], outcomes: Iterable[GatherResult], drift: DriftSettings
+) -> list[StudyJob]:
+    """One for each robot that has been fitted by all of its recordings."""
+    by_file = {outcome.file: outcome.recorded for outcome in outcomes if outcome.file}
+    asked = {key: str(value) for key, value in asdict(drift).items()}
+    jobs = list[StudyJob]()
+    for fit in (fit.job for fit in fits if ALL in fit.job.names and not fit.reason):
+        recorded = tuple(by_file[name] for name in fit.files)
+        known = [(str(x.time), x.load, x.temperature, x.path) for x in recorded]
+        key = digest([version("deltaid"), fit.key, known, asked])
+        robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
+        jobs.append(StudyJob(*robot, recorded, drift))
+    return jobs
+
+
+def _with_model(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedModel]:
+    """Factor files, and the model by all of them."""
+    files, path = read_factors(job, place), place.path_to(_model_file(job))
+    try:
+        with local_file(path) as local:
+            model = load(local).identified
+    except FileNotFoundError:
+        raise StoreError("is not there", where=path, cure="call again") from None
+    assert model is not None
+    return files, model
+
+
+def _drift(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], place: Place) -> Tables:
+    """Friction of each recording and what is said of each drive."""
+    del place
+    files, model = given
+    recordings = [
+        DriftRecording(file, known.time, known.temperature, known.load, known.path)
+        for file, known in zip(files, job.recorded, strict=True)
+    ]
+    drift = robot_drift(recordings, model, job.drift, name=job.robot)
+    table = drift_table([drift]).with_columns(
+        bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
+    )
+    return {"friction": friction_table([drift]), "drift": table}
+
+
+DRIFTS = FleetStep(
+    "drift",
+    ("studied", "robots"),
+    _with_model,
+    _drift,
+    {  # the bound of false alarms as a number, and in words
+        "friction": FRICTION | _KEY,
+        "drift": {**DRIFT, "false_alarms": pl.Float64, "bound": pl.String, **_KEY},
+    },
+)
+
+
+def member_file(job: FleetJob) -> str:
+    """Where it is kept what a robot tells of its type."""
+    return f"{MEMBERS_FOLDER}/{job.robot}-{job.key[:12]}.npz"
+
+
+def _member(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
+    """What the robot tells of its type, as a file."""
+    robot = member(job.robot, files, job.description, job.settings)
+    place.save_file(member_file(job), lambda path: write_member(robot, path))
+    return {}
+
+
+ROBOTS = FleetStep("type", ("condensed", "robots"), read_factors, _member, file=member_file)
+
+
+def type_jobs(robots: Iterable[JobResult]) -> list[FleetJob]:
+    """One for each type that has robots."""
+    types: dict[str, list[FleetJob]] = {}
+    for robot in robots:
+        if not robot.reason:
+            types.setdefault(robot.job.type, []).append(robot.job)
+    jobs = list[FleetJob]()
+    for kind, own in sorted(types.items()):
+        key = digest([version("deltaid"), kind, sorted(job.key for job in own)])
+        files, first = tuple(map(member_file, own)), own[0]
+        jobs.append(FleetJob("", kind, (kind,), files, key, first.description, first.settings))
+    return jobs
+
+
+def next_robot_file(job: FleetJob) -> str:
+    """Where the description of the next robot of a type is."""
+    return f"types/{safe(job.type.removesuffix('.yaml'))}.yaml"
+
+
+def _members(job: FleetJob, place: Place) -> list[TypeMember]:
+    return [read_member(place.read(name) or b"", place.path_to(name)) for name in job.files]
+
+
+def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
+    """The type's mean and spreads, and its robots within it; the next robot's description."""
+    population = fitted(members, job.description, PopulationSettings(fit=job.settings))
+    place.save_file(next_robot_file(job), lambda path: save_next(population, place.name, path))
+    return {
+        "types": types_table(job.type, population),
+        "members": members_table(job.type, population),
+    }
+
+
+TYPE_FITS = FleetStep(
+    "type",
+    ("compared", "types"),
+    _members,
+    _type,
+    {"types": TYPES | _KEY, "members": MEMBERS | _KEY},
+    next_robot_file,
+)
+STEPS = (FITS, DRIFTS, ROBOTS, TYPE_FITS)
+TABLES = {name: columns for step in STEPS for name, columns in step.tables.items()}
