@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Mask
-from deltaid.recording.masks.search import MaskSearch
+from deltaid.recording.masks.search import MaskSearch, timed
 from deltaid.recording.opening import open_log
 from deltaid.recording.time.clock import Clock
 from interrupted import Interrupted
@@ -28,7 +28,7 @@ def searched(one: Interrupted, size: int = 1 << 16) -> tuple[Mask, ...]:
     for start in range(0, len(rows), size):
         search.add(rows[start : start + size], 1 / one.rate)
     clock = Clock(1 / one.rate, len(rows), 0.0, (len(rows) - 1) / one.rate)
-    return search.masks(clock)
+    return timed(search.runs(), clock)
 
 
 def by_hand(log: Log, *spans: tuple[tuple[int, ...], int, int]) -> Log:

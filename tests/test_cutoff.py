@@ -18,7 +18,7 @@ from deltaid.recording.filter import design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.spectrum import spectrum_of
 from deltaid.robot.load import load_robot
 from logs import names
 
@@ -65,12 +65,6 @@ def test_positions_and_rows_are_filtered_by_their_own_cutoffs(rate: float) -> No
         assert behind == pytest.approx(1.0 if frequency < 4 else 0.0, abs=1e-3)
     assert both.margin == motion.margin or both.stride != motion.stride
     assert len(both.level) == len(both.first) == len(both.second)
-
-
-def spectrum_of(q: np.ndarray) -> SpectrumEstimate:
-    spectrum = SpectrumEstimate(q.shape[1])
-    spectrum.add(power_of(q))
-    return spectrum
 
 
 @pytest.mark.parametrize("rate", [250.0, 1000.0, 8000.0])

@@ -7,7 +7,7 @@ from scipy import signal
 from deltaid.errors import RecordingError
 from deltaid.recording.convolution import apply
 from deltaid.recording.filter import design_low_pass
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.spectrum import spectrum_of
 
 RATE = 1000.0
 
@@ -70,12 +70,6 @@ def test_cutoffs_that_do_not_go_with_the_rate(cutoff: float) -> None:
         design_low_pass(cutoff, RATE)
 
 
-def spectrum_of(q: np.ndarray) -> SpectrumEstimate:
-    spectrum = SpectrumEstimate(q.shape[1])
-    spectrum.add(power_of(q))
-    return spectrum
-
-
 def test_cutoff_from_the_spectrum() -> None:
     time, rng = np.arange(30_000) / RATE, np.random.default_rng(0)
     noise = 1e-5 * rng.standard_normal((len(time), 2))
@@ -125,7 +119,7 @@ def test_short_stretches_count_until_one_is_full() -> None:
     time, rng = np.arange(6000) / RATE, np.random.default_rng(4)
     noise = 1e-4 * rng.standard_normal(6000)
     slow, fast = (np.sin(2 * np.pi * f * time) + noise for f in (2.0, 12.0))
-    spectrum = SpectrumEstimate(1)
+    spectrum = spectrum_of(np.zeros((0, 1)))
     for q, least, most in (
         (slow[:200], None, None),  # too short to count
         (slow[:900], 4, 14),
@@ -133,7 +127,7 @@ def test_short_stretches_count_until_one_is_full() -> None:
         (slow, 4, 7),
         (fast[:3000], 4, 7),
     ):
-        spectrum.add(power_of(q[:, None]))
+        spectrum += spectrum_of(q[:, None])
         found = spectrum.cutoff(RATE)
         assert found is None if least is None else least <= found <= most
 

@@ -121,7 +121,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         own, wide = window.own, window.wide
         error = wide.tau - _predicted(dynamics, p, wide)
         torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
-        filtered, tau = np.split(window.thinned_out(torques), 2)
+        filtered, tau = np.split(window.smoothed(torques, thinned=True), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
         samples = window.counted(window.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
         counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])

@@ -45,7 +45,7 @@ class Field:
 
     def __str__(self) -> str:
         """The name, with the shape of what is more than a column, shortened."""
-        shown = "".join(c if c.isprintable() else "?" for c in self.name[:41])
+        shown = printable(self.name[:41])
         name = shown if len(shown) <= 40 else f"{shown[:37]}…"
         if self.holds:
             return f"{name} ({self.holds})"
@@ -71,6 +71,11 @@ class Pick:
     def samples(self) -> int | None:
         """How many, as far as known without reading."""
         return self.field.shape[self.axis]
+
+
+def printable(text: str) -> str:
+    """Text of a file for one line of a message."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def find(fields: Sequence[Field], address: str) -> tuple[Field, str] | None:

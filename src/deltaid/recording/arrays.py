@@ -49,6 +49,7 @@ def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndar
 
 def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
     """All of one shape (samples, drives)."""
+    shape = arrays["q"].shape
     for key, array in arrays.items():
         if array.ndim != 2 or not array.size:
             raise RecordingError(
@@ -56,8 +57,6 @@ def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
                 where=f"{name}, {key}",
                 cure="one sample a row, one drive a column; for a single drive x.reshape(-1, 1)",
             )
-    shape = arrays["q"].shape
-    for key, array in arrays.items():
         if array.shape != shape:
             raise RecordingError(
                 f"has shape {array.shape}, but q has {shape}",

@@ -1,6 +1,6 @@
 """Columns of a log by what they are."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -108,12 +108,6 @@ class Columns:
     def states(self) -> int:
         """How many channels beside the drives hold their value until it is recorded again."""
         return self.extra_places.stop - self.sensor_places.stop
-
-    @property
-    def without_sensors(self) -> "Columns":
-        """The same of a log whose sensors are not asked for."""
-        count = self.sensor_places.stop - self.sensor_places.start
-        return replace(self, extra=self.extra[count:], sensors=())
 
     @property
     def sensor_names(self) -> tuple[str, ...]:

@@ -146,19 +146,6 @@ class Recording(Shown, Plotted, Tabled):
         mapping = mapping_of(units, unit_t, arrays, name)
         return cls(_table(frame, name), mapping, drives)
 
-    def require_drives(self, drives: int) -> None:
-        """Refuse arrays of another number of drives than the robot's.
-
-        Raises:
-            RecordingError: they are.
-        """
-        if self.drives not in (None, drives):
-            raise RecordingError(
-                f"q has {self.drives} columns, but the robot has {drives} drives",
-                where=str(self),
-                cure="give arrays of shape (samples, drives), drives in order of q",
-            )
-
 
 # A table of polars or pandas, a dictionary of arrays, a structured array of NumPy.
 TableLike = pl.DataFrame | pl.LazyFrame | PandasTable | Mapping[str, Any] | np.ndarray

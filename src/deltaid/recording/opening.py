@@ -15,12 +15,13 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.excerpt import Kept
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.masks.masks import Mask, require_rest
+from deltaid.recording.masks.masks import require_rest
 from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.search import timed
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.resolution import extra_drives, resolve_columns
 from deltaid.recording.source import Table
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock, require_rate
@@ -60,7 +61,8 @@ def open_log(
     """
     table, columns, mapping = resolved_table(source, kinematics, mapping)
     if not need_torque:
-        columns = replace(columns.without_sensors, torque=())
+        states = columns.extra[len(columns.extra) - columns.states :]
+        columns = replace(columns, torque=(), extra=states, sensors=())
     elif not columns.torque:
         raise RecordingError(
             f"has no torque columns; its columns are {listing(table.fields)}",
@@ -87,7 +89,7 @@ def open_log(
         survey.warnings += unwrapping.doubts(table)
         clock = _clock(survey)
         survey.finish(clock)
-    masks = _masks(survey, clock) if not keep_all else ()
+    masks = () if keep_all else timed(survey.excluded(clock.rate), clock)
     if need_rest:
         require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
     log = Log(
@@ -119,7 +121,12 @@ def resolved_table(
     """
     mapping, source = mapping or ColumnMapping(), as_source(source)
     if isinstance(source, Recording):
-        source.require_drives(kinematics.dof)
+        if source.drives not in (None, kinematics.dof):
+            raise RecordingError(
+                f"q has {source.drives} columns, but the robot has {kinematics.dof} drives",
+                where=str(source),
+                cure="give arrays of shape (samples, drives), drives in order of q",
+            )
         if source.mapping is not None:
             beside = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
             mapping = source.mapping.changed(**beside)
@@ -132,23 +139,17 @@ def resolved_table(
     return table, columns, mapping
 
 
-def _masks(survey: Survey, clock: Clock) -> tuple[Mask, ...]:
-    """All that is left out, in the order of rows."""
-    found = (*(survey.search.masks(clock) if survey.search else ()), *survey.loads.masks(clock))
-    return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
-
-
 def _with_cutoff_between_stops(log: Log) -> Log:
     """Brakes stop a robot with a jerk, whose spectrum is no motion's: without it, the cut-off."""
     stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
     if not stops:
         return log
     q = slice(1, 1 + len(log.columns.position))
-    spectrum = SpectrumEstimate(len(log.columns.position))
+    spectrum = spectrum_of(np.zeros((0, len(log.columns.position))))
     for segment in replace(log, masks=stops).segments(None):
         for rows in segment:
             for first, last in runs_of(rows[:, -1] > 0):
-                spectrum.add(power_of(rows[first : last + 1, q]))
+                spectrum += spectrum_of(rows[first : last + 1, q])
     cutoff = spectrum.cutoff(log.rate)
     if cutoff is None:
         return log
@@ -172,7 +173,8 @@ def _clock(survey: Survey) -> Clock:
         return (batch.values for batch in read_batches(table, columns))
 
     # Before any row is placed by such a step.
-    require_rate(table, columns.time.column, survey.clock.usual_rate, differentiated=False)
+    usual = 1 / survey.clock.step if survey.clock.step > 0 else 0.0
+    require_rate(table, columns.time.column, usual, differentiated=False)
     clock = study(rows(), dof)
     require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()

@@ -14,7 +14,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import Table
-from deltaid.recording.spectrum import Power
+from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.table import Batch
 
 # Rows between two places where time leaves off that show a passage from branch to branch.
@@ -66,13 +66,13 @@ class Seen:
         batch: consecutive rows.
         stretch: their poses.
         good: which of these there are.
-        power: spectra of the positions.
+        spectrum: of the positions.
     """
 
     batch: Batch
     stretch: Stretch
     good: Bool[np.ndarray, " rows"]
-    power: Power
+    spectrum: SpectrumEstimate
 
 
 class ReachCheck:
@@ -169,7 +169,8 @@ class ReachCheck:
         if bad:
             self._check_branch(stretch.part(slice(bad)), row, apart[apart < bad])
         q, time = stretch.q, stretch.time[bad]
-        before = self.branch.last_condition
+        carried = self.branch.carried
+        before = float(carried.regular.worst[-1]) if carried else 0.0
         reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
         if before > self.kinematics.robot.largest_condition:
             raise RecordingError(
@@ -216,11 +217,6 @@ class BranchCheck:
         lost = _LOST if mechanism.forward is None else np.inf
         found = _first(stretch, np.array(mechanism.lengths), lost)
         return None if found is None else (found[0] - carried, found[1])
-
-    @property
-    def last_condition(self) -> float:
-        """Condition number at the last sample that was added; 0 before the first."""
-        return 0.0 if self.carried is None else float(self.carried.regular.worst[-1])
 
 
 def _first(s: Stretch, lengths: Float[np.ndarray, " dof"], lost: float) -> tuple[int, str] | None:

@@ -155,7 +155,8 @@ class Repairs:
             return rows
         drives = len(columns.torque)
         copied, time = rows, rows[:, 0]
-        for which, ends in self._stretches(drives):
+        for some, ends in self._by_drives.items():
+            which = np.array(some or range(drives))
             near = slice(
                 np.searchsorted(ends[:, 1], time[0], side="left"),
                 np.searchsorted(ends[:, 0], time[-1], side="right"),
@@ -172,13 +173,9 @@ class Repairs:
                     copied[first:last, columns.sensor_places] = np.nan
         return copied
 
-    def _stretches(self, drives: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Drives, and stretches that are left out for them: apart from each other, ascending."""
-        for which, spans in self._by_drives.items():
-            yield np.array(which or range(drives)), spans
-
     @cached_property
     def _by_drives(self) -> dict[tuple[int, ...], np.ndarray]:
+        """Stretches that are left out for some drives: apart from each other, ascending."""
         found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
         for span in self.left_out:
             found.setdefault(span.drives, []).append((span.first, span.last))

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.address import Field, Pick, locate
+from deltaid.recording.address import Field, Pick, locate, printable
 
 Column = pl.Series | np.ndarray
 # Rows that are read or looked at together, unless a file has pieces of its own.
@@ -117,6 +117,12 @@ class Table(ABC):
     def cure_without_torque(self) -> str:
         """What to do if no torques are among the default columns."""
         return "name them tau1, tau2, … or declare them with --columns MAPPING.yaml"
+
+    def bad_value(self, column: str, written: object, place: str) -> RecordingError:
+        """A field of a column that is no finite number, as it stands in the file."""
+        text = "" if written is None else printable(str(written))
+        what = f"is '{text[:40]}', not a finite number" if text else "is empty"
+        return RecordingError(f"column {column} {what}", where=place, cure=self.cure(text))
 
     def cure(self, written: str) -> str:
         """What to do about a field that is no number."""

@@ -20,36 +20,113 @@ _RESTS = 1e-6
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
-@dataclass(frozen=True)
-class Power:
-    """Power of the positions in some segments.
+@dataclass(frozen=True, eq=False)
+class SpectrumEstimate:
+    """Power spectra of positions, added up over segments, from which cut-offs are chosen.
+
+    Estimates add up; those of less than a segment count where no segment is full.
 
     Attributes:
-        sum: over the segments.
-        segments: how many; none where consecutive samples are fewer than a segment.
+        power: of all segments.
+        segments: how many.
+        are_full: whether they have all samples of a segment.
         step: smallest change from one sample to the next; infinite without any.
-        changes: in what share of the samples each position changes.
+        changes: in how many of the segments each position changes, by the share of their samples.
     """
 
-    sum: Float[np.ndarray, "dof frequencies"]
+    power: Float[np.ndarray, "dof frequencies"]
     segments: int
+    are_full: bool
     step: Float[np.ndarray, " dof"]
     changes: Float[np.ndarray, " dof"]
 
+    SHORTEST = 256
 
-def power_of(q: Float[np.ndarray, "samples dof"]) -> Power:
-    """Power of consecutive samples; a remainder shorter than a segment is left out, unless it is
+    def __add__(self, other: "SpectrumEstimate") -> "SpectrumEstimate":
+        if self.are_full != other.are_full:
+            return self if self.are_full else other
+        return SpectrumEstimate(
+            self.power + other.power,
+            self.segments + other.segments,
+            self.are_full,
+            np.minimum(self.step, other.step),
+            self.changes + other.changes,
+        )
+
+    @property
+    def noise(self) -> Float[np.ndarray, " dof"]:
+        """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
+        floor = self._floor / max(self.segments, 1)
+        return np.sqrt(floor / np.sum(blackman_harris(_SEGMENT) ** 2))
+
+    @property
+    def _floor(self) -> Float[np.ndarray, " dof"]:
+        return np.median(self.power[:, _SEGMENT // 4 :], axis=1)
+
+    @property
+    def _noise_floor(self) -> Float[np.ndarray, " dof"]:
+        """Power of the noise in one bin, where a motion may be.
+
+        Steps Δ of an encoder are noise of variance Δ²/12. Where the position stays on each for many
+        samples, all of it lies below the rate at which it changes.
+        """
+        floor, changes = self._floor, self.changes / self.segments
+        step = np.where(np.isfinite(self.step), self.step, 0.0)
+        white = step**2 / 12 * np.sum(blackman_harris(_SEGMENT) ** 2) * self.segments
+        steps = white / np.maximum(2 * changes, 1 / _SEGMENT)
+        return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
+
+    def cutoff(self, rate: float) -> float | None:
+        """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
+
+        The noise floor is the median power of the upper half of the band, or what the steps of a
+        coarse encoder make of it. Drives that rest have no say: one that flickers between two
+        steps stands over its floor at all frequencies. Twice, because torques hold products of
+        velocities. None without a full segment.
+        """
+        if not self.segments:
+            return None
+        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
+        above = np.flatnonzero(self._loud.any(axis=0))
+        top = frequency[above[-1]] if above.size else frequency[1]
+        return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
+
+    def bandwidth(self, rate: float) -> float | None:
+        """Frequency below which 99.9 % of the speeds' power lies, drives counting alike [Hz].
+
+        Power that does not stand out of the positions' noise is none. None without a full segment.
+        """
+        if not self.segments:
+            return None
+        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
+        speed = np.where(self._loud, self.power, 0.0) * frequency**2
+        total = speed.sum(axis=1, keepdims=True)
+        share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
+        most = int(np.searchsorted(share, _NEARLY_ALL * share[-1]))
+        return float(frequency[max(most - _WIDENED, 1)])
+
+    @property
+    def _loud(self) -> Bool[np.ndarray, "dof frequencies"]:
+        """Where a position stands out of its noise; nowhere for a drive that rests."""
+        power = self.power.sum(axis=1, keepdims=True)
+        loud = self.power > _ABOVE * self._noise_floor[:, None]
+        return loud & (power > _RESTS * power.max())
+
+
+def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
+    """Spectra of consecutive samples; a remainder shorter than a segment is left out, unless it is
     all there is."""
     starts = range(0, len(q) - _SEGMENT + 1, _SEGMENT)
-    total = np.zeros((q.shape[1], _SEGMENT // 2 + 1))
+    power = np.zeros((q.shape[1], _SEGMENT // 2 + 1))
     for start in starts:
-        total += _segment(q[start : start + _SEGMENT])
+        power += _segment(q[start : start + _SEGMENT])
     if not starts and len(q) >= SpectrumEstimate.SHORTEST:
-        total += _segment(q)
+        power += _segment(q)
+    segments = len(starts) or int(power.any())
     change = np.abs(np.diff(q, axis=0))
     step = np.where(change > 0, change, np.inf).min(axis=0, initial=np.inf)
-    changes = np.count_nonzero(change, axis=0) / max(len(change), 1)
-    return Power(total, len(starts), step, changes)
+    changes = segments * (np.count_nonzero(change, axis=0) / max(len(change), 1))
+    return SpectrumEstimate(power, segments, bool(starts), step, changes)
 
 
 def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof frequencies"]:
@@ -65,89 +142,3 @@ def blackman_harris(length: int) -> Float[np.ndarray, " length"]:
     """Window of Blackman and Harris, whose side lobes lie 92 dB below its main one."""
     turns = np.outer(np.arange(length), np.arange(len(_BLACKMAN_HARRIS)))
     return np.cos(2 * np.pi / length * turns) @ _BLACKMAN_HARRIS
-
-
-class SpectrumEstimate:
-    """Power spectra of positions, averaged over segments, from which cut-offs are chosen."""
-
-    SHORTEST = 256
-
-    def __init__(self, dof: int) -> None:
-        self._full = False
-        self._clear(dof)
-
-    def _clear(self, dof: int) -> None:
-        self._power = np.zeros((dof, _SEGMENT // 2 + 1))
-        self._segments = 0
-        self._step, self._changes = np.full(dof, np.inf), np.zeros(dof)
-
-    def add(self, power: Power) -> None:
-        """Take in the power of consecutive samples; shorter ones count while no segment is full."""
-        if power.segments and not self._full:
-            self._clear(len(self._power))
-            self._full = True
-        if power.segments or not self._full:
-            self._power += power.sum
-            segments = power.segments or int(power.sum.any())
-            self._segments += segments
-            self._step = np.minimum(self._step, power.step)
-            self._changes += segments * power.changes
-
-    @property
-    def noise(self) -> Float[np.ndarray, " dof"]:
-        """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
-        floor = self._floor / max(self._segments, 1)
-        return np.sqrt(floor / np.sum(blackman_harris(_SEGMENT) ** 2))
-
-    @property
-    def _floor(self) -> Float[np.ndarray, " dof"]:
-        return np.median(self._power[:, _SEGMENT // 4 :], axis=1)
-
-    @property
-    def _noise_floor(self) -> Float[np.ndarray, " dof"]:
-        """Power of the noise in one bin, where a motion may be.
-
-        Steps Δ of an encoder are noise of variance Δ²/12. Where the position stays on each for many
-        samples, all of it lies below the rate at which it changes.
-        """
-        floor, changes = self._floor, self._changes / self._segments
-        step = np.where(np.isfinite(self._step), self._step, 0.0)
-        white = step**2 / 12 * np.sum(blackman_harris(_SEGMENT) ** 2) * self._segments
-        steps = white / np.maximum(2 * changes, 1 / _SEGMENT)
-        return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
-
-    def cutoff(self, rate: float) -> float | None:
-        """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
-
-        The noise floor is the median power of the upper half of the band, or what the steps of a
-        coarse encoder make of it. Drives that rest have no say: one that flickers between two
-        steps stands over its floor at all frequencies. Twice, because torques hold products of
-        velocities. None without a full segment.
-        """
-        if not self._segments:
-            return None
-        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
-        above = np.flatnonzero(self._loud.any(axis=0))
-        top = frequency[above[-1]] if above.size else frequency[1]
-        return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
-
-    def bandwidth(self, rate: float) -> float | None:
-        """Frequency below which 99.9 % of the speeds' power lies, drives counting alike [Hz].
-
-        Power that does not stand out of the positions' noise is none. None without a full segment.
-        """
-        if not self._segments:
-            return None
-        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
-        speed = np.where(self._loud, self._power, 0.0) * frequency**2
-        total = speed.sum(axis=1, keepdims=True)
-        share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
-        most = int(np.searchsorted(share, _NEARLY_ALL * share[-1]))
-        return float(frequency[max(most - _WIDENED, 1)])
-
-    @property
-    def _loud(self) -> Bool[np.ndarray, "dof frequencies"]:
-        """Where a position stands out of its noise; nowhere for a drive that rests."""
-        power = self._power.sum(axis=1, keepdims=True)
-        loud = self._power > _ABOVE * self._noise_floor[:, None]
-        return loud & (power > _RESTS * power.max())

@@ -8,10 +8,10 @@ from jaxtyping import Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
-from deltaid.recording.masks.search import LoadSearch, MaskSearch
+from deltaid.recording.masks.search import Found, LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen, Stretch
 from deltaid.recording.source import BATCH_ROWS, Table
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import Batch, recut
 from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
@@ -45,7 +45,7 @@ class Survey:
     def begin_again(self) -> None:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
         c = self.columns
-        self.spectrum = SpectrumEstimate(self.kinematics.dof)
+        self.spectrum = spectrum_of(np.zeros((0, self.kinematics.dof)))
         pairs = [(a.column, b.column) for a, b in zip(c.position, c.velocity, strict=False)]
         pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
         self.derivatives = DerivativeCheck(pairs)
@@ -60,6 +60,10 @@ class Survey:
         """Largest |τ| of each drive [N m]."""
         return np.maximum(np.abs(self.low), np.abs(self.high))[self.columns.torque_places]
 
+    def excluded(self, rate: float) -> list[Found]:
+        """All that is left out of a recording of some sampling rate [Hz]."""
+        return [*(self.search.runs() if self.search else ()), *self.loads.runs(rate)]
+
     def look(self, batch: Batch) -> Seen:
         """A batch with its poses, whatever they are worth, and spectra; changes nothing here.
 
@@ -70,7 +74,7 @@ class Survey:
         q = batch.values[:, 1 : 1 + self.kinematics.dof]
         z, good = self.kinematics.forward_unchecked(q)
         stretch = Stretch(batch.values[:, 0], q, z, self.kinematics.regularity(z))
-        return Seen(batch, stretch, good, power_of(q))
+        return Seen(batch, stretch, good, spectrum_of(q))
 
     def add(self, seen: Seen) -> None:
         """Check consecutive rows.
@@ -90,13 +94,13 @@ class Survey:
         self._check_jumps(seen.stretch.q, batch.row, apart)
         self.reach.add(seen, apart)
         if self.clock.steady:
-            self.spectrum.add(seen.power)
+            self.spectrum += seen.spectrum
             self._compare_derivatives(values)
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
         """Take in the samples of a segment for what holds for evenly spaced ones only."""
         for values in recut(segment, BATCH_ROWS):
-            self.spectrum.add(power_of(values[:, 1 : 1 + self.kinematics.dof]))
+            self.spectrum += spectrum_of(values[:, 1 : 1 + self.kinematics.dof])
             self._compare_derivatives(values)
 
     def require_time(self) -> None:

@@ -11,7 +11,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import Channel, Columns
+from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.formats.stream import content, packed_by
 from deltaid.recording.mapping import ColumnMapping
@@ -159,7 +159,7 @@ def to_si(
     finite[:, columns.sensor_places] = True
     if not finite.all():
         i, k = (int(index) for index in np.argwhere(~finite)[0])
-        raise _bad_value(table, channels[k], rows.written[k][i], row + i)
+        raise table.bad_value(channels[k].column, rows.written[k][i], table.row_place(row + i))
     return values
 
 
@@ -172,14 +172,6 @@ def _states(numbers: np.ndarray, written: Column) -> Float[np.ndarray, " rows"]:
     for states, number in ((_TRUE, 1.0), (_FALSE, 0.0)):
         values[text.is_in(states).fill_null(False).to_numpy()] = number
     return values
-
-
-def _bad_value(table: Table, channel: Channel, value: object, row: int) -> RecordingError:
-    text = "" if value is None else "".join(c if c.isprintable() else "?" for c in str(value))
-    what = f"is '{text[:40]}', not a finite number" if text else "is empty"
-    return RecordingError(
-        f"column {channel.column} {what}", where=table.row_place(row), cure=table.cure(text)
-    )
 
 
 def recut(

@@ -84,37 +84,35 @@ def si_factor(
         return 1.0
     import pint
 
-    match = _GRAMMAR.fullmatch(unit.strip())
-    if match is None:
+    if (parsed := _parsed(unit)) is None:
         raise _unknown(unit, where)
+    number, quantity = parsed
     try:
-        quantity = _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
         if torque_constant is not None:
-            return _number(match) * float(quantity.m_as("A")) * torque_constant
-        return _number(match) * float(quantity.m_as(target.replace(" ", "*")))
-    except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
-        raise _unknown(unit, where) from None
+            return number * float(quantity.m_as("A")) * torque_constant
+        return number * float(quantity.m_as(target.replace(" ", "*")))
     except pint.DimensionalityError:
         raise _other_kind(unit, target, where, torque_constant, cure) from None
 
 
 def is_unit(unit: str) -> bool:
     """Whether a text is a unit of anything that a log may hold."""
+    return _parsed(unit) is not None
+
+
+def _parsed(unit: str) -> "tuple[float, pint.Quantity] | None":
+    """The number before a unit, and one of the unit itself; None if it is not known."""
     import pint
 
     match = _GRAMMAR.fullmatch(unit.strip())
     if match is None:
-        return False
-    try:
-        _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
-    except (pint.UndefinedUnitError, ValueError):
-        return False
-    return True
-
-
-def _number(match: re.Match[str]) -> float:
+        return None
     divisor = float(match["divisor"] or 1)
-    return float(match["number"] or 1) / divisor if divisor else float("inf")
+    number = float(match["number"] or 1) / divisor if divisor else float("inf")
+    try:
+        return number, _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
+    except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
+        return None
 
 
 def _unknown(unit: str, where: str) -> RecordingError:

@@ -57,22 +57,13 @@ class Samples:
         m τ = m Y p holds sample by sample, so what is to be left out is left out here, at the full
         rate, before a filter spreads it.
         """
-        part = self._weighted_in_part
-        if not part.size:
-            return values
-        result = values.copy()
-        result[:, part] *= self.weights[part].T[drives]
-        return result
+        return self.weigh(values.copy(), drives)
 
     def weigh(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """The same in place, of channels that nobody else holds."""
-        part = self._weighted_in_part
+        part = np.flatnonzero((self.weights != 1.0).any(axis=1))
         values[:, part] *= self.weights[part].T[drives]
         return values
-
-    @property
-    def _weighted_in_part(self) -> Int[np.ndarray, " part"]:
-        return np.flatnonzero((self.weights != 1.0).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,17 +100,16 @@ class Window:
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
-    def thinned_out(self, x: Float[np.ndarray, "channels wide"]) -> Values:
-        """The low-pass over something computed from `wide`, thinned as `filtered` does it."""
-        if self.low_pass is None:
-            return x
-        return apply(self.low_pass.smooth, self.low_pass.leading(x), self.low_pass.decimation)
+    def smoothed(self, x: Float[np.ndarray, "channels wide"], *, thinned: bool = False) -> Values:
+        """The low-pass over something computed from `wide`.
 
-    def smoothed(self, x: Float[np.ndarray, "channels wide"]) -> Values:
-        """The low-pass over something computed from `wide`, at every `stride`-th own sample."""
+        Args:
+            thinned: as `filtered` thins it; else at every `stride`-th own sample.
+        """
         if self.low_pass is None:
             return x
-        return apply(self.low_pass.smooth, self.low_pass.leading(x))
+        every = self.low_pass.decimation if thinned else 1
+        return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
 
     def counted(self, every: int) -> Float[np.ndarray, "torques kept"]:
         """What is left of the noise's power by the weights m: Σ (h m)² / Σ h², h the low-pass.

@@ -22,7 +22,7 @@ from deltaid.recording.filter import (
     samples_needed,
 )
 from deltaid.recording.masks.runs import runs_of
-from deltaid.recording.spectrum import SpectrumEstimate, power_of
+from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 
 # The highest cut-off [Hz]: enough to distinguish columns.
 _HIGHEST_CUTOFF = 30.0
@@ -127,8 +127,7 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
 def _cutoff(q: Values, rate: float) -> float:
     """The usual one, or less: three times the frequency that 99.9 % of the speeds' power is below.
     Noise of coarse encoders, not white, lets the usual rule go too high for accelerations."""
-    spectrum = SpectrumEstimate(q.shape[1])
-    spectrum.add(power_of(q))
+    spectrum = spectrum_of(q)
     general = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
     level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)

@@ -27,9 +27,6 @@ _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex F
 # Messages that are in memory at a time.
 _CHUNK = 4096
 
-# When it was received [ns], and its bytes.
-Message = tuple[int, bytes]
-
 
 @dataclass(frozen=True)
 class Bag:

@@ -16,6 +16,7 @@ import polars as pl
 from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError
+from deltaid.recording.address import printable
 from deltaid.recording.formats.stream import content, skip
 from deltaid.recording.time.seconds import is_clock
 
@@ -167,8 +168,7 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
         if not start or not _is_text(line, separator):
             break
         stop, tag = start, line
-    shown = "".join(c if c.isprintable() else "?" for c in tag[:40])
-    return End(size - len(tail) + stop, shown, tail[-1:])
+    return End(size - len(tail) + stop, printable(tag[:40]), tail[-1:])
 
 
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:

@@ -60,7 +60,12 @@ class CsvTable(Table):
             texts = [fields.to_series(k).str.strip_chars() for k in places]
             numbers = decimals.numbers(texts)
             if row == self.first_row and all(series[0] is None for series in numbers):
-                raise _row_of_units(self)
+                raise RecordingError(
+                    "holds no numbers, as if it were a row of units",
+                    where=self.row_place(row),
+                    cure=f"delete the row, or give --columns a mapping with data_row: {row + 1}, "
+                    "and declare the units there",
+                )
             yield Rows(numbers, texts)
 
     @property
@@ -246,13 +251,4 @@ def _empty_line(table: CsvTable, row: int) -> RecordingError:
         "is an empty line, but more data follows",
         where=table.row_place(row),
         cure="remove it; if samples are missing there, split the log",
-    )
-
-
-def _row_of_units(table: CsvTable) -> RecordingError:
-    return RecordingError(
-        "holds no numbers, as if it were a row of units",
-        where=table.row_place(table.first_row),
-        cure=f"delete the row, or give --columns a mapping with data_row: {table.first_row + 1}, "
-        "and declare the units there",
     )

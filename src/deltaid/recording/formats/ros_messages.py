@@ -84,7 +84,16 @@ class Decoder:
         Raises:
             MessageError: it is damaged, or in an encoding that is not known.
         """
-        return _layout(raw, TYPES[self.type], self.cdr)
+        cursor = _Cursor(raw, self.cdr)
+        if not self.cdr:
+            cursor.skip(4)  # header.seq counts the messages
+        stamp = cursor.skip(8)
+        cursor.text(same=False)
+        numbers = TYPES[self.type](cursor)
+        cursor.finish()
+        fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
+        pattern = np.frombuffer(raw, np.uint8)[fixed]
+        return MessageLayout(cursor.order, stamp, numbers, fixed, pattern)
 
     def decode(
         self, raws: Sequence[bytes], wanted: Sequence[Number]
@@ -185,18 +194,6 @@ class _Cursor:
     def _align(self, size: int) -> None:
         if self._aligned:
             self.at += -(self.at - self._start) % size
-
-
-def _layout(raw: bytes, body: Callable[[_Cursor], dict[Number, int]], cdr: bool) -> MessageLayout:
-    cursor = _Cursor(raw, cdr)
-    if not cdr:
-        cursor.skip(4)  # header.seq counts the messages
-    stamp = cursor.skip(8)
-    cursor.text(same=False)
-    numbers = body(cursor)
-    cursor.finish()
-    fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
-    return MessageLayout(cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed])
 
 
 def _joint_state(cursor: _Cursor) -> dict[Number, int]:

@@ -97,10 +97,15 @@ class BagTable(Table):
     @property
     def cure_without_torque(self) -> str:
         """What to do if no torques are among the default columns."""
-        if why := self._why_hollow("effort"):
+        hollow = [
+            f"{topic.name}.effort holds {topic.hollow['effort']}"
+            for topic in self.topics.values()
+            if "effort" in topic.hollow
+        ]
+        if hollow:
             return (
-                f"{why}: no torques are recorded; let the driver publish them, or map what holds "
-                "them with --columns MAPPING.yaml"
+                f"{'; '.join(hollow)}: no torques are recorded; let the driver publish them, or "
+                "map what holds them with --columns MAPPING.yaml"
             )
         return self.cure_of_missing
 
@@ -157,14 +162,6 @@ class BagTable(Table):
         for piece in pieces:
             numbers = [piece.time if k is None else piece.values[:, k] for k in at]
             yield Rows(numbers, numbers)
-
-    def _why_hollow(self, quantity: str) -> str:
-        found = [
-            f"{topic.name}.{quantity} holds {topic.hollow[quantity]}"
-            for topic in self.topics.values()
-            if quantity in topic.hollow
-        ]
-        return "; ".join(found)
 
     def _place(self, pick: Pick) -> tuple[str, Number] | str:
         """Topic, quantity and joint of a column, or the name of a time."""

@@ -156,7 +156,8 @@ class ScopeTable(Table):
                 bad = np.argwhere(~np.isfinite(block))
                 if bad.size:
                     i, k = (int(index) for index in bad[0])
-                    raise self._bad((time, *values)[k], texts[k][i], row + int(there[i]))
+                    place = f"{self.path}, row {row + int(there[i])}"
+                    raise self.bad_value(self._named((time, *values)[k]), texts[k][i], place)
                 parts[time].append(block)
         blocks = {time: np.vstack(part) for time, part in parts.items()}
         for time, block in blocks.items():
@@ -243,15 +244,6 @@ class ScopeTable(Table):
     def _named(self, column: int) -> str:
         found = [trace.name for trace in self.channels if trace.values == column]
         return found[0] if found else TIME
-
-    def _bad(self, column: int, text: str, row: int) -> RecordingError:
-        shown = "".join(c if c.isprintable() else "?" for c in text[:40])
-        what = f"is '{shown}', not a finite number" if text else "is empty"
-        return RecordingError(
-            f"column {self._named(column)} {what}",
-            where=f"{self.path}, row {row}",
-            cure=self.cure(text),
-        )
 
 
 def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:

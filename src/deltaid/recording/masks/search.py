@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.carried import Load
 from deltaid.recording.columns import Columns
 from deltaid.recording.masks.masks import LOAD_CHANGES, Mask, Reason
 from deltaid.recording.masks.rest import RestSearch
@@ -34,7 +33,7 @@ Found = tuple[Reason, tuple[int, ...], Runs]
 
 
 class MaskSearch:
-    """Running search; `add` consecutive rows, then ask for `masks`.
+    """Running search; `add` consecutive rows, then ask for `runs`.
 
     Args:
         dof: number of drives.
@@ -70,10 +69,6 @@ class MaskSearch:
             bottom.add(-torque, new, self._row)
         self._row += len(values)
 
-    def masks(self, clock: Clock) -> tuple[Mask, ...]:
-        """All that is left out, in the order of rows; the clock tells when that was."""
-        return timed(self.runs(), clock)
-
     def runs(self) -> list[Found]:
         """All that is left out."""
         rest, everyone = self._rest, tuple(range(self._dof))
@@ -101,7 +96,7 @@ class MaskSearch:
 
 
 class LoadSearch:
-    """Running search; `add` consecutive rows, then ask for `masks` and `doubts`."""
+    """Running search; `add` consecutive rows, then ask for `runs` and `doubts`."""
 
     def __init__(self, table: Table, columns: Columns) -> None:
         self._table, self._columns, self._rows = table, columns, 0
@@ -117,8 +112,18 @@ class LoadSearch:
         """
         extra = values[:, self._columns.extra_places]
         for load in self._columns.loads:
-            if load.column is not None and load.holding is None:
-                self._require_truth(load, extra[:, self._columns.beside(load.column)], row)
+            if load.column is None or load.holding is not None:
+                continue
+            numbers = extra[:, self._columns.beside(load.column)]
+            other = np.flatnonzero((numbers != 0.0) & (numbers != 1.0))
+            if other.size:
+                raise RecordingError(
+                    f"column {load.column} of load {load.name} is {numbers[other[0]]:.10g}, "
+                    "neither 0 nor 1",
+                    where=self._table.row_place(row + int(other[0])),
+                    cure="list the numbers at which the load is held: "
+                    f"load: {{column: {load.column}, when: [{numbers[other[0]]:.10g}]}}",
+                )
         held = np.hstack([self._last, self._columns.held(values[:, 0], extra)])
         changes = np.flatnonzero(np.any(np.diff(held, axis=1), axis=0))
         self._changes.append(self._rows + changes + 1 - self._last.shape[1])
@@ -126,14 +131,13 @@ class LoadSearch:
         self._ever |= held.any(axis=1)
         self._rows += len(values)
 
-    def masks(self, clock: Clock) -> tuple[Mask, ...]:
-        """Rows about the changes, which count for no drive."""
-        about = max(1, round(_ABOUT * clock.rate))
+    def runs(self, rate: float) -> list[Found]:
+        """Rows about the changes, which count for no drive, at a sampling rate [Hz]."""
+        about = max(1, round(_ABOUT * rate))
         changes = np.concatenate(self._changes)
         runs: Runs = joined(np.column_stack([changes - about, changes + about - 1]))
-        runs = np.clip(runs, 0, self._rows - 1)
         drives = tuple(range(len(self._columns.torque)))
-        return timed([(LOAD_CHANGES, drives, runs)] if drives else [], clock)
+        return [(LOAD_CHANGES, drives, np.clip(runs, 0, self._rows - 1))] if drives else []
 
     def doubts(self) -> list[Doubt]:
         """Spans in which nothing was recorded."""
@@ -146,17 +150,6 @@ class LoadSearch:
             for load, ever in zip(self._columns.loads, self._ever, strict=True)
             if load.spans is not None and not ever
         ]
-
-    def _require_truth(self, load: Load, numbers: Float[np.ndarray, " rows"], row: int) -> None:
-        other = np.flatnonzero((numbers != 0.0) & (numbers != 1.0))
-        if other.size:
-            raise RecordingError(
-                f"column {load.column} of load {load.name} is {numbers[other[0]]:.10g}, neither 0 "
-                "nor 1",
-                where=self._table.row_place(row + int(other[0])),
-                cure="list the numbers at which the load is held: "
-                f"load: {{column: {load.column}, when: [{numbers[other[0]]:.10g}]}}",
-            )
 
 
 def timed(found: Iterable[Found], clock: Clock) -> tuple[Mask, ...]:

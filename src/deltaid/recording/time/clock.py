@@ -211,11 +211,6 @@ class ClockCheck:
     _apart: float = np.inf
 
     @property
-    def usual_rate(self) -> float:
-        """By the first rows [Hz]."""
-        return 1 / self.step if self.step > 0 else 0.0
-
-    @property
     def steady(self) -> bool:
         """Whether all steps are alike, so that nothing is missing."""
         return not self.uneven

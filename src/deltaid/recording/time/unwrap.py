@@ -5,7 +5,6 @@ is the start of a new round: an encoder of 16 bits after 65 536 counts, an angle
 cycle counter of 8, 16, 24 or 32 bits.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,17 +71,15 @@ class Unwrapper:
             far = far[steps[far] < 0]
         if not far.size:
             return far
-        periods = (self.period,) if self.period else self._possible(x)
+        whole = bool(np.all(x == np.round(x)))
+        possible = (*self.periods, *(self.overflows if whole else ()))
+        periods = (self.period,) if self.period else possible
         for period in sorted(periods, key=lambda p: np.abs(np.abs(steps[far]) - p).min()):
             found = far[_is_round(x, steps, far, period)]
             if found.size:
                 self.period = period
                 return np.where(steps[found] < 0, 1, -1) * (found + 1)
         return far[:0]
-
-    def _possible(self, x: Float[np.ndarray, " rows"]) -> tuple[float, ...]:
-        whole = bool(np.all(x == np.round(x)))
-        return (*self.periods, *(self.overflows if whole else ()))
 
 
 def _is_round(
@@ -107,32 +104,29 @@ class Unwrapping:
     """Time and positions of a log on their way."""
 
     def __init__(self, columns: Columns) -> None:
-        self._columns = columns
-        self._time = Unwrapper((), _CYCLES, rising=True)
-        self._positions = [
-            Unwrapper((channel.turn,) if channel.turn else (), _OVERFLOWS)
-            for channel in columns.position
-        ]
+        self._names = [channel.column for channel in columns.all]
+        self._unwrappers = [Unwrapper((), _CYCLES, rising=True)]
+        for channel in columns.position:
+            periods = (channel.turn,) if channel.turn else ()
+            self._unwrappers.append(Unwrapper(periods, _OVERFLOWS))
 
     def unwrapper(self, channel: int) -> Unwrapper | None:
         """What a channel of `Columns.all` takes; None if it never starts again."""
-        if not channel:
-            return self._time
-        return self._positions[channel - 1] if channel <= len(self._positions) else None
+        return self._unwrappers[channel] if channel < len(self._unwrappers) else None
 
     def doubts(self, table: Table) -> list[Doubt]:
         """Columns that were made to go on."""
-        names = [channel.column for channel in self._columns.all]
-        found: Sequence[Unwrapper] = (self._time, *self._positions)
         return [
             Doubt(
                 f"column {name} starts again after {_numbers(unwrapper.period)} in "
                 f"{unwrapper.count} row{'s' if unwrapper.count > 1 else ''}, the first "
                 f"{table.row_name(unwrapper.first)}: taken to go on",
-                cause=_why(unwrapper.period),
+                cause="a counter that is full begins anew"
+                if _is_counter(unwrapper.period)
+                else "the controller keeps angles within one turn",
                 cure="nothing is to be done, unless it was set anew there: then split the log",
             )
-            for name, unwrapper in zip(names, found, strict=False)
+            for name, unwrapper in zip(self._names, self._unwrappers, strict=False)
             if unwrapper.count
         ]
 
@@ -140,12 +134,6 @@ class Unwrapping:
 def _is_counter(period: float) -> bool:
     bits = np.log2(period)
     return bool(bits == round(bits) and period >= _CYCLES[0])
-
-
-def _why(period: float) -> str:
-    if _is_counter(period):
-        return "a counter that is full begins anew"
-    return "the controller keeps angles within one turn"
 
 
 def _numbers(period: float) -> str:
