@@ -6,7 +6,7 @@
 
 Base parameters by kinds of noise leave `tables/coverage_of_intervals.md`. With `--priors`:
 parameters of bodies of random robots, described well and badly, by what decided them, which leaves
-`tables/coverage_of_labels.md`. The tests run some seeds of both (`tests/test_coverage.py`,
+`tables/coverage_of_labels.md`. The tests run some seeds of both (`tests/test_scatter.py`,
 `tests/test_labels.py`).
 """
 

@@ -3,7 +3,7 @@
     python tests/links.py
 
 lists every link that leads elsewhere, with the pages that have it. Links between pages are checked
-by tests/test_links.py, and once more, with the anchors of the API, by `zensical build --strict`.
+by tests/test_docs.py, and once more, with the anchors of the API, by `zensical build --strict`.
 """
 
 import re

@@ -11,7 +11,7 @@ from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle, random_oracle
 
 # The catalogue's robots that stand for a mechanism each; tests that take long run on these alone.
-# Its machines (tests/test_machines.py) are of the same mechanisms, with other numbers.
+# Its machines (tests/test_catalogue.py) are of the same mechanisms, with other numbers.
 KINDS = (
     "clavel-delta3", "h4", "h4-linear", "i4", "i4-linear", "irb360-6-1600", "linear-delta",
     "linear-delta-45", "par4", "par4-linear",

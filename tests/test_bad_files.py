@@ -1,19 +1,30 @@
-"""A file that is no log, is damaged or cannot be read gets one message."""
+"""A file that is no log, is damaged or cannot be read, or whose library fails, gets one message.
+
+`benchmarks/damaged_files.py` damages hundreds of files of each kind.
+"""
 
 import errno
 import gzip
 import io
 import os
 import random
+import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 
 from bad_logs import GOOD, ROWS, with_field
+from damage import complaint, damaged, outcome
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.recording import excerpt
-from logs import refusal, write
+from deltaid.recording.formats.mat5 import DamagedMatError, Numbers
+from kinds_of_files import KINDS
+from kinds_of_files import ROWS as SAVED
+from logs import read, recorded, refusal, write
 
 FOREIGN = {
     "binary": (bytes(range(256)) * 8, "row 1: is not text"),
@@ -108,3 +119,56 @@ def test_files_that_change_between_two_passes(tmp_path, opened, monkeypatch) -> 
     assert sum(len(batch.values) for batch in short.batches()) == ROWS
     with pytest.raises(DeltaidError, match="no such file"):
         list(long.batches())
+
+
+def test_a_library_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.h5"
+    KINDS["HDF5"].save(path)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    message = refusal(read, path)
+    assert "is an HDF5 file, and the library h5py that reads it is not installed" in message
+    assert "pip install h5py" in message
+
+
+def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", recorded(300))
+    code = (
+        "import sys, pathlib, deltaid.recording.table as t;"
+        f"t.open_table(pathlib.Path({str(log)!r}));"
+        "assert not {'h5py', 'scipy.io', 'zstandard', 'pandas'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_process_that_is_aborted_says_why(tmp_path: Path) -> None:
+    code = (
+        "import os; from deltaid.recording.formats.parquet import last_words\n"
+        "with last_words('log: is damaged', 2): pass\n"
+        "with last_words('log: is damaged', 2): os.abort()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "error: log: is damaged\n")
+
+
+COUNT = 6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files(tmp_path: Path, clavel: Dynamics, kind: str) -> None:
+    of, path, rng = KINDS[kind], tmp_path / KINDS[kind].name, random.Random(11)
+    of.save(path)
+    data = path.read_bytes()
+    ends = set()
+    for _ in range(COUNT):
+        path.write_bytes(damaged(data, rng))
+        found = outcome(path, of.columns, SAVED, clavel.kinematics)
+        assert not complaint(found, path)
+        ends.add(found.end)
+    assert "refused" in ends
+
+
+def test_an_array_of_a_mat_file_that_ends_behind_its_variable_is_refused() -> None:
+    data = memoryview(np.arange(6.0).tobytes())
+    np.testing.assert_array_equal(Numbers(8, "<f8", (5,)).array(data), np.arange(1.0, 6.0))
+    with pytest.raises(DamagedMatError, match="6 numbers ends behind the end of its variable"):
+        Numbers(8, "<f8", (6,)).array(data)

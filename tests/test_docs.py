@@ -1,4 +1,4 @@
-"""The documentation says what the program does: commands, options, keys, outputs, examples."""
+"""The documentation says what the program does, its examples run, and its links lead somewhere."""
 
 import os
 import re
@@ -11,15 +11,17 @@ from typing import get_type_hints
 
 import pytest
 import typer
+from ruamel.yaml import YAML
 
 import deltaid
 from deltaid.cli.app import app
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
+from links import DOCS, Link, anchors, external, links
+from links import PAGES as LINKED
 from sessions import NOT_RUN, ROOT, SKIPPED, blocks, steps
 
-DOCS = ROOT / "docs"
 COMMANDS = typer.main.get_command(app).commands
 PAGES = sorted(DOCS.rglob("*.md"))
 DOCUMENTS = (*PAGES, ROOT / "README.md")
@@ -163,3 +165,84 @@ def test_quoted_example_files_are_those_in_examples() -> None:
             kept = iter((ROOT / first.removeprefix("# from ")).read_text("utf-8").splitlines())
             for row in quoted:
                 assert row == SKIPPED or row in kept, f"{path.name}, line {line}: {row}"
+
+
+EXAMPLES = ROOT / "examples"
+# Those that a page runs are run there, with what they print (sessions.py).
+ON_PAGES = {
+    script
+    for page in PAGES
+    for script in re.findall(r"\$ python examples/(\w+\.py)", page.read_text(encoding="utf-8"))
+}
+# Those in programs of other people: test_export_drake.py, test_jax.py.
+ELSEWHERE = {"in_drake.py", "in_jax.py"}
+SCRIPTS = [
+    path for path in sorted(EXAMPLES.glob("*.py")) if path.name not in {*ON_PAGES, *ELSEWHERE}
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_example_runs_in_a_folder(script: Path, tmp_path: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()}
+    here, target = tmp_path / "here", tmp_path / "target"
+    here.mkdir()
+    done = subprocess.run(
+        [sys.executable, script, target],
+        cwd=here,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONIOENCODING": "utf-8"},
+        encoding="utf-8",
+    )
+    assert done.returncode == 0, done.stderr
+    assert not list(here.iterdir())
+    assert {path: path.stat().st_mtime_ns for path in EXAMPLES.iterdir()} == before
+    if script.name == "own_mechanism.py":
+        deltaid.use_mechanism(EXAMPLES / "heli4" / "mechanism.py")
+    model = deltaid.IdentifiedModel.load(target / "model.yaml")
+    assert model.consistent
+    assert max(model.fit.nrmse) < 0.02
+
+
+@pytest.mark.slow
+def test_links_lead_somewhere() -> None:
+    broken = {
+        (str(page.relative_to(ROOT)), link.target): why
+        for page in LINKED
+        for link in links(page)
+        if not link.external and (why := link.broken())
+    }
+    assert not broken
+
+
+def test_what_is_broken_is_found(tmp_path: Path) -> None:
+    page = DOCS / "index.md"
+    for target in ("nowhere.md", "theory.md#nothing", "#nothing", "../README.md", "images/x.png"):
+        assert Link(page, target).broken()
+    assert not Link(page, "theory.md#excitation").broken()
+    text = (
+        '# A\n\n## B `c` (d)\n\n## A\n\n[x](a.md) <img src="b.png">\n\n=== "T"\n\n    [y](c.md)\n'
+    )
+    own = tmp_path / "own.md"
+    own.write_text(text)
+    assert anchors(own) == {"a", "b-c-d", "a_1"}
+    assert [link.target for link in links(own)] == ["a.md", "b.png", "c.md"]
+
+
+def test_links_elsewhere_are_few_and_safe() -> None:
+    assert all(target.startswith("https://") for target in external())
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    text = re.sub(r"!ENV", "", text)
+
+    def pages(entry: object) -> list[str]:
+        if isinstance(entry, str):
+            return [entry]
+        children = entry.values() if isinstance(entry, dict) else entry
+        return [page for child in children for page in pages(child)]
+
+    listed = pages(YAML(typ="safe").load(text)["nav"])
+    assert sorted(listed) == sorted(str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md"))

@@ -1,5 +1,6 @@
-"""The manifest of a fleet: what it may say, and what is told of its mistakes."""
+"""The manifest of a fleet: what it may say, what is told of its mistakes, and its page."""
 
+import re
 from pathlib import Path
 
 import polars as pl
@@ -7,7 +8,11 @@ import pytest
 
 from command import run
 from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.known import RECORDINGS_SCHEMA
+from deltaid.fleets.manifest import Manifest
+from deltaid.fleets.steps import TABLES as STEPS
 from plant import DAYS, TYPE, plant
+from sessions import ROOT
 
 FIRST = [f"north/{day}" for day in DAYS[:2]]
 MANIFEST = f"type: {TYPE}\nrobots:\n  - robot: north\n    recordings: north/*.parquet\n"
@@ -88,3 +93,22 @@ def test_names_and_folders_say_when(tmp_path: Path, name: str, time: str) -> Non
     (tmp_path / "fleet.yaml").write_text(text, encoding="utf-8")
     (found,) = find_fleet(str(tmp_path / "fleet.yaml")).recordings
     assert str(found.time) == time
+
+
+PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
+TABLES = {"recordings": RECORDINGS_SCHEMA, **STEPS}
+
+
+def test_all_keys_of_a_manifest_are_named() -> None:
+    schema = Manifest.model_json_schema()
+    for part in (schema, *schema["$defs"].values()):
+        for key in part["properties"]:
+            assert re.search(rf"^\| `{key}` \|", PAGE, re.M), key
+
+
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_all_columns_of_the_tables_are_named(name: str) -> None:
+    text = PAGE.partition(f"\n`{name}.parquet`, ")[2] or PAGE.partition("\n`types.parquet`, ")[2]
+    rows = text.partition("\n\n")[2].partition("\n\n")[0]
+    named = set(re.findall(r"`(\w+)`", rows))
+    assert set(TABLES[name]) - {"key"} <= named

@@ -1,4 +1,4 @@
-"""What is believed of a load that nobody told: what it did to other estimates, and what is none."""
+"""What a cycle makes of measured signals, of a load that nobody told, and of what a model lacks."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.model.model import Model
 from deltaid.online.changes import Change, Onset, estimate_after
+from deltaid.online.contact_part import contact_of
 from deltaid.online.cycle import step_graph
+from deltaid.online.estimates import friction_bounds
+from deltaid.online.graph import StepGraph
 from deltaid.online.kalman import Estimate
+from deltaid.online.knowledge import OnlineKnowledge, knowledge
+from deltaid.online.online import FeedForward
 from deltaid.online.settings import OnlineSettings
-from online_runs import LOAD, outputs, robot, running
+from deltaid.robot.load import load_robot
+from online_runs import LOAD, Running, outputs, robot, running
 
 ONE, NONE = ca.SX(1), ca.SX(0)
 
@@ -75,3 +83,162 @@ def test_a_load_of_which_a_part_is_put_down_is_still_held() -> None:
     assert y["load"][540, 0] == pytest.approx(2.0, abs=0.2)
     assert y["held"][550:].all()
     assert y["load"][-1, 0] == pytest.approx(1.4, abs=0.15)
+
+
+CYCLES = 4000
+
+
+def lacking(run: Running, known: OnlineKnowledge, falling: float, carried: float) -> Running:
+    """With friction that the model has not: more at low speed, and a share of the torque."""
+    slow = np.exp(-((run.qd / known.slow_speed) ** 2))
+    more = falling * known.unmodelled_slow * slow + carried * np.abs(run.tau)
+    return replace(run, tau=run.tau + np.sign(run.qd) * more)
+
+
+@pytest.fixture(scope="module")
+def delta() -> tuple[Model, StepGraph, OnlineKnowledge, Running]:
+    model, graph = robot("clavel-delta3")
+    run = running(model, CYCLES, slice(0, 0), noise=0.1, period=6.0)
+    return model, graph, knowledge(model, OnlineSettings()), run
+
+
+@pytest.mark.parametrize(("falling", "carried"), [(1.0, 0.02), (-0.8, 0.03), (0.0, 0.0)])
+def test_friction_that_a_model_has_not_is_found(
+    delta: tuple[Model, StepGraph, OnlineKnowledge, Running], falling: float, carried: float
+) -> None:
+    _, graph, known, run = delta
+    y = outputs(graph, lacking(run, known, falling, carried), np.zeros(CYCLES))
+    first = len(known.entries.shown) + known.directions.shape[1] + len(known.followed)
+    state = graph.state.split(y["state"][-1])
+    n = state["x"].size
+    P = np.zeros((n, n))
+    P.T[np.triu_indices(n)] = state["P"]
+    x, std = state["x"][first : first + 2], np.sqrt(np.diag(P)[first : first + 2])
+    off = x - np.array([falling, carried / 0.03])
+    assert np.all(np.abs(off) < 3 * std)
+    assert std[0] < 0.3
+    assert std[1] < 0.7
+
+
+def test_how_much_a_model_lacks_is_learnt(
+    delta: tuple[Model, StepGraph, OnlineKnowledge, Running],
+) -> None:
+    _, graph, _, run = delta
+    t = np.arange(CYCLES)[:, None] / 1000.0
+    pulled = replace(run, tau=run.tau + 3.0 * np.sin(2 * np.pi * 5.0 * t + np.arange(3)))
+    levels = [
+        outputs(graph, one, np.zeros(CYCLES))["state"][-1, graph.state.places["moving_level"]]
+        for one in (run, pulled)
+    ]
+    assert np.all(levels[0] < 0.98)
+    assert np.all(levels[1] > 1.3)
+
+
+@pytest.mark.parametrize("early", [0, 4])
+def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
+    """Also where the gripper opens some milliseconds before the load is gone."""
+    model, _ = robot("clavel-delta3")
+    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
+    graph = step_graph(model, settings, more=(contact_of,))
+    run = running(model, 600, slice(250, 400), noise=0.1)
+    y = outputs(graph, run, np.roll(run.held, -early))
+    assert not np.any(y["contact"])
+    late = outputs(graph, run, np.zeros(600))
+    assert np.any(late["contact"][250:290])
+
+
+def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
+    """From positions in steps, speeds have noise, and it is no contact."""
+    model, _ = robot("clavel-delta3")
+    settings = OnlineSettings(
+        noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, speed="differenced"
+    )
+    graph = step_graph(model, settings, more=(contact_of,))
+    run = running(model, CYCLES, slice(0, 0), noise=0.1)
+    u = np.column_stack([np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES)])
+    y = graph.outputs.split(
+        np.array(graph.function.mapaccum(CYCLES)(graph.state.initial, u.T)[1]).T
+    )
+    assert not np.any(y["contact"])
+    assert 1 / 3 < np.quantile(y["contact_size"][2000:], 0.99) < 1
+
+
+QUIET = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
+
+
+def left(torque: str, rate: float) -> float:
+    """What of the model's own torques, differenced speeds leave unexplained, largest [N m]."""
+    model = robot("clavel-delta3")[0].without_friction()
+    n = round(0.2 * rate)
+    run = running(model, n + 1, slice(0, 0), rate=rate)
+    # What is held from one position to the next is the torque in their middle.
+    tau = 0.5 * (run.tau[1:] + run.tau[:-1]) if torque == "held" else run.tau[:n]
+    settings = replace(QUIET, rate=rate, speed="differenced", torque=torque)
+    graph = step_graph(model, settings)
+    u = np.column_stack([run.q[:n], tau, np.zeros(n)])
+    y = np.array(graph.function.mapaccum(n)(graph.state.initial, u.T)[1]).T
+    return float(np.abs(graph.outputs.split(y)["residual"][20:]).max())
+
+
+@pytest.mark.parametrize("torque", ["sampled", "held"])
+def test_differenced_speeds_positions_and_torques_are_of_one_instant(torque: str) -> None:
+    """The middle between two cycles: what differs is of second order in the period."""
+    coarse, fine = left(torque, 1000.0), left(torque, 2000.0)
+    assert coarse < 0.01
+    assert fine < 0.3 * coarse
+
+
+def test_friction_that_depends_on_load_is_explained() -> None:
+    """Of gears that lose a tenth of what they carry nothing is left while they move."""
+    described = load_robot("clavel-delta3")
+    laws = {
+        drive: type(law)(viscous=2.0, coulomb=1e-6, load=0.1)
+        for drive, law in described.friction.items()
+    }
+    losing = described.model_copy(update={"friction": laws})
+    model = Model(losing, prior_parameters(losing), "losing")
+    run = running(model, 400, slice(0, 0))
+    left = np.abs(outputs(step_graph(model, QUIET), run, run.held)["residual"])
+    # Where a drive has moved for so long that what its filter knows of a slower one is forgotten.
+    slow = np.cumsum(np.abs(run.qd) < 0.3, axis=0)
+    moved = np.vstack([np.zeros((60, 3), bool), slow[60:] == slow[:-60]])
+    assert moved.sum() > 300
+    assert left[moved].max() < 0.02
+
+
+def test_torques_are_what_drives_report_times_their_gains(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains, (model, _) = np.array([1.2, 0.8, 1.5]), robot("clavel-delta3")
+    run = running(model, 300, slice(100, 300))
+    monkeypatch.setattr(Model, "gains", property(lambda _: gains))
+    y = outputs(step_graph(model, QUIET), replace(run, tau=run.tau / gains), run.held)
+    assert y["load"][-1, 0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torques at the joints by the gains."""
+    gains, (model, _) = np.array([1.2, 0.8, 1.5]), robot("clavel-delta3")
+    known, run = knowledge(model, QUIET), running(model, 3, slice(0, 0))
+    none, friction = np.zeros(len(known.entries.shown)), model.p[list(known.followed)]
+    rows = run.q[1], run.qd[1], np.array([1.0, -2.0, 3.0])
+    expected = model.dynamics.inverse_dynamics(*rows, model.p) / gains
+    monkeypatch.setattr(Model, "gains", property(lambda _: gains))
+    assert FeedForward(model, known)(*rows, none, friction) == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_offset_of_friction_near_zero_may_change_its_sign() -> None:
+    """It moves by its deviations; coefficients of one sign by a share of themselves."""
+    described = load_robot("clavel-delta3")
+    law = described.friction["drive2"].changed(offset=0.01)
+    offset = described.model_copy(update={"friction": described.friction | {"drive2": law}})
+    model = Model(offset, prior_parameters(offset), "offset")
+    known = knowledge(model, QUIET)
+    low, high = friction_bounds(model, known, 0.3)
+    for k, std, down, up in zip(known.followed, known.friction_std, low, high, strict=True):
+        value = model.p[k]
+        lowest, highest = value + std * down, value + std * up
+        if model.layout.names[k] == "offset.drive2":
+            assert lowest < -std
+            assert highest > std
+        else:
+            assert (lowest, highest) == pytest.approx((0.7 * value, 1.3 * value))
+    assert "offset.drive2" in [model.layout.names[k] for k in known.followed]

@@ -1,11 +1,15 @@
-"""Poses of all bodies: limbs close, struts and telescope bar hang as they are built."""
+"""Poses of all bodies: limbs close, struts, telescope bar and tools hang as they are built."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
 from geometries import GEOMETRIES, kinematics, poses_within_reach, rotation
 
 
@@ -81,3 +85,28 @@ def test_telescope_bar_tilts_on_a_cross_in_a_fork_that_turns_with_psi(name: str)
         assert np.abs([about_x, about_y]).max() < np.pi / 2
         expected = rotation("x", about_x) @ rotation("y", about_y)
         np.testing.assert_allclose(tilt, expected, atol=1e-13)
+
+
+def with_tool(name: str, **platform: object) -> RobotDescription:
+    data = load_robot(name).model_dump(exclude_none=True)
+    data["platform"] |= platform
+    return RobotDescription.model_validate(data)
+
+
+@pytest.mark.parametrize("name", ["h4", "i4", "par4", "par4-linear"])
+@pytest.mark.parametrize(("part", "place"), [("first", 0), ("second", 1)])
+def test_a_tool_on_a_part_moves_with_it_and_turns_by_psi(name, part, place):
+    offset = np.array([0.03, -0.02, -0.05])
+    robot = with_tool(name, tool_on=part, tool=tuple(offset))
+    kinematics, rng = Kinematics(robot), np.random.default_rng(0)
+    z = kinematics.home + rng.uniform(-1, 1, (20, 4)) * [0.05, 0.05, 0.03, 0.5]
+    poses = kinematics.poses(z)
+    parts = [pose for pose in poses if pose.name == robot.platform.bodies[0]]
+    tool = next(pose for pose in poses if pose.name == "EE")
+    np.testing.assert_allclose(tool.r_WB, parts[place].r_WB + offset, atol=1e-15)
+    np.testing.assert_allclose(tool.R_WB[:, 0, 0], np.cos(z[:, 3]), atol=1e-15)
+
+
+def test_nothing_carries_a_tool_beside_the_middle_bar():
+    with pytest.raises(ValidationError, match="tool_on"):
+        with_tool("h4", tool=(0.03, 0, 0))

@@ -1,4 +1,4 @@
-"""A linear problem as a value: rank, what is known before, instruments, groups."""
+"""A linear problem as a value: rank, what is known before, variances, instruments, groups."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import pytest
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows, stretch_numbers, stretch_starts
 from deltaid.estimation.problem import KNOWN, LinearProblem, group_sums
 from deltaid.estimation.span import Span
+from deltaid.identification.marginal import with_variances
 
 
 @pytest.mark.parametrize("samples", [1, STRETCHES - 1, STRETCHES, 97])
@@ -107,3 +108,28 @@ def test_recordings_have_groups_of_their_own() -> None:
     both = LinearProblem.together([one, LinearProblem(A, b, np.array([0, 1, 1]))])
     np.testing.assert_array_equal(both.groups, [0, 0, 1, KNOWN, 2, 3, 3])
     assert both.measured == 6.0
+
+
+def test_variances_change_and_sharp_sums_stay() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((6, 6)) * np.geomspace(1, 0.1, 6)
+    V = half @ half.T
+    wanted = np.diag(V) * rng.uniform(0.9, 1.3, 6)
+    found = with_variances(V, wanted)
+    np.testing.assert_allclose(np.diag(found), wanted, rtol=0.02)
+    difference = np.linalg.inv(found) - np.linalg.inv(V) / np.exp(
+        np.mean(np.log(wanted / np.diag(V)))
+    )
+    off = difference - np.diag(np.diag(difference))
+    assert np.abs(off).max() < 1e-6 * np.abs(np.linalg.inv(V)).max()
+
+
+def test_variances_are_had_where_sums_are_known_far_better() -> None:
+    """Correlations whose least eigenvalue is 1e-11, as of parameters that torques tell as sums."""
+    rng = np.random.default_rng(3)
+    Q, _ = np.linalg.qr(rng.standard_normal((30, 30)))
+    V = (Q * np.geomspace(1e-11, 3.0, 30)) @ Q.T
+    wanted = np.diag(V) * rng.uniform(0.9, 1.2, 30)
+    found = with_variances(V, wanted)
+    np.testing.assert_allclose(np.diag(found), wanted, rtol=0.1)
+    assert np.linalg.eigvalsh(found)[0] > 0

@@ -1,4 +1,4 @@
-"""Torques behind a filter, held, or on another clock, read as they were: closed forms."""
+"""Torques behind a filter, held, or on another clock; values at other instants: closed forms."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,8 @@ import pytest
 
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
-from test_delay import columns
+from deltaid.recording.time.resampling import Signal, fastest, interpolate, merge
+from test_lag import columns
 
 RATE, SAMPLES = 1000.0, 12_000
 TIME = np.arange(SAMPLES) / RATE
@@ -103,3 +104,50 @@ def test_pulses_that_begin_in_every_fifth_row_are_no_hold() -> None:
     noise = 0.01 * np.random.default_rng(2).standard_normal(SAMPLES)
     pulses = np.maximum(1 - np.arange(SAMPLES) % 100 / 13, 0)
     assert not any(holds([blocks(rows(wave(TIME) + noise + pulses), 777)], COLUMNS, RATE))
+
+
+def waves(time: np.ndarray, frequency: float = 10.0) -> np.ndarray:
+    """Two channels of one frequency [Hz], and a polynomial of degree 7."""
+    phase = 2 * np.pi * frequency * time
+    return np.column_stack([np.sin(phase), np.cos(phase), (time - 0.5) ** 7])
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.2])
+def test_band_limited_values_at_other_instants(uneven: float) -> None:
+    rng = np.random.default_rng(1)
+    time = (np.arange(100) + uneven * rng.uniform(-1, 1, 100)) / 100  # ten samples a period
+    at = rng.uniform(0.05, 0.94, 20_000)
+    found = interpolate(time, waves(time), at)
+    np.testing.assert_allclose(found, waves(at), atol=3e-4 if uneven else 6e-5)
+    np.testing.assert_allclose(found[:, 2], waves(at)[:, 2], atol=1e-14)
+
+
+def test_samples_are_kept_where_instants_meet_them() -> None:
+    time = np.arange(20) / 7
+    np.testing.assert_array_equal(interpolate(time, waves(time), time[::-1]), waves(time[::-1]))
+    few = time[:3]  # a parabola through three samples
+    np.testing.assert_allclose(interpolate(few, few[:, None] ** 2, time)[:, 0], time**2)
+
+
+def test_signals_meet_on_the_grid_of_the_fastest() -> None:
+    slow, fast = np.arange(0.1, 2, 1 / 250), np.arange(0, 1.9, 1 / 1000) + 3e-4
+    slow = np.concatenate([slow[:200], slow[199:200], slow[200:]])  # a doubled sample
+    signals = [Signal(slow, waves(slow)), Signal(fast, waves(fast))]
+    assert fastest(signals) == 1
+    at, (low, high) = merge(signals)
+    inside = (fast >= slow[0]) & (fast <= slow[-1])
+    np.testing.assert_array_equal(at, fast[inside])
+    np.testing.assert_array_equal(high, waves(at))
+    np.testing.assert_allclose(low, waves(at), atol=1e-4)
+    at, (low, high) = merge(signals, onto=0)
+    assert set(at) <= set(slow)
+    np.testing.assert_array_equal(low, waves(at))
+    np.testing.assert_allclose(high, waves(at), atol=1e-9)
+
+
+def test_a_hole_in_one_signal_is_one_of_all() -> None:
+    fast = np.arange(1000) / 1000
+    slow = fast[::4]
+    slow = slow[(slow < 0.301) | (slow > 0.37)]
+    at, _ = merge([Signal(fast, waves(fast)), Signal(slow, waves(slow))])
+    np.testing.assert_array_equal(at, np.concatenate([fast[:301], fast[372:997]]))
