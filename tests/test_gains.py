@@ -11,7 +11,7 @@ import pytest
 from command import run
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.estimation.free_body import Free
+from deltaid.estimation.reduction import Free
 from deltaid.identification.fit import fit
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import identify

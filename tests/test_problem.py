@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows, stretch_numbers, stretch_starts
-from deltaid.estimation.problem import KNOWN, LinearProblem, group_sums
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import KNOWN, LinearProblem, Span, group_sums
 from deltaid.identification.marginal import with_variances
 
 

@@ -13,8 +13,7 @@ from deltaid.checks.wiring.homing import Shifts
 from deltaid.effects.contest import account
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
-from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.velocity_stage import _lag
 

@@ -39,7 +39,7 @@ from deltaid.estimation.drive_rows import (
     stretch_starts,
 )
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.span import Columns, Rows, Span, lengths
+from deltaid.estimation.problem import Columns, Rows, Span, lengths
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace

@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.effects.point import EffectCandidate
-from deltaid.estimation.problem import level_along
+from deltaid.estimation.problem import Columns, Rows, Span, independent, lengths, level_along
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Columns, Rows, Span, independent, lengths
 
 # A candidate is detected where chance gives one like it once in so many decades of recordings.
 SEEN = 6.0

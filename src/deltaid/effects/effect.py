@@ -15,7 +15,7 @@ from jaxtyping import Float
 from deltaid.effects.contest import Account, Contribution
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
-from deltaid.estimation.span import Columns, Rows, Span
+from deltaid.estimation.problem import Columns, Rows, Span
 from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording

@@ -8,7 +8,7 @@ from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
 from deltaid.effects.unknown import Deviations, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
-from deltaid.estimation.span import Columns
+from deltaid.estimation.problem import Columns
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import percent
 from deltaid.recording.readings import LEAST_SLOPE

@@ -7,7 +7,7 @@ import numpy as np
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.load_times import Held, refined, two_levels
 from deltaid.effects.point import EffectCandidate, RigidFit
-from deltaid.estimation.span import Columns, Rows
+from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import Recording

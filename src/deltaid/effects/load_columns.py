@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.estimation.free_body import Free, free_body
+from deltaid.estimation.reduction import Free, free_body
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged
 from deltaid.recording.carried import Load, carrier

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.effects.point import RigidFit
-from deltaid.estimation.span import Columns, Rows
+from deltaid.estimation.problem import Columns, Rows
 
 # Length of the windows in which a load is searched [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000

@@ -15,7 +15,7 @@ from deltaid.effects.joint import FrictionJoint, Shape, joint_columns, joints_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.span import Columns, Rows, Span
+from deltaid.estimation.problem import Columns, Rows, Span
 from deltaid.estimation.traces import Trace
 from deltaid.recording.windows import Samples
 

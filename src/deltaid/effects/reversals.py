@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import slope
 from deltaid.estimation.additions import Addition, torques_of
-from deltaid.estimation.span import lengths
+from deltaid.estimation.problem import lengths
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.windows import WINDOW, Samples
 

@@ -7,7 +7,7 @@ import numpy as np
 from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.effects.ripple_search import passed
-from deltaid.estimation.span import Rows
+from deltaid.estimation.problem import Rows
 
 # Waves of a ripple over a drive's stroke.
 _COUNTS = np.arange(1.0, 81.0, 0.5)

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
-from deltaid.estimation.free_body import Free, free_coefficients
 from deltaid.estimation.information import Motion, entries_at
+from deltaid.estimation.reduction import Free, free_coefficients
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter as Judged

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.estimation.information import Information
-from deltaid.estimation.span import DEPENDENT, Span
+from deltaid.estimation.problem import DEPENDENT, Span
 from deltaid.robot.parameter import ADDED
 from deltaid.shown import Shown
 

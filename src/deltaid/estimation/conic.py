@@ -23,9 +23,8 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.free_body import Affine, Block
 from deltaid.estimation.objective import Objective, Solution
-from deltaid.estimation.reduction import INTERIOR
+from deltaid.estimation.reduction import INTERIOR, Affine, Block
 from deltaid.estimation.regularizer import LOG_DET, Quadratic, Vector
 
 

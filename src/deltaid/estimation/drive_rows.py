@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.span import DEPENDENT, Columns, Span, lengths
+from deltaid.estimation.problem import DEPENDENT, Columns, LinearProblem, Span, lengths
 
 # Stretches of time of a recording whose scatter gives covariances.
 STRETCHES = 40

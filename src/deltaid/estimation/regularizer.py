@@ -12,9 +12,8 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
 from deltaid.errors import IdentificationError
-from deltaid.estimation.free_body import Block
 from deltaid.estimation.information import triangle
-from deltaid.estimation.reduction import Reduction
+from deltaid.estimation.reduction import Block, Reduction
 
 Vector = Float[np.ndarray, " n"]
 Matrix = Float[np.ndarray, "n n"]

@@ -17,9 +17,8 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.problem import group_sums
+from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Columns, Rows
 
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
 _SWEEPS, _SETTLED = 40, 0.02

@@ -10,10 +10,9 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.problem import LinearProblem, Rows, Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import Metric
-from deltaid.estimation.span import Rows, Span
 from deltaid.estimation.traces import Trace
 
 

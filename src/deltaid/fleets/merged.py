@@ -12,7 +12,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.information import Information, merge, triangle
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import FactorGroup

@@ -22,8 +22,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Columns, Rows, independent, lengths
 from deltaid.identification.friction_constants import Refined, refined
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.friction_rows import (

@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.effects.joint import of_slope, of_term
 from deltaid.estimation.information import triangle
+from deltaid.estimation.problem import Rows, lengths
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Rows, lengths
 from deltaid.identification.friction_rows import FORMS, FrictionRows
 from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm

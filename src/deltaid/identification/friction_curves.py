@@ -18,9 +18,8 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import joints_of
 from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.estimation.free_body import free_coefficients
 from deltaid.estimation.posing import pose
-from deltaid.estimation.reduction import build_reduction
+from deltaid.estimation.reduction import build_reduction, free_coefficients
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import uncertainty

@@ -31,9 +31,8 @@ from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import level_along
+from deltaid.estimation.problem import Columns, Rows, Span, level_along
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.span import Columns, Rows, Span
 from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.friction_record import AdditionKind, JointTerm

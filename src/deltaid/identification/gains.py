@@ -23,8 +23,8 @@ from scipy.linalg import null_space
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
-from deltaid.estimation.free_body import Free
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
+from deltaid.estimation.reduction import Free
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.uncertainty import uncertainty

@@ -21,7 +21,7 @@ from deltaid.dynamics.geometry import Error, geometric_errors
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, active_columns
-from deltaid.estimation.span import lengths
+from deltaid.estimation.problem import lengths
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import Recording
 from deltaid.robot.tolerances import Tolerances

@@ -9,9 +9,8 @@ import numpy as np
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import NORMAL, inverse
-from deltaid.identification.consistent_range import ConsistentRanges
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.uncertainty import Uncertainty, uncertainty
+from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
 from deltaid.model.parameter_record import Origin, Share
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED

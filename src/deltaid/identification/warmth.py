@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.estimation.span import lengths
+from deltaid.estimation.problem import lengths
 from deltaid.identification.friction_choice import rows_for_friction
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.setup import Progress, Setup

@@ -12,7 +12,7 @@ from deltaid.checks.wiring.consistent import Posed
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map, MapResidual, Patterns, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
 from deltaid.robot.description import RobotDescription
 
 # A gain so far from the others' is no calibration error; least margin that it needs.

@@ -19,7 +19,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import TorqueSlopes, across
 from deltaid.dynamics.grown import grown_torques
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
 
 # Blocks of time, and spread of the prior.
 BLOCKS, _SPREAD = 24, 0.5

@@ -19,7 +19,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
 # Weight of a drive at rest, whose torque friction balances as it likes.

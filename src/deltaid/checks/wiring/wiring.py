@@ -21,7 +21,7 @@ from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts
 from deltaid.errors import RecordingError
-from deltaid.estimation.span import lengths
+from deltaid.estimation.problem import lengths
 from deltaid.model.verdict import Grade, Verdict, worst
 
 # Largest residual share of the torques for correct columns.

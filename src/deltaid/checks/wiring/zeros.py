@@ -23,7 +23,7 @@ from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.additions import extended
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.span import Span
+from deltaid.estimation.problem import Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometry import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
