@@ -99,7 +99,16 @@ class Load(Part):
             raise ValueError(f"{given}: give one of column, spans, always")
         if self.when is not None and (self.column is None or not self.holding):
             raise ValueError("when lists numbers of a column; give both, or neither")
-        self._check_spans()
+        if self.spans == ():
+            raise ValueError("spans needs at least one span, [from, to]")
+        last = -np.inf
+        for start, end in self.spans or ():
+            if not last <= start < end:
+                raise ValueError(
+                    f"span [{start:g}, {end:g}] does not follow the one before it, or ends before "
+                    "it starts; list spans in order, each as [from, to] in s"
+                )
+            last = end
         for key in ("mass_tolerance", "centre", "inertia"):
             if getattr(self, key) is not None and self.mass is None:
                 raise ValueError(f"gives {key} but no mass; give the mass too")
@@ -112,20 +121,6 @@ class Load(Part):
         if self.inertia is not None and (reason := why_inconsistent(with_thickness(self._own()))):
             raise ValueError(f"the load is not a physical body: {reason}")
         return self
-
-    def _check_spans(self) -> None:
-        if self.spans is None:
-            return
-        if not self.spans:
-            raise ValueError("spans needs at least one span, [from, to]")
-        last = -np.inf
-        for start, end in self.spans:
-            if not last <= start < end:
-                raise ValueError(
-                    f"span [{start:g}, {end:g}] does not follow the one before it, or ends before "
-                    "it starts; list spans in order, each as [from, to] in s"
-                )
-            last = end
 
     def _own(self) -> Float[np.ndarray, " 10"]:
         """The ten parameters about its own centre of mass."""

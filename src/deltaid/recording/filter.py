@@ -37,6 +37,8 @@ _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 
 _LOWEST, HIGHEST = 1e-6, 0.1
 # Lowest of the cut-offs that are chosen by rule [Hz].
 LOWEST_CUTOFF = 2.0
+# The sampling rate below which positions cannot be differentiated [Hz].
+LOWEST_RATE = LOWEST_CUTOFF / HIGHEST
 # The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
 # attenuation [dB] of the filter that leads there.
 _BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0
@@ -145,11 +147,6 @@ class LowPass:
         weights = np.where(inside, self.lead[at * inside], 0.0) * self.stride
         around = np.lib.stride_tricks.sliding_window_view(x, near, axis=1)
         return (np.ascontiguousarray(around) @ weights).reshape(len(x), -1)
-
-
-def lowest_rate() -> float:
-    """The sampling rate [Hz] below which positions cannot be differentiated."""
-    return LOWEST_CUTOFF / HIGHEST
 
 
 def samples_needed(cutoff: float, rate: float, where: str = "") -> int:

@@ -44,14 +44,14 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) 
         origins: the first date of each column, which is set by the first rows.
     """
     written = [_written(part, pick, origins) for pick in picks]
-    return Rows([_numbers(column) for column in written], written)
-
-
-def _numbers(written: pl.Series) -> pl.Series:
-    """Text is no number; what it says as a time is for `Seconds` to tell."""
-    if written.dtype == pl.String:
-        return pl.repeat(None, len(written), dtype=pl.Float64, eager=True)
-    return written
+    # Text is no number; what it says as a time is for `Seconds` to tell.
+    numbers = [
+        pl.repeat(None, len(column), dtype=pl.Float64, eager=True)
+        if column.dtype == pl.String
+        else column
+        for column in written
+    ]
+    return Rows(numbers, written)
 
 
 def _written(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:

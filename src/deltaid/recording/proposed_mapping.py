@@ -5,7 +5,7 @@ the user takes it. What names do not tell stays open.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -156,7 +156,7 @@ def proposed_mapping(columns: Sequence[Column], linear: Sequence[bool]) -> Mappi
     if time is not None:
         data["time"], reason = _time(time)
         reasons.append(reason)
-    groups = _groups(columns, len(linear))
+    groups = list(_groups(columns, len(linear)))
     for quantity in QUANTITIES:
         fitting = [group for group in groups if _quantity(group[0].address) == quantity]
         if not fitting:
@@ -193,7 +193,7 @@ def _rank(name: str) -> tuple[bool, int]:
     return any(word in _ACTUAL for word in words), -len(words)
 
 
-def _groups(columns: Sequence[Column], dof: int) -> list[list[Column]]:
+def _groups(columns: Sequence[Column], dof: int) -> Iterator[list[Column]]:
     """Columns whose names differ in column number only, as many as there are drives."""
     found: dict[tuple[str, int], dict[int, Column]] = {}
     for column in columns:
@@ -205,14 +205,11 @@ def _groups(columns: Sequence[Column], dof: int) -> list[list[Column]]:
         for match in _NUMBER.finditer(plain):
             stem = f"{plain[: match.start()]}#{plain[match.end() :]}"
             found.setdefault((stem, match.start()), {})[int(match[0])] = column
-    groups: list[list[Column]] = []
     for numbered in found.values():
-        numbers = sorted(numbered)
-        first = numbers[0]
+        first = min(numbered)
         run = [n for n in range(first, first + dof) if n in numbered]
         if first <= 1 and len(run) == dof:
-            groups.append([numbered[n] for n in run])
-    return groups
+            yield [numbered[n] for n in run]
 
 
 def _time(column: Column) -> tuple[dict[str, Any], str]:

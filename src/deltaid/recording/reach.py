@@ -3,6 +3,7 @@
 On one branch of the forward kinematics no singularity is crossed.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from itertools import pairwise
 
@@ -123,30 +124,24 @@ class ReachCheck:
             self.first_outside = f"row {row + i} at [{x:.3f}, {y:.3f}, {height:.3f}] m"
         self.outside += outside.size
 
-    def doubts(self, samples: int) -> list[Doubt]:
+    def doubts(self, samples: int) -> Iterator[Doubt]:
         """What is doubtful of so many samples: outside of the workspace, or near a singularity."""
-        doubts: list[Doubt] = []
         if self.outside:
-            doubts.append(
-                Doubt(
-                    f"{self.outside} of {samples} samples lie outside the workspace of the "
-                    f"description, the first in {self.first_outside}",
-                    cause="the robot uses more room than 'workspace' says",
-                    cure="widen it; if the robot was not there, check its lengths and zeros",
-                )
+            yield Doubt(
+                f"{self.outside} of {samples} samples lie outside the workspace of the "
+                f"description, the first in {self.first_outside}",
+                cause="the robot uses more room than 'workspace' says",
+                cure="widen it; if the robot was not there, check its lengths and zeros",
             )
         if self.strained:
-            doubts.append(
-                Doubt(
-                    f"{self.strained} of {samples} samples are nearer to a singular pose than "
-                    f"the description's largest_condition of "
-                    f"{self.kinematics.robot.largest_condition:g}, the first in "
-                    f"{self.first_strained}",
-                    cause="a motion at the edge of what the limbs reach",
-                    cure="keep away from it, for small errors of lengths and zeros are large there",
-                )
+            yield Doubt(
+                f"{self.strained} of {samples} samples are nearer to a singular pose than "
+                f"the description's largest_condition of "
+                f"{self.kinematics.robot.largest_condition:g}, the first in "
+                f"{self.first_strained}",
+                cause="a motion at the edge of what the limbs reach",
+                cure="keep away from it, for small errors of lengths and zeros are large there",
             )
-        return doubts
 
     def _check_branch(self, stretch: Stretch, row: int, apart: Int[np.ndarray, " runs"]) -> None:
         count = len(stretch.time)

@@ -11,7 +11,6 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
-from deltaid.recording.burden import Burden
 from deltaid.recording.delay import in_time
 from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
@@ -21,7 +20,7 @@ from deltaid.recording.masks.directions import Directions
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
-from deltaid.recording.repairs import Repairs
+from deltaid.recording.repairs import Burden, Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach

@@ -1,21 +1,25 @@
 """What is put right in the rows of one recording before anything is computed from them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.burden import Pull
+from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.recording.carried import carrier
 from deltaid.recording.columns import Columns
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.gears import Gears
 from deltaid.recording.hold import Hold, filled
 from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.readings import Readings
+from deltaid.robot.description import RobotDescription
 
 Rows = Float[np.ndarray, "_ _"]
+Samples = Float[np.ndarray, "samples dof"]
 
 # Reasons to leave stretches out, and why these say nothing about the robot.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
@@ -64,6 +68,69 @@ class LeftSpan:
     drives: tuple[int, ...] = ()
     push: Push | None = None
     gear: int | None = None
+
+
+@runtime_checkable
+class Pull(Protocol):
+    """Something beside the robot that takes torques of its drives."""
+
+    def torques(self, z: Samples, qd: Samples) -> Samples:
+        """What it takes along a motion."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Burden:
+    """Loads as parameters of a robot whose other bodies weigh nothing and that has no friction.
+
+    Attributes:
+        dynamics: of the robot.
+        columns: of the recording, which say when each load is held.
+        p: of each load, in the order of `Columns.loads`.
+        pulls: what takes torques all the time.
+    """
+
+    dynamics: Dynamics
+    columns: Columns
+    p: Float[np.ndarray, "loads parameters"]
+    pulls: tuple[Pull, ...] = ()
+
+    @classmethod
+    def of_loads(
+        cls,
+        robot: RobotDescription,
+        columns: Columns,
+        loads: Sequence[Sequence[float]],
+        pulls: Sequence[Pull] = (),
+    ) -> "Burden":
+        """Loads by their ten parameters each; none if their torques stay.
+
+        Raises:
+            RecordingError: the robot has no body that carries one of them.
+        """
+        dynamics = compiled(robot)
+        p = np.zeros((len(columns.loads), len(dynamics.layout.names)))
+        for row, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
+            row[dynamics.layout.body(carrier(load, robot))] = ten
+        return cls(dynamics, columns, p, tuple(pulls))
+
+    def torques(
+        self,
+        time: Float[np.ndarray, " samples"],
+        z: Samples,
+        qd: Samples,
+        qdd: Samples,
+        extra: Float[np.ndarray, "samples extra"],
+    ) -> Samples:
+        """τ of all loads that are held, sample by sample, and of all that pulls."""
+        taken = np.zeros_like(z)
+        for pull in self.pulls:
+            taken += pull.torques(z, qd)
+        for p, held in zip(self.p, self.columns.held(time, extra), strict=True):
+            at = np.flatnonzero(held)
+            if at.size and p.any():
+                taken[at] += self.dynamics.torque(z[at], qd[at], qdd[at], p)
+        return taken
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -70,9 +70,9 @@ class Table(ABC):
         return str(self.path)
 
     @property
-    def doubts(self) -> list[Doubt]:
+    def doubts(self) -> Iterable[Doubt]:
         """What was seen while all rows were read."""
-        return []
+        return ()
 
     @abstractmethod
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:

@@ -10,6 +10,8 @@ count little: with Δq the change of position and ∫v dt the integral of veloci
 k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float
 
@@ -66,27 +68,24 @@ class DerivativeCheck:
         self._sums += [product.sum(axis=0) for product in products]
         self._stretches += len(change)
 
-    def warnings(self, where: str) -> list[Doubt]:
+    def warnings(self, where: str) -> Iterator[Doubt]:
         """What is doubtful.
 
         Raises:
             RecordingError: a rate goes with its column, but has another scale or sign.
         """
-        doubts: list[Doubt] = []
         for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
             if xx <= _SLIGHT**2 * self._stretches or vv == 0:
                 continue
             together, scale = xv**2 / (xx * vv), xv / xx
             if together < _APART:
-                doubts.append(
-                    Doubt(
-                        f"column {rate_name} hardly goes with the changes of {name} (correlation "
-                        f"{np.sqrt(together):.2g})",
-                        cause="it is of another drive, or another signal",
-                        cure="map the column of this drive with --columns, or leave it out: the "
-                        "rates then follow from the positions",
-                        key="velocity",
-                    )
+                yield Doubt(
+                    f"column {rate_name} hardly goes with the changes of {name} (correlation "
+                    f"{np.sqrt(together):.2g})",
+                    cause="it is of another drive, or another signal",
+                    cure="map the column of this drive with --columns, or leave it out: the "
+                    "rates then follow from the positions",
+                    key="velocity",
                 )
             elif together > _TOGETHER and not _is_alike(scale):
                 units = [unit for unit, size in _LIKELY.items() if _is_alike(abs(scale) / size)]
@@ -97,7 +96,6 @@ class DerivativeCheck:
                     cure="declare unit, sign and gear of both columns, and the unit of time, with "
                     "--columns MAPPING.yaml",
                 )
-        return doubts
 
 
 def _is_alike(scale: float) -> bool:

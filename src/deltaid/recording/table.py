@@ -61,18 +61,14 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
     if found and not found.unpacks and (packing := packed_by(path)):
         raise RecordingError(f"is {found.name} inside {packing}", where=str(path), cure="unpack it")
     if found is None:
-        _require_known(start, path)
+        for signature, kind in _FOREIGN.items():
+            if start.startswith(signature):
+                raise RecordingError(
+                    f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
+                )
         suffix = path.suffix.lower()
         found = next((kind for kind in FORMATS if suffix in kind.suffixes), FORMATS[-1])
     return found.open(path, mapping or ColumnMapping())
-
-
-def _require_known(start: bytes, path: Path) -> None:
-    for signature, kind in _FOREIGN.items():
-        if start.startswith(signature):
-            raise RecordingError(
-                f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
-            )
 
 
 def read_batches(

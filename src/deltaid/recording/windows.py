@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.burden import Burden
 from deltaid.recording.columns import Columns
 from deltaid.recording.convolution import apply, convolve
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.directions import Directions
+from deltaid.recording.repairs import Burden
 from deltaid.recording.table import recut
 
 # Samples of a window: long against the filter's length, short against memory, and no power of two,

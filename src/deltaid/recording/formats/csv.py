@@ -80,11 +80,11 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
             and is_marked_row(lines[row], header.separator, len(header.names))
         ]
     with content(path) as file:
-        end = find_end(file, data_start, header.separator)
-    if end.tag:
+        data_size, tag, last_byte = find_end(file, data_start, header.separator)
+    if tag:
         warnings.append(
             Doubt(
-                f"ends with text after its data ('{end.tag}'), which is ignored",
+                f"ends with text after its data ('{tag}'), which is ignored",
                 cause="the logger marks the end of its file",
                 cure="nothing is to be done; if data follows it, make a file of each part",
             )
@@ -95,8 +95,8 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
         header.separator,
         header.row,
         data_start,
-        end.size,
-        not (end.last_byte or before).endswith(b"\n"),
+        data_size,
+        not (last_byte or before).endswith(b"\n"),
         marked,
         first_row=first_row,
         units=units,

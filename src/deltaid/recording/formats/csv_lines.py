@@ -8,7 +8,6 @@ import csv
 import io
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +44,15 @@ class HeadLines:
     def __getitem__(self, row: int) -> bytes:
         """A line, counted from 1; nothing behind the end of the file."""
         while len(self._lines) < row:
-            self._lines.append(_line(self._file, self._path, len(self._lines) + 1))
+            line = self._file.readline(_LONGEST_LINE)
+            if len(line) == _LONGEST_LINE:
+                raise RecordingError(
+                    "is too long for a line of CSV",
+                    where=f"{self._path}, row {len(self._lines) + 1}",
+                    cure="export the log as CSV with a line break after every sample, or as "
+                    "Parquet",
+                )
+            self._lines.append(line)
         return self._lines[row - 1]
 
     def size(self, rows: int) -> int:
@@ -56,17 +63,6 @@ class HeadLines:
 def is_comment(line: bytes) -> bool:
     """Whether a line near the head of a file says nothing but remarks."""
     return bool(COMMENT.match(line.decode("latin-1")))
-
-
-def _line(file: io.BufferedReader, path: Path, row: int) -> bytes:
-    line = file.readline(_LONGEST_LINE)
-    if len(line) == _LONGEST_LINE:
-        raise RecordingError(
-            "is too long for a line of CSV",
-            where=f"{path}, row {row}",
-            cure="export the log as CSV with a line break after every sample, or as Parquet",
-        )
-    return line
 
 
 def as_text(line: bytes) -> str:
@@ -138,25 +134,14 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
         ) from None
 
 
-@dataclass(frozen=True)
-class End:
-    """The end of a CSV file.
-
-    Attributes:
-        size: of the data [bytes].
-        tag: the text after the data; empty if there is none.
-        last_byte: of the file; empty if there is no data.
-    """
-
-    size: int
-    tag: str
-    last_byte: bytes
-
-
-def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
-    """Where the data ends that begins at an offset.
+def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[int, str, bytes]:
+    """How the data ends that begins at an offset.
 
     What is compressed has to be unpacked for it once more.
+
+    Returns:
+        Its size [bytes], the text after it, empty if there is none, and the last byte of the file,
+        empty if there is no data.
     """
     skip(file, data_start)
     size, tail = _tail(file)
@@ -168,7 +153,7 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> End:
         if not start or not _is_text(line, separator):
             break
         stop, tag = start, line
-    return End(size - len(tail) + stop, printable(tag[:40]), tail[-1:])
+    return size - len(tail) + stop, printable(tag[:40]), tail[-1:]
 
 
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:

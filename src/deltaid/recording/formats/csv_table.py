@@ -82,22 +82,18 @@ class CsvTable(Table):
         return f"{self.path}, row {self.line(row)}"
 
     @property
-    def doubts(self) -> list[Doubt]:
+    def doubts(self) -> Iterator[Doubt]:
         """Lines that may be data behind a comment mark, and an open end."""
-        doubts: list[Doubt] = []
         if self.marked:
-            doubts.append(
-                Doubt(
-                    f"lines that begin with a comment mark are ignored, but {len(self.marked)} of "
-                    "them hold a number for every other column, the first in row "
-                    f"{self.marked[0]}",
-                    cause="rows were commented out by hand",
-                    cure="if they are data, remove the mark",
-                )
+            yield Doubt(
+                f"lines that begin with a comment mark are ignored, but {len(self.marked)} of "
+                "them hold a number for every other column, the first in row "
+                f"{self.marked[0]}",
+                cause="rows were commented out by hand",
+                cure="if they are data, remove the mark",
             )
         if self.ends_open:
-            doubts.append(NO_LINE_BREAK)
-        return doubts
+            yield NO_LINE_BREAK
 
     @property
     def cure_of_missing(self) -> str:

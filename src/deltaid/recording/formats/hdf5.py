@@ -60,17 +60,9 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> Table:
     return Hdf5Table(path, tuple(field for field, _ in found), places, by_matlab)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where the numbers of a field are.
-
-    Attributes:
-        dataset: its path in the file, or a reference to it.
-        entry: of a compound type: names from outside to inside.
-    """
-
-    dataset: Any
-    entry: tuple[str, ...] = ()
+# Where the numbers of a field are: a dataset's path in the file, or a reference to it, and of a
+# compound type the names of the entry from outside to inside.
+_Place = tuple[Any, tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -106,8 +98,8 @@ class _Dataset:
     """A dataset whose parts are read when they are asked for."""
 
     def __init__(self, file: Any, place: _Place, reverse: bool, where: str) -> None:
-        self._dataset = file[place.dataset]
-        self._entry, self._reverse = place.entry, reverse
+        dataset, self._entry = place
+        self._dataset, self._reverse = file[dataset], reverse
         self._require_sane(where)
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray:
@@ -196,7 +188,7 @@ def _held(
     elif item.shape is not None:
         for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, item.dtype):
             entry = _entry(item.dtype, field.name[len(name) + 1 :])
-            yield field, _Place(item.name or item.ref, entry)
+            yield field, (item.name or item.ref, entry)
 
 
 def _members(name: str, item: Any, depth: int) -> Iterator[tuple[Field, _Place | None]]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field, Pick, find, listing
@@ -52,13 +51,8 @@ def open_bag(path: Path, mapping: ColumnMapping) -> Table:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """Some messages of a topic: when they were sent or received [s], and the numbers wanted."""
-
-    topic: str
-    time: Float[np.ndarray, " messages"]
-    values: Float[np.ndarray, "messages wanted"]
+# Some messages of a topic: when they were sent or received [s], and the numbers wanted.
+_Piece = tuple[str, Signal]
 
 
 @dataclass(frozen=True)
@@ -159,8 +153,8 @@ class BagTable(Table):
             pieces = [self._merged(list(pieces), wanted)]
         order = [(name, number) for name, numbers in wanted.items() for number in numbers]
         at = [order.index(place) if isinstance(place, tuple) else None for place in places]
-        for piece in pieces:
-            numbers = [piece.time if k is None else piece.values[:, k] for k in at]
+        for _, part in pieces:
+            numbers = [part.time if k is None else part.values[:, k] for k in at]
             yield Rows(numbers, numbers)
 
     def _place(self, pick: Pick) -> tuple[str, Number] | str:
@@ -193,7 +187,7 @@ class BagTable(Table):
                     kept[name] += int(whole.sum())
                     lost[name] += int((~whole).sum())
                     if whole.any():
-                        yield _Piece(name, (stamps[whole] - start) / 1e9, values[whole])
+                        yield name, Signal((stamps[whole] - start) / 1e9, values[whole])
         self._tell_lost(kept, lost)
 
     def _tell_lost(self, kept: dict[str, int], lost: dict[str, int]) -> None:
@@ -218,15 +212,15 @@ class BagTable(Table):
         """All topics at the instants of the fastest."""
         signals: list[Signal] = []
         for name in wanted:
-            mine = [piece for piece in pieces if piece.topic == name]
-            time = np.concatenate([piece.time for piece in mine])
+            mine = [part for topic, part in pieces if topic == name]
+            time = np.concatenate([part.time for part in mine])
             if len(time) < 2:
                 raise RecordingError(
                     f"topic {name} has fewer than two messages",
                     where=str(self.path),
                     cure="give a whole recording",
                 )
-            signals.append(Signal(time, np.concatenate([piece.values for piece in mine])))
+            signals.append(Signal(time, np.concatenate([part.values for part in mine])))
         onto, names = fastest(signals), list(wanted)
         same = [np.array_equal(signal.time, signals[onto].time) for signal in signals]
         if not all(same):
@@ -240,4 +234,4 @@ class BagTable(Table):
                 )
             )
         time, values = merge(signals, onto)
-        return _Piece("", time, np.hstack(values))
+        return "", Signal(time, np.hstack(values))

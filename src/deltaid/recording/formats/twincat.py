@@ -13,6 +13,7 @@ decimal mark are options of the export.
 
 import csv
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
@@ -75,10 +76,10 @@ def open_scope(path: Path, mapping: ColumnMapping) -> Table:
             "commas",
         )
     with content(path) as file:
-        end = find_end(file, data_start, separator)
+        data_size, _, last_byte = find_end(file, data_start, separator)
     times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
     origin = min(map(int, times), default=0)
-    channels = _channels(rows, names, heads)
+    channels = tuple(_channels(rows, names, heads))
     traces = {trace.name: trace for trace in reversed(channels) if trace.name}
     symbols = [trace.symbol for trace in channels]
     for trace in channels:
@@ -93,8 +94,8 @@ def open_scope(path: Path, mapping: ColumnMapping) -> Table:
         len(names),
         ends_on_separator,
         data_start,
-        end.size,
-        not end.last_byte.endswith(b"\n"),
+        data_size,
+        not last_byte.endswith(b"\n"),
         origin if origin > _FILE_TIME else None,
         channels,
         traces,
@@ -127,26 +128,22 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
 
 def _channels(
     rows: dict[str, list[str]], names: list[str], heads: list[int]
-) -> tuple[ScopeChannel, ...]:
+) -> Iterator[ScopeChannel]:
     def cell(word: str, k: int) -> str:
         row = rows.get(word, [])
         return row[k] if len(row) <= len(names) and k < len(row) else ""
 
-    channels: list[ScopeChannel] = []
     for start, stop in zip(heads, [*heads[1:], len(names)], strict=True):
         for k in range(start + 1, stop):
             unit = cell("Unit", k).rsplit(" (", 1)[0]
-            channels.append(
-                ScopeChannel(
-                    names[k],
-                    cell("SymbolName", k),
-                    start,
-                    k,
-                    "" if unit == "(None)" else unit,
-                    {word: value for word in _SCALES if (value := cell(word, k))},
-                )
+            yield ScopeChannel(
+                names[k],
+                cell("SymbolName", k),
+                start,
+                k,
+                "" if unit == "(None)" else unit,
+                {word: value for word in _SCALES if (value := cell(word, k))},
             )
-    return tuple(channels)
 
 
 def _cells(line: bytes, separator: str) -> list[str]:

@@ -7,6 +7,7 @@ A torque that does not change at all is off only if its channel has noise elsewh
 holds a robot at rest does not change either.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -102,7 +103,7 @@ class RestSearch:
             stays = q[first - row : last - row + self.length]
             rest = _rest(stays, first)
             if np.any(rest.high - rest.low > self._widest):
-                rest.parts = self._parts(stays, first)
+                rest.parts = list(self._parts(stays, first))
             self._take(rest)
 
     @property
@@ -135,9 +136,9 @@ class RestSearch:
             rest.parts = before.parts + rest.parts
         self._rests.append(rest)
 
-    def _parts(self, q: Float[np.ndarray, "rows dof"], row: int) -> list[_Rest]:
+    def _parts(self, q: Float[np.ndarray, "rows dof"], row: int) -> Iterator[_Rest]:
         """Consecutive parts of rows, each as long as it stays in the band of rest."""
-        parts, start = list[_Rest](), 0
+        start = 0
         while start < len(q):
             size, stays = self.length, np.ones(1, dtype=bool)
             while stays.all() and len(stays) < len(q) - start:  # no longer than needed
@@ -146,9 +147,8 @@ class RestSearch:
                 width = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
                 stays = np.all(width <= self._widest, axis=1)
             count = len(stays) if stays.all() else int(np.argmin(stays))
-            parts.append(_rest(q[start : start + count], row + start))
+            yield _rest(q[start : start + count], row + start)
             start += count
-        return parts
 
     def _slow(self, rest: _Rest) -> bool:
         """Whether it was rest in hindsight."""

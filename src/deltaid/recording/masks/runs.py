@@ -1,7 +1,7 @@
 """Runs: consecutive rows that have something in common, as first and last row."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 Runs = Int[np.ndarray, "_ 2"]
 
@@ -14,7 +14,7 @@ def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
     return edges.reshape(-1, 2) + np.array([row, row - 1])
 
 
-def joined(runs: Runs, gap: int = 0) -> Runs:
+def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, "_ 2"]:
     """Ascending runs without what is between two with no more than `gap` rows between them."""
     if not len(runs):
         return runs
@@ -25,10 +25,7 @@ def joined(runs: Runs, gap: int = 0) -> Runs:
 
 def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
     """Spans of time in any order as ascending ones that are apart from each other."""
-    spans = spans[np.argsort(spans[:, 0])]
-    ends = np.maximum.accumulate(spans[:, 1])
-    apart = np.flatnonzero(spans[1:, 0] > ends[:-1])
-    return np.column_stack([spans[np.append(0, apart + 1), 0], ends[np.append(apart, -1)]])
+    return joined(spans[np.argsort(spans[:, 0])], gap=-1)
 
 
 def without(runs: Runs, others: Runs) -> Runs:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
-from deltaid.recording.filter import lowest_rate
+from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.masks.runs import Runs
 from deltaid.recording.source import Table
 from deltaid.recording.table import Batch
@@ -185,7 +185,6 @@ class ClockReport:
     too_short: float
 
 
-@dataclass
 class ClockCheck:
     """First look at consecutive rows: whether they are steady, and whether there is a time at all.
 
@@ -198,17 +197,12 @@ class ClockCheck:
         uneven, backward, forward: steps that are uneven, negative, positive.
     """
 
-    table: Table
-    column: str
-    samples: int = 0
-    step: float = 0.0
-    period: float = 0.0
-    first_time: float = np.nan
-    last_time: float = np.nan
-    uneven: int = 0
-    backward: int = 0
-    forward: int = 0
-    _apart: float = np.inf
+    def __init__(self, table: Table, column: str) -> None:
+        self.table, self.column = table, column
+        self.samples = self.uneven = self.backward = self.forward = 0
+        self.step = self.period = 0.0
+        self.first_time = self.last_time = np.nan
+        self._apart = np.inf
 
     @property
     def steady(self) -> bool:
@@ -283,9 +277,9 @@ def require_rate(table: Table, column: str, rate: float, *, differentiated: bool
     Raises:
         RecordingError: with what can be.
     """
-    slow = differentiated and rate < lowest_rate()
+    slow = differentiated and rate < LOWEST_RATE
     if slow or rate > _HIGHEST_RATE:
-        limit = f"at least {lowest_rate():g}" if slow else f"at most {_HIGHEST_RATE:g}"
+        limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {_HIGHEST_RATE:g}"
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
             where=str(table.path),

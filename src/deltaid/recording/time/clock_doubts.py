@@ -1,5 +1,7 @@
 """What was found of a recording's time, in words: one sentence each."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Int
 
@@ -13,13 +15,12 @@ _WORTH = 0.01
 _MOST_WILD = 0.2
 
 
-def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
+def doubts_about_stamps(clock: Clock, table: Table, column: str) -> Iterator[Doubt]:
     """Stamps that are none, jitter, uneven sampling, rows that are left out.
 
     Raises:
         RecordingError: too many stamps are none.
     """
-    doubts: list[Doubt] = []
     if clock.wild > _MOST_WILD * clock.rows:
         raise RecordingError(
             f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
@@ -29,63 +30,52 @@ def doubts_about_stamps(clock: Clock, table: Table, column: str) -> list[Doubt]:
             "or give the sampling rate in its place (time: {rate: 1000})",
         )
     if clock.wild:
-        doubts.append(
-            Doubt(
-                f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
-                f"in {_row(table, np.array([clock.first_wild]))}: excluded",
-                cause="numbers that were damaged on their way into the file",
-                cure="export the log again if there are many",
-                key="clock",
-            )
+        yield Doubt(
+            f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
+            f"in {_row(table, np.array([clock.first_wild]))}: excluded",
+            cause="numbers that were damaged on their way into the file",
+            cure="export the log again if there are many",
+            key="clock",
         )
     share = clock.jitter * clock.rate
     off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
     if clock.even is False:
-        doubts.append(
-            Doubt(
-                f"samples were taken at uneven times, off by {off}: positions follow the stamps of "
-                f"{column}, so all is interpolated at {clock.rate:.6g} Hz",
-                cause="the logger asks the controller when it finds time to",
-                cure="log in the controller's own cycle",
-                key="clock",
-            )
+        yield Doubt(
+            f"samples were taken at uneven times, off by {off}: positions follow the stamps of "
+            f"{column}, so all is interpolated at {clock.rate:.6g} Hz",
+            cause="the logger asks the controller when it finds time to",
+            cure="log in the controller's own cycle",
+            key="clock",
         )
     elif share > _WORTH:
         why = "positions are even" if clock.even else "positions do not show which is right"
-        doubts.append(
-            Doubt(
-                f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "
-                f"{clock.rate:.6g} Hz",
-                cause="rows are stamped when they are written, not when they are measured",
-                cure="record the controller's own time or count of cycles"
-                + ("" if clock.even else "; if rows are known to be even, declare `rate:`"),
-                key="clock",
-            )
+        yield Doubt(
+            f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "
+            f"{clock.rate:.6g} Hz",
+            cause="rows are stamped when they are written, not when they are measured",
+            cure="record the controller's own time or count of cycles"
+            + ("" if clock.even else "; if rows are known to be even, declare `rate:`"),
+            key="clock",
         )
     if clock.doubled:
-        doubts.append(
-            Doubt(
-                f"{_rows(clock.doubled)} there twice and excluded once, the first in "
-                f"{_row(table, clock.extra)}",
-                cause="the logger ran ahead of the controller, or a packet came twice",
-                cure="nothing is lost; to avoid it, log once a cycle of the controller",
-                key="clock",
-            )
+        yield Doubt(
+            f"{_rows(clock.doubled)} there twice and excluded once, the first in "
+            f"{_row(table, clock.extra)}",
+            cause="the logger ran ahead of the controller, or a packet came twice",
+            cure="nothing is lost; to avoid it, log once a cycle of the controller",
+            key="clock",
         )
     if others := clock.late:
-        doubts.append(
-            Doubt(
-                f"{_rows(others)} late or stamped like another one, and excluded"
-                + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
-                cause="packets overtook one another on their way to the logger",
-                cure="log with the controller's own stamps, sorted by them",
-                key="clock",
-            )
+        yield Doubt(
+            f"{_rows(others)} late or stamped like another one, and excluded"
+            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
+            cause="packets overtook one another on their way to the logger",
+            cure="log with the controller's own stamps, sorted by them",
+            key="clock",
         )
-    return doubts
 
 
-def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) -> list[Doubt]:
+def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) -> Iterator[Doubt]:
     """Holes that are bridged, gaps that cut, and what is too short between them.
 
     Args:
@@ -95,47 +85,40 @@ def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) 
     Raises:
         RecordingError: no segment has so many.
     """
-    doubts: list[Doubt] = []
     cuts = clock.cuts(longest)
     bridged = clock.lost[~cuts]
     if bridged.size:
         first = clock.holes[~cuts]
-        doubts.append(
-            Doubt(
-                f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
-                f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
-                f"{_row(table, first)}: bridged by the motion about them, torques there do not "
-                "count",
-                cause="packets were lost on their way to the logger",
-                cure="nothing is to be done for a few; else log on the controller itself",
-                key="clock",
-            )
+        yield Doubt(
+            f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
+            f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
+            f"{_row(table, first)}: bridged by the motion about them, torques there do not "
+            "count",
+            cause="packets were lost on their way to the logger",
+            cure="nothing is to be done for a few; else log on the controller itself",
+            key="clock",
         )
     restarts = clock.lost < 0
     if restarts.any():
         where = _row(table, clock.holes[restarts])
-        doubts.append(
-            Doubt(
-                f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
-                "segment begins there",
-                cause="several recordings stand in one file",
-                cure="split it if load or wiring were others; else nothing is to be done",
-                key="clock",
-            )
+        yield Doubt(
+            f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
+            "segment begins there",
+            cause="several recordings stand in one file",
+            cure="split it if load or wiring were others; else nothing is to be done",
+            key="clock",
         )
     gaps = cuts & ~restarts
     if gaps.any():
         length = (clock.until - clock.since)[gaps]
         spans = [f"{a:.6g} to {b:.6g} s" for a, b in zip(clock.since, clock.until, strict=True)]
         shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
-        doubts.append(
-            Doubt(
-                f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "
-                f"{1e3 * length.max():.4g} ms ({shown}): no filter reaches across",
-                cause="logging stopped, or its buffer ran over",
-                cure="log fewer channels or at a lower rate if gaps come again and again",
-                key="clock",
-            )
+        yield Doubt(
+            f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "
+            f"{1e3 * length.max():.4g} ms ({shown}): no filter reaches across",
+            cause="logging stopped, or its buffer ran over",
+            cure="log fewer channels or at a lower rate if gaps come again and again",
+            key="clock",
         )
     sizes = clock.segments(longest)
     short = sizes[sizes < shortest]
@@ -149,17 +132,14 @@ def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) 
             "higher --cutoff needs shorter stretches",
         )
     if short.size:
-        doubts.append(
-            Doubt(
-                f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
-                f"{shortest} samples that the filter needs, and excluded: "
-                f"{100 * short.sum() / sizes.sum():.2g} % of the recording",
-                cause="gaps follow close on one another",
-                cure="record without gaps, or take a higher --cutoff, whose filter is shorter",
-                key="clock",
-            )
+        yield Doubt(
+            f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
+            f"{shortest} samples that the filter needs, and excluded: "
+            f"{100 * short.sum() / sizes.sum():.2g} % of the recording",
+            cause="gaps follow close on one another",
+            cure="record without gaps, or take a higher --cutoff, whose filter is shorter",
+            key="clock",
         )
-    return doubts
 
 
 def _row(table: Table, rows: Int[np.ndarray, " rows"]) -> str:

@@ -69,7 +69,8 @@ def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple
     for rows in batches:
         stop = start + len(rows)
         kept = np.ones(len(rows), dtype=bool)
-        kept[_between(clock.extra, start, stop) - start] = False
+        extra = slice(*np.searchsorted(clock.extra, [start, stop]))
+        kept[clock.extra[extra] - start] = False
         here = slice(*np.searchsorted(clock.holes, [start, stop]))
         at = clock.holes[here] - start
         lost = np.zeros(len(rows), dtype=int)
@@ -87,10 +88,6 @@ def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple
             yield from ((number, block) for block in run.add(values[own], missing[own]))
         start = stop
     yield from ((number, block) for block in run.end())
-
-
-def _between(sorted_rows: Int[np.ndarray, " _"], start: int, stop: int) -> Int[np.ndarray, " _"]:
-    return sorted_rows[slice(*np.searchsorted(sorted_rows, [start, stop]))]
 
 
 @dataclass

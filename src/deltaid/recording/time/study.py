@@ -86,22 +86,17 @@ class _Reading:
         self.extra.append(np.flatnonzero(left_out[own.start : own.stop]) + own.start + start)
 
 
-@dataclass
 class _Notes:
     """Running state over blocks that overlap: both readings, and which one positions follow."""
 
-    dof: int
-    rows: int = 0
-    first: float = np.nan
-    last: float = np.nan
-    doubled: int = 0
-    wild: int = 0
-    first_wild: int = -1
-    even: _Reading = field(default_factory=_Reading)
-    uneven: _Reading = field(default_factory=_Reading)
-    rounded: bool = False
-    by_grid: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    by_stamps: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    def __init__(self, dof: int) -> None:
+        self.dof = dof
+        self.rows = self.doubled = self.wild = 0
+        self.first = self.last = np.nan
+        self.first_wild = -1
+        self.even, self.uneven = _Reading(), _Reading()
+        self.rounded = False
+        self.by_grid, self.by_stamps = np.zeros((2, dof))
 
     def add(self, block: Rows, start: int, *, last: bool) -> None:
         """Take in a block; at its ends the blocks beside it speak for the rows."""
@@ -111,7 +106,10 @@ class _Notes:
         self.last = float(time[-1])
         if wild.any():
             block = np.column_stack([time, block[:, 1:]])
-            self._note_wild(wild, own, start)
+            rows = np.flatnonzero(wild[own.start : own.stop]) + own.start + start
+            self.wild += len(rows)
+            if self.first_wild < 0 and len(rows):
+                self.first_wild = int(rows[0])
         doubled = _doubled(block)
         self.doubled += int(np.count_nonzero(doubled[own.start : own.stop]))
         self.rows += len(own)
@@ -120,12 +118,6 @@ class _Notes:
             wild = np.zeros_like(wild)
         self._read_even(block, single, wild, own, start)
         self._read_uneven(time, np.flatnonzero(~doubled & ~wild), own, start)
-
-    def _note_wild(self, wild: Bool[np.ndarray, " rows"], own: range, start: int) -> None:
-        rows = np.flatnonzero(wild[own.start : own.stop]) + own.start + start
-        self.wild += len(rows)
-        if self.first_wild < 0 and len(rows):
-            self.first_wild = int(rows[0])
 
     def _read_even(
         self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], own: range, start: int
@@ -187,8 +179,8 @@ class _Notes:
         nearest = np.minimum.reduce([steps[k : len(steps) - 3 + k] for k in range(4)])
         inside = own[2:-2] & close[0] & close[1] & (nearest > 0.05)
         grid, stamps = (np.abs(_rough(x, q)[inside]).sum(axis=0) for x in (index, time))
-        self.by_grid = self.by_grid + grid if self.by_grid.size else grid
-        self.by_stamps = self.by_stamps + stamps if self.by_stamps.size else stamps
+        self.by_grid += grid
+        self.by_stamps += stamps
 
     @property
     def is_even(self) -> bool | None:
@@ -198,8 +190,6 @@ class _Notes:
             return True
         least = _SMOOTH * self.rows
         ratio = np.maximum(self.by_stamps, least) / np.maximum(self.by_grid, least)
-        if not ratio.size:
-            return None
         if ratio.max() > 1 / _CLEAR:
             return True
         return False if ratio.min() < _CLEAR else None
