@@ -32,17 +32,9 @@ from sensed import CASES, drawn, recorded, sensed, weighed
 SPREAD, MODELS = 0.2, 4000
 ROBOTS = ("clavel-delta3", "irb360-6-1600")
 HEAD = (
-    "robot",
-    "with",
-    "intervals",
-    "seeds",
-    "entries",
-    "std over scatter, rms",
-    "least",
-    "largest",
-    "held",
-    "worst entry",
-)
+    "robot", "with", "intervals", "seeds", "entries", "std over scatter, rms", "least", "largest",
+    "held", "worst entry",
+)  # fmt: skip
 # Entries that data decides in fewer of the robots than this are left out.
 _MOSTLY = 0.9
 

@@ -18,14 +18,10 @@ counted off.
 """
 
 import argparse
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import json
 import time
 
+import _alone  # noqa: F401
 import casadi as ca
 import mujoco
 import numpy as np

@@ -31,14 +31,9 @@ KINDS_OF_ROBOTS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "i4",
 SETTINGS = PLAIN.changed(compliance="estimate")
 LABELS = ("data", "sum", "limit", "prior")
 LABELS_HEAD = (
-    "robot",
-    "priors",
-    "robots",
-    *(f"hold: {label}" for label in LABELS),
-    "M, 90 %",
-    "M, worst",
+    "robot", "priors", "robots", *(f"hold: {label}" for label in LABELS), "M, 90 %", "M, worst",
     "with a prior widened",
-)
+)  # fmt: skip
 
 
 def main() -> int:

@@ -9,15 +9,11 @@ all else alike. Leaves `tables/cutoff_rule.md`.
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 

@@ -48,10 +48,7 @@ import tempfile
 import time
 from pathlib import Path
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-os.environ["MKL_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 import scipy

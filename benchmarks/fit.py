@@ -27,7 +27,6 @@ that no robot produces, so that the constraints are what the optimum hangs on.
 """
 
 import argparse
-import os
 import sys
 import time
 import warnings
@@ -36,10 +35,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-os.environ["MKL_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
 from _fit_data import DURATION, RATE, Truth, impossible, recorded

@@ -24,14 +24,11 @@ Times are CPU times of the process, the median of several repeats.
 """
 
 import ctypes
-import os
 import sys
 import time
 from collections.abc import Callable
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import mujoco
 import numpy as np
 import pinocchio as pin

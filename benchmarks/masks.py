@@ -7,14 +7,10 @@ Each recording is identified twice, as usual and with all rows kept. Leaves `tab
 tests run some seeds of it (`tests/test_mask_results.py`).
 """
 
-import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 
@@ -23,16 +19,9 @@ from interrupted import Cost, cost_of_masks
 ROBOTS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 RATES = (200.0, 1000.0, 4000.0)
 HEAD = (
-    "robot",
-    "rate [Hz]",
-    "rows left out",
-    "known less",
-    "at most",
-    "width",
-    "widest seed",
-    "M, all rows",
-    "M, masked",
-)
+    "robot", "rate [Hz]", "rows left out", "known less", "at most", "width", "widest seed",
+    "M, all rows", "M, masked",
+)  # fmt: skip
 NOTE = """\
 8 s of random motion, torque noise of 2 % of the largest torque, encoders of 12 to 20 bits with a
 gear of 10 or none, a combination a seed. *Known less*: by how much standard deviations of the base

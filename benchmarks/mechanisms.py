@@ -11,12 +11,9 @@ same motion: closed form for three limbs on one platform, Newton's method for al
 """
 
 import argparse
-import os
 import time
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 from _timing import machine, measure
 

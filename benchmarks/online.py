@@ -3,19 +3,17 @@
     python benchmarks/online.py [--minutes M] [--robots N] [--kinds NAME,…] [--processes N]
 
 Robots pick, place and are pushed as `drawn_picks.py` draws them: true bodies and friction are away
+import _alone  # noqa: F401
 from the description, friction that no model has is on top, each robot's model is an identification
 of its own recording. For each kind, M minutes of production without pushes (picks, false alarms)
 and as many with a push of 30 N about every second, from cold gears on. Leaves `tables/online.md`.
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from _pick_cycles import Pick, Push
@@ -31,35 +29,20 @@ from deltaid.recording.memory import Recording
 
 # Kinds of robots and the largest mass that they pick [kg].
 KINDS = {
-    "irb360-6-1600": 3.0,
-    "abb-irb360-1-1130": 1.0,
-    "clavel-delta3": 1.0,
-    "fanuc-dr-3ib-8l": 4.0,
-    "par4": 2.0,
-    "linear-delta-45": 2.0,
-}
+    "irb360-6-1600": 3.0, "abb-irb360-1-1130": 1.0, "clavel-delta3": 1.0, "fanuc-dr-3ib-8l": 4.0,
+    "par4": 2.0, "linear-delta-45": 2.0,
+}  # fmt: skip
 FORCE, SOON, LATEST = 30.0, 0.2, 0.02
 # A drive below this speed stands [rad/s or m/s].
 STANDS = 0.02
 # A run [s].
 RUN = 60.0
 HEAD = (
-    "robot, payload",
-    "gripper",
-    "picks",
-    "mass after 0.2 s within 10 % or 60 g",
-    "interval holds it",
-    "error, median [g]",
-    "± , median [g]",
-    "pushes of 30 N",
-    "found within 20 ms",
-    "of those while it moves",
-    "found at all",
-    "place right",
-    "smallest force told, best, worst [N]",
-    "production without pushes [min]",
-    "false alarms",
-)
+    "robot, payload", "gripper", "picks", "mass after 0.2 s within 10 % or 60 g",
+    "interval holds it", "error, median [g]", "± , median [g]", "pushes of 30 N",
+    "found within 20 ms", "of those while it moves", "found at all", "place right",
+    "smallest force told, best, worst [N]", "production without pushes [min]", "false alarms",
+)  # fmt: skip
 NOTE = """Loads of 5 % to 100 % of the payload; a pick takes the mass 0.2 s after the grip, and the
 interval then, which goes from nothing to what may be held unnoticed where no load was found yet.
 Torque noise 2 % of the largest torque, encoders of 20 bits, cycles of 1 kHz. Friction that no model

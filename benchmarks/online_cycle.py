@@ -10,11 +10,8 @@ best it took in any round, so neither counts what the operating system does in b
 """
 
 import argparse
-import os
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 from _c_program import printed
 from _table import leave
@@ -31,14 +28,9 @@ from deltaid.online.settings import OnlineSettings
 CYCLES, ROUNDS = 1000, 100
 ROBOTS = {"clavel-delta3": 1.0, "irb360-6-1600": 3.0, "par4": 2.0, "h4": 2.0}
 HEAD = (
-    "robot",
-    "operations",
-    "numbers of state",
-    "double: mean [µs]",
-    "slowest cycle [µs]",
-    "single: mean [µs]",
-    "slowest cycle [µs]",
-)
+    "robot", "operations", "numbers of state", "double: mean [µs]", "slowest cycle [µs]",
+    "single: mean [µs]", "slowest cycle [µs]",
+)  # fmt: skip
 NOTE = (
     """A cycle of `…_online` in C with payload, friction and contact, `gcc -O2`, processor time."""
 )

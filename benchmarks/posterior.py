@@ -33,16 +33,9 @@ from posteriors import Normal, matrices, normal
 
 ROBOTS = ("clavel-delta3", "linear-delta", "par4", "irb360-6-1600")
 HEAD = (
-    "robot",
-    "free",
-    "1000 models, s",
-    "worth",
-    "R̂",
-    "inconsistent",
-    "least p-value, of so many",
-    "spread / interval",
-    "torques covered",
-)
+    "robot", "free", "1000 models, s", "worth", "R̂", "inconsistent", "least p-value, of so many",
+    "spread / interval", "torques covered",
+)  # fmt: skip
 # Of the walk: chains, steps before the first draw and between draws, and draws of each chain.
 CHAINS, BEFORE, BETWEEN, DRAWS = 200, 6000, 1500, 8
 # A base parameter is the data's own where prior and cones make it narrower by less than this.

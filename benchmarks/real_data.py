@@ -16,11 +16,8 @@ import deltaid
 EMPS = Path(__file__).resolve().parents[1] / "examples" / "emps"
 # By least squares of the authors (Janot, Gautier, Brunot 2019).
 REFERENCE = {
-    "sled.m": 95.11,
-    "viscous.drive1": 203.5,
-    "coulomb.drive1": 20.39,
-    "offset.drive1": -3.16,
-}
+    "sled.m": 95.11, "viscous.drive1": 203.5, "coulomb.drive1": 20.39, "offset.drive1": -3.16,
+}  # fmt: skip
 
 
 def main(logs: list[Path]) -> None:

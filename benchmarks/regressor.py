@@ -24,15 +24,11 @@ deltaid's inertial columns differ.
 """
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes in, so that one core is one core
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-os.environ["MKL_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _pinocchio_delta import BODIES, PARAMETER_ORDER, Array, PinocchioDelta, TreeMotion

@@ -21,9 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import leave
@@ -51,13 +49,9 @@ MACHINES: dict[str, dict[str, str]] = {
 }  # fmt: skip
 MIXED = ("three-laws", "realistic", "production", "production-undeclared", "homing", "unlogged")
 HEAD = (
-    "machine",
-    "recordings with another decision",
-    "of clean, one fault, several",
-    "decisions that differ",
-    "largest change of a value: equal decisions",
-    "other decisions",
-)
+    "machine", "recordings with another decision", "of clean, one fault, several",
+    "decisions that differ", "largest change of a value: equal decisions", "other decisions",
+)  # fmt: skip
 NOTE = """\
 `identify` as it is, without options, on {count} recordings of `tests/drives`: {clean} clean,
 {single} with one fault, {mixed} with several. Each line is compared with *{first}*. A decision is a

@@ -10,16 +10,13 @@ same code with every number a single float. Leaves `tables/single_precision.md`.
 
 import argparse
 import ctypes
-import os
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 from unittest.mock import patch
 
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _table import leave

@@ -18,8 +18,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 
@@ -39,12 +38,9 @@ MODELS: dict[str, tuple[str, float | None]] = {
     NOISE: ("noise alone", None),
 }
 HEAD = (
-    "drive 4 [N m]",
-    "the paper, slow",
-    *(f"slow: {core}" for core in CORES),
-    "slow: all",
+    "drive 4 [N m]", "the paper, slow", *(f"slow: {core}" for core in CORES), "slow: all",
     "fast: all",
-)
+)  # fmt: skip
 NOTE = """\
 Root mean square of what is left of drive 4's torque on the slow and on the fast verification
 motion: smallest to largest of {seeds} seeds of {example},

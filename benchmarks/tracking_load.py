@@ -13,14 +13,12 @@ Leaves `tables/tracking_load.md`, which `docs/simulation.md` explains.
 """
 
 import argparse
-import os
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 
@@ -40,17 +38,9 @@ from deltaid.robot.load import load_robot
 
 UP, ACROSS, REST, CYCLES, LATE, OFF = 0.025, 0.305, 0.1, 2, 0.2, 0.1
 HEAD = (
-    "robot",
-    "load, kg",
-    "way there, s",
-    "feedback, Hz",
-    "no load",
-    "load, not told",
-    "told 0.2 s late",
-    "estimated online",
-    "told at once, 10 % off",
-    "told at once",
-)
+    "robot", "load, kg", "way there, s", "feedback, Hz", "no load", "load, not told",
+    "told 0.2 s late", "estimated online", "told at once, 10 % off", "told at once",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,12 @@ So the plant spoils the recording, the identification and the run. Leaves
 """
 
 import argparse
-import os
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
+import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import leave
@@ -41,15 +39,9 @@ from deltaid.robot.load import load_robot
 PLANTS = ("as the model", "friction", "ripple", "lengths", "current loop", "gears", "all")
 CONTROLLERS = ("pd-feedforward", "computed-torque")
 HEAD = (
-    "plant",
-    "controller",
-    "prior",
-    "base parameters",
-    "identified",
-    "prior, by the encoders",
-    "identified, by the encoders",
-    "lengths alone",
-)
+    "plant", "controller", "prior", "base parameters", "identified", "prior, by the encoders",
+    "identified, by the encoders", "lengths alone",
+)  # fmt: skip
 BANDWIDTH, SECONDS, NOISE = 10.0, 8.0, 0.01
 # Of the plants: friction beyond the model, as shares of Coulomb's (Stribeck, at a speed) and of the
 # load; ripple as a share of Coulomb's, waves a turn; lengths and their spread among limbs [m];

@@ -7,18 +7,14 @@ columns are compared with the true ones. Writes `tables/wiring.md`.
 """
 
 import argparse
-import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations
-from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import leave

@@ -18,11 +18,8 @@ from support import body_parameters, explicit_body
 # Where a body's mass lies on average, in its link frame (m).
 _CENTRES = {"U": (0.2, 0, 0), "S": (0.4, 0, 0), "TU": (0, 0, -0.3), "TL": (0, 0, 0.3)}
 _PARTS: dict[Kind, tuple[str, ...]] = {
-    "rigid": ("P",),
-    "h4": ("SB", "MB", "EE"),
-    "par4": ("MP", "R", "EE"),
-    "i4": ("HP", "EE"),
-}
+    "rigid": ("P",), "h4": ("SB", "MB", "EE"), "par4": ("MP", "R", "EE"), "i4": ("HP", "EE"),
+}  # fmt: skip
 _SQUARE, _STAR = np.deg2rad([45, -45, 135, -135]), np.deg2rad([0, 120, 240])
 
 

@@ -132,21 +132,9 @@ def _drift(named: Names, times: Times, rising: Which, usable: list[int]) -> pl.D
                 why = "friction rises by 4.0 % a month since 2026-03-16"
             else:
                 found = (
-                    "steady",
-                    None,
-                    None,
-                    None,
-                    0.0,
-                    -0.004,
-                    0.004,
-                    None,
-                    None,
-                    None,
-                    LIMIT,
-                    None,
-                    None,
-                    None,
-                )
+                    "steady", None, None, None, 0.0, -0.004, 0.004, None, None, None, LIMIT, None,
+                    None, None,
+                )  # fmt: skip
                 why = "no change is more likely than chance"
             rows.append((named[k], drive, *found, -0.004, -0.0047, -0.0033, LEVEL, "N m",
                          len(times), ALARMS, BOUND, why))  # fmt: skip

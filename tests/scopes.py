@@ -6,21 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 _ROWS = {
-    "SymbolComment": "",
-    "Data-Type": "REAL64",
-    "VariableSize": "8",
-    "SymbolBased": "True",
-    "IndexGroup": "16448",
-    "SymbolName": "",
-    "NetID": "192.168.178.20.1.1",
-    "Port": "851",
-    "Offset": "0",
-    "ScaleFactor": "1",
-    "BitMask": "0xffffffffffffffff",
-    "Unit": "(None)",
-    "Unit ScaleFactor": "1",
-    "Unit Offset": "0",
-}
+    "SymbolComment": "", "Data-Type": "REAL64", "VariableSize": "8", "SymbolBased": "True",
+    "IndexGroup": "16448", "SymbolName": "", "NetID": "192.168.178.20.1.1", "Port": "851",
+    "Offset": "0", "ScaleFactor": "1", "BitMask": "0xffffffffffffffff", "Unit": "(None)",
+    "Unit ScaleFactor": "1", "Unit Offset": "0",
+}  # fmt: skip
 
 
 @dataclass

@@ -20,14 +20,9 @@ from deltaid.sensors.robot_sensors import sensor_rows
 DELTA = "clavel-delta3"
 SETTINGS = PlanSettings(torque_noise=0.03, rate=50.0, duration=8.0, steps=4, seed=3)
 PLATE = {
-    "kind": "base-wrench",
-    "force_noise": 0.7,
-    "moment_noise": 0.2,
-    "force_bias": 3.0,
-    "position_tolerance": 2e-3,
-    "rotation_tolerance": 0.01,
-    "gain_tolerance": 0.02,
-}
+    "kind": "base-wrench", "force_noise": 0.7, "moment_noise": 0.2, "force_bias": 3.0,
+    "position_tolerance": 2e-3, "rotation_tolerance": 0.01, "gain_tolerance": 0.02,
+}  # fmt: skip
 
 
 def offers(**more: dict) -> Offers:

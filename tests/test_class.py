@@ -53,18 +53,10 @@ every_make = pytest.mark.parametrize("name", swept(MAKES, *SOME))
 
 # Base parameters of robots whose drives all have a rotor, and all joints friction and a spring.
 RANKS = {
-    "delta": 23,
-    "delta, unequal limbs": 43,
-    "delta, rails": 22,
-    "telescope": 46,
-    "telescope, rails": 43,
-    "h4": 35,
-    "h4, rails": 34,
-    "par4": 35,
-    "par4, rails": 35,
-    "i4": 33,
+    "delta": 23, "delta, unequal limbs": 43, "delta, rails": 22, "telescope": 46,
+    "telescope, rails": 43, "h4": 35, "h4, rails": 34, "par4": 35, "par4, rails": 35, "i4": 33,
     "i4, rails": 60,
-}
+}  # fmt: skip
 
 
 @cache

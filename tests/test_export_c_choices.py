@@ -80,19 +80,11 @@ def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_
     z, q, qd, qdd = (x[0] for x in states(subject(name), 1))
     at = {"z": z, "q": q, "qd": qd, "qdd": qdd, "tau": qdd}
     functions = {
-        "inverse_kinematics": "z",
-        "forward_kinematics": "q",
-        "inverse_dynamics_at": "z qd qdd",
-        "inverse_dynamics": "q qd qdd",
-        "forward_dynamics": "z qd tau",
-        "jacobian": "z",
-        "mass_matrix": "z",
-        "bias": "z qd",
-        "gravity": "z",
-        "constraint_forces": "z qd qdd",
-        "passive_joints": "z qd",
-        "regressor": "z qd qdd",
-    }
+        "inverse_kinematics": "z", "forward_kinematics": "q", "inverse_dynamics_at": "z qd qdd",
+        "inverse_dynamics": "q qd qdd", "forward_dynamics": "z qd tau", "jacobian": "z",
+        "mass_matrix": "z", "bias": "z qd", "gravity": "z", "constraint_forces": "z qd qdd",
+        "passive_joints": "z qd", "regressor": "z qd qdd",
+    }  # fmt: skip
     iterated = library.fill("forward_kinematics", q, outs=(np.full(z.size, np.nan),))
     assert iterated == (BAD_INPUT if "h4" in name else OK)
     for function, names in functions.items():

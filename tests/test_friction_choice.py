@@ -115,12 +115,9 @@ def test_plain_friction_stays_plain(tmp_path, noise_seed):
 def test_directions_and_load(tmp_path):
     laws = {"drive1": {"viscous_back": 0.5, "coulomb_back": 2.0}, "drive2": {"load": 0.1}}
     values = {
-        "viscous.drive1": 0.5,
-        "coulomb.drive1": 0.8,
-        "viscous_back.drive1": 1.0,
-        "coulomb_back.drive1": 1.6,
-        "load.drive2": 0.12,
-    }
+        "viscous.drive1": 0.5, "coulomb.drive1": 0.8, "viscous_back.drive1": 1.0,
+        "coulomb_back.drive1": 1.6, "load.drive2": 0.12,
+    }  # fmt: skip
     result, truth = chosen(tmp_path, laws, "clavel-delta3", values)
     friction = result.model.robot.friction
     assert not friction["drive1"].both_ways

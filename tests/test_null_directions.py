@@ -85,13 +85,9 @@ KNOWN = {
 }
 # The same by torques alone.
 ALONE = {
-    "clavel-delta3": (20, 18),
-    "linear-delta": (21, 19),
-    "irb360-6-1600": (48, 37),
-    "par4": (36, 30),
-    "h4": (32, 27),
-    "i4": (32, 28),
-}
+    "clavel-delta3": (20, 18), "linear-delta": (21, 19), "irb360-6-1600": (48, 37),
+    "par4": (36, 30), "h4": (32, 27), "i4": (32, 28),
+}  # fmt: skip
 
 
 @cache

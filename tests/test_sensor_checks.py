@@ -116,22 +116,13 @@ def fault(name: str) -> pl.DataFrame:
 
 
 FAULTS = {
-    "kN": "sensor-unit",
-    "kgf": "sensor-unit",
-    "lbf and lbf*in": "sensor-unit",
-    "mN*m": "sensor-unit",
-    "sign of all": "sensor-sign",
-    "sign of fz": "sensor-sign",
-    "sign of moments": "sensor-sign",
-    "moments first": "sensor-order",
-    "x and y exchanged": "sensor-order",
-    "fx and fy exchanged": "sensor-order",
-    "a quarter": "sensor-frame",
-    "upside down": "sensor-frame",
-    "tilted": "sensor-frame",
-    "origin": "sensor-frame",
-    "late": "sensor-lag",
-}
+    "kN": "sensor-unit", "kgf": "sensor-unit", "lbf and lbf*in": "sensor-unit",
+    "mN*m": "sensor-unit", "sign of all": "sensor-sign", "sign of fz": "sensor-sign",
+    "sign of moments": "sensor-sign", "moments first": "sensor-order",
+    "x and y exchanged": "sensor-order", "fx and fy exchanged": "sensor-order",
+    "a quarter": "sensor-frame", "upside down": "sensor-frame", "tilted": "sensor-frame",
+    "origin": "sensor-frame", "late": "sensor-lag",
+}  # fmt: skip
 
 
 @cache
