@@ -5,6 +5,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import get_all_start_methods
+from os.path import exists
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -70,8 +71,11 @@ def client(scheduler: str | None = None, workers: int | None = None) -> Generato
             _share_code(connected)
             yield connected
         return
+    options: dict[str, Any] = {"distributed.scheduler.allowed-failures": _FAILURES}
+    if "forkserver" in get_all_start_methods():  # processes start in a third of the time
+        options["distributed.worker.multiprocessing-method"] = "forkserver"
     with (
-        config.set(_settings()),
+        config.set(options),
         LocalCluster(
             n_workers=workers or cores(), threads_per_worker=1, processes=True,
             dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0,
@@ -92,14 +96,6 @@ def _share_code(client: "Client") -> None:
         client.register_plugin(OwnCode(path.read_bytes()))
 
 
-def _settings() -> dict[str, Any]:
-    """Of a cluster on this machine: processes that start in a third of the time where they can."""
-    options: dict[str, Any] = {"distributed.scheduler.allowed-failures": _FAILURES}
-    if "forkserver" in get_all_start_methods():
-        options["distributed.worker.multiprocessing-method"] = "forkserver"
-    return options
-
-
 def require_shared(client: "Client", folder: Path) -> None:
     """Find out whether all workers see a folder of this machine.
 
@@ -110,7 +106,7 @@ def require_shared(client: "Client", folder: Path) -> None:
     probe = folder / f".{uuid4().hex}"
     probe.touch()
     try:
-        seen = _of_each(client, _sees, str(probe))
+        seen = _of_each(client, exists, str(probe))
     finally:
         probe.unlink()
     blind = sorted(address for address, answer in seen.items() if answer is False)
@@ -140,25 +136,8 @@ def done(
     Raises:
         DeltaidError: the scheduler is gone.
     """
-    from distributed.client import FutureCancelledError
-
-    try:
-        yield from _done(client, work, items, failed)
-    except (FutureCancelledError, OSError):
-        raise DeltaidError(
-            "is gone; what has been gathered and fitted is kept",
-            where="the scheduler",
-            cure="start it again; the same command does what is left",
-        ) from None
-
-
-def _done(
-    client: "Client",
-    work: Callable[[_Item], _Result],
-    items: Sequence[_Item],
-    failed: Callable[[_Item, str], _Result],
-) -> Iterator[_Result]:
     from distributed import KilledWorker, as_completed
+    from distributed.client import FutureCancelledError
 
     waiting, own, suspects = iter(items), dict[Any, _Item](), list[_Item]()
 
@@ -168,23 +147,30 @@ def _done(
             own[future.key] = item
             yield future
 
-    coming = as_completed(list(submitted(_AT_ONCE)), loop=client.loop)
-    for future in coming:
-        item, error = own.pop(future.key), future.exception()
-        if isinstance(error, KilledWorker):
-            suspects.append(item)
-        else:
-            yield future.result() if error is None else failed(item, _said(error))
-        future.release()
-        for more in submitted(1):
-            coming.add(more)
-    for item in suspects:
-        future = client.submit(work, item, pure=False)
-        error = future.exception()
-        if isinstance(error, KilledWorker):
-            yield failed(item, "workers die of it, of too little memory perhaps")
-        else:
-            yield future.result() if error is None else failed(item, _said(error))
+    try:
+        coming = as_completed(list(submitted(_AT_ONCE)), loop=client.loop)
+        for future in coming:
+            item, error = own.pop(future.key), future.exception()
+            if isinstance(error, KilledWorker):
+                suspects.append(item)
+            else:
+                yield future.result() if error is None else failed(item, _said(error))
+            future.release()
+            for more in submitted(1):
+                coming.add(more)
+        for item in suspects:
+            future = client.submit(work, item, pure=False)
+            error = future.exception()
+            if isinstance(error, KilledWorker):
+                yield failed(item, "workers die of it, of too little memory perhaps")
+            else:
+                yield future.result() if error is None else failed(item, _said(error))
+    except (FutureCancelledError, OSError):
+        raise DeltaidError(
+            "is gone; what has been gathered and fitted is kept",
+            where="the scheduler",
+            cure="start it again; the same command does what is left",
+        ) from None
 
 
 def _said(error: object) -> str:
@@ -195,7 +181,7 @@ def _said(error: object) -> str:
 
 def _require_same_version(client: "Client", scheduler: str) -> None:
     own = version("deltaid")
-    for worker, theirs in _of_each(client, _own_version).items():
+    for worker, theirs in _of_each(client, version, "deltaid").items():
         if isinstance(theirs, ImportError):
             raise DeltaidError(
                 f"worker {worker} cannot import deltaid: {theirs}",
@@ -213,11 +199,3 @@ def _require_same_version(client: "Client", scheduler: str) -> None:
 def _of_each(client: "Client", ask: Callable[..., object], *words: object) -> dict[str, object]:
     """What each worker answers, or the error; one that dies just now answers with an error."""
     return cast(dict[str, object], client.run(ask, *words, on_error="return"))
-
-
-def _own_version() -> str:
-    return version("deltaid")
-
-
-def _sees(path: str) -> bool:
-    return Path(path).exists()

@@ -1,13 +1,12 @@
 """All recordings of a fleet, found where its manifest says that they lie."""
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from deltaid.errors import DescriptionError
-from deltaid.fleets.manifest import Entry, RecordedFile, beside, read_manifest
+from deltaid.fleets.manifest import RecordedFile, beside, read_manifest
 from deltaid.fleets.store import has_pattern, matching, stamps_of
 from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
@@ -109,14 +108,23 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         if not matches:
             reason = f"{why}\n  → check the manifest"
             absent.append(Quarantined("recording", robot, pattern, reason))
-        for recording in _recorded((robot, kind, file, columns), matches, manifest):
-            if isinstance(recording, Quarantined):
-                absent.append(recording)
-            elif (first := recordings.setdefault(recording.path, recording)) != recording:
+        mapping = beside(columns, manifest) if columns else ""
+        for path, stamp in matches.items():
+            time = _time(file, path)
+            if time is None:
+                reason = "nothing says when it was made\n"
+                reason += (
+                    "  → give its time, or put a date such as 2026-01-31 into its name or folder"
+                )
+                absent.append(Quarantined("recording", robot, path, reason))
+                continue
+            words = (mapping, file.load, file.temperature, stamp)
+            recording = Recorded(robot, time, path, kind, *words)
+            if (first := recordings.setdefault(path, recording)) != recording:
                 raise DescriptionError(
-                    f"{first.path} is given twice, for {first.robot} and for {recording.robot}"
-                    if first.robot != recording.robot
-                    else f"{first.path} is given twice, with different words about it",
+                    f"{path} is given twice, for {first.robot} and for {robot}"
+                    if first.robot != robot
+                    else f"{path} is given twice, with different words about it",
                     where=manifest,
                     cure="give each recording once; patterns may overlap",
                 )
@@ -135,23 +143,6 @@ def period_of(time: datetime, period: Period) -> str:
         year, week, _ = time.isocalendar()
         return f"{year}-W{week:02d}"
     return {"day": f"{time:%Y-%m-%d}", "month": f"{time:%Y-%m}", "all": "all"}[period]
-
-
-def _recorded(
-    entry: Entry, matches: dict[str, str], manifest: str
-) -> Iterable[Recorded | Quarantined]:
-    robot, kind, file, columns = entry
-    mapping = beside(columns, manifest) if columns else ""
-    for path, stamp in matches.items():
-        time = _time(file, path)
-        if time is None:
-            yield Quarantined(
-                "recording", robot, path,
-                "nothing says when it was made\n"
-                "  → give its time, or put a date such as 2026-01-31 into its name or folder",
-            )  # fmt: skip
-            continue
-        yield Recorded(robot, time, path, kind, mapping, file.load, file.temperature, stamp)
 
 
 def datetime_of(match: re.Match[str]) -> datetime:

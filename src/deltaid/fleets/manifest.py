@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from datetime import date, datetime
 from io import BytesIO
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import polars as pl
 from pydantic import Field, field_validator
@@ -149,10 +149,14 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
             f"cannot be read: {str(error).splitlines()[0]}", where=where, cure="check the file"
         ) from None
     _require_columns(table, where)
-    robots: dict[str, dict[str, Any]] = {}
+    robots = list[FleetRobot]()
     for k, row in enumerate(table.iter_rows(named=True), start=2 if ending == ".csv" else 1):
         place = f"{where}, row {k}"
-        given = {key: _plain(x) for key, x in row.items() if x is not None}
+        given = {
+            key: x.isoformat() if isinstance(x, datetime | date) else x
+            for key, x in row.items()
+            if x is not None
+        }
         for key in ("robot", "recording"):
             if given.get(key) in (None, ""):
                 raise DescriptionError(f"{key} is missing", where=place, cure="fill it in")
@@ -161,18 +165,10 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         name, kind, path = given.pop("robot"), given.pop("type", None), given.pop("recording")
         file = RecordedFile.from_dict(given | {"path": path}, place)
         named = {"robot": name, "recordings": ()} | ({"type": kind} if kind else {})
-        FleetRobot.from_dict(named, place)
-        robots.setdefault(f"{name}\0{kind}", named | {"files": []})["files"].append(file)
+        robots.append(FleetRobot.from_dict(named, place).changed(recordings=(file,)))
     if not robots:
         raise DescriptionError("has no rows", where=where, cure="give a row a recording")
-    return Manifest(
-        robots=tuple(
-            FleetRobot(
-                robot=robot["robot"], type=robot.get("type"), recordings=tuple(robot["files"])
-            )
-            for robot in robots.values()
-        )
-    )
+    return Manifest(robots=tuple(robots))
 
 
 def _require_columns(table: pl.DataFrame, where: str) -> None:
@@ -190,8 +186,3 @@ def _require_columns(table: pl.DataFrame, where: str) -> None:
                 where=where,
                 cure=f"its columns may be {', '.join(_COLUMNS)}; robot and recording must be",
             )
-
-
-def _plain(value: Any) -> Any:
-    """A cell as JSON would have it."""
-    return value.isoformat() if isinstance(value, datetime | date) else value

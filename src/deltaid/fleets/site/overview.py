@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
-from deltaid.fleets.site.chapters import deviations, levels, quarantine, type_section
 from deltaid.fleets.site.friction_figure import friction_panel, main_quantity
-from deltaid.fleets.site.parts import NOTHING, WORDS, Panel, bounds, grid, share, shown
+from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, Panel, bounds, grid, share, shown
 from deltaid.fleets.site.state import FleetTables, Robot, Urgency, day
-from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Trust
+from deltaid.fleets.site.type_page import deviations, levels, type_section
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 # Robots that the verdict names, those in the table below it, panels of friction.
 _NAMED, _LISTED, _PANELS = 3, 20, 12
@@ -43,7 +43,7 @@ def overview(
             *levels(tables, robots, labels),
             *deviations(tables, labels),
             *type_section(tables, robots, types, labels),
-            *quarantine(tables),
+            *_quarantine(tables),
         ),
     )
 
@@ -173,10 +173,10 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
         (
             robot.name,
             WORDS[robot.urgency],
-            labels.get(robot.type, robot.type) or NOTHING,
+            labels[robot.type],
             _changed(robot),
             day(robot.until),
-            {True: "yes", False: "no", None: NOTHING}[robot.belongs],
+            LIKE[robot.belongs],
             day(robot.last),
             str(robot.recordings),
             str(robot.quarantined),
@@ -210,3 +210,32 @@ def _changed(robot: Robot) -> str:
     if not states:
         return NOTHING
     return "unknown" if "unknown" in states else "steady"
+
+
+def _quarantine(tables: FleetTables) -> tuple[Section, ...]:
+    """Reasons of what could not be used, the most frequent first."""
+    bad, reasons = tables.quarantine, dict[str, list[str]]()
+    if bad.is_empty():
+        return ()
+    for row in bad.iter_rows(named=True):
+        said = _without_name(row["reason"], row["which"])
+        reasons.setdefault(said, []).append(row["robot"])
+    ordered = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    rows = tuple(
+        (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
+        for said, whose in ordered[:50]
+    )
+    text = "The pages of robots have the recordings one by one, each with its reason."
+    table = Table(("how many", "of robots", "reason"), rows)
+    return (Section("Quarantine", (Text(text), table), f"{len(bad)} that could not be used"),)
+
+
+def _few(names: Sequence[str]) -> list[str]:
+    return [*names[:5], f"and {len(names) - 5} more"] if len(names) > 5 else list(names)
+
+
+def _without_name(reason: str, which: str) -> str:
+    """A reason without the recording's name, so that those of one cause are alike."""
+    for name in (which, which.replace("\\", "/").rpartition("/")[2]):
+        reason = reason.replace(name, "…") if name else reason
+    return reason.removeprefix("…: ")

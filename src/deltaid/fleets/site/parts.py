@@ -14,6 +14,8 @@ from deltaid.view.numbers import number, percent, span, with_uncertainty
 from deltaid.view.page import Table
 
 NOTHING = "—"
+# Whether a robot is like its type.
+LIKE = {True: "yes", False: "no", None: NOTHING}
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}
 # Parameters that a figure shows at most.
 MOST = 24

@@ -12,10 +12,9 @@ import polars as pl
 from plotly.offline import get_plotlyjs
 
 from deltaid.files import together, written_whole
-from deltaid.fleets.site.chapters import unit_of
 from deltaid.fleets.site.overview import overview
 from deltaid.fleets.site.robot_page import robot_page
-from deltaid.fleets.site.state import FleetTables, by_robot, robots_of
+from deltaid.fleets.site.state import FleetTables, robots_of
 from deltaid.fleets.site.type_page import type_page
 from deltaid.view.html import contents, environment, part
 from deltaid.view.page import Page
@@ -51,35 +50,22 @@ def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> Non
 def _pages(tables: FleetTables, title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
     robots = robots_of(tables)
-    kinds = tuple(sorted({robot.type for robot in robots} | set(tables.types["type"].to_list())))
+    kinds = sorted({robot.type for robot in robots} | set(tables.types["type"].to_list()))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
     pages, of_types = file_names(robot.name for robot in robots), file_names(kinds)
+    links = {name: quote(f"{ROBOTS}/{file}") for name, file in pages.items()}
+    types = {kind: quote(f"{TYPES}/{file}") for kind, file in of_types.items()}
     yield from _shared()
-    links = {name: address(ROBOTS, file) for name, file in pages.items()}
-    types = {kind: address(TYPES, of_types[kind]) for kind in kinds}
-    yield "index.html", _rendered(overview(tables, robots, title, links, types, labels), "", ())
+    yield "index.html", _rendered(overview(tables, robots, title, links, types, labels))
     home = (title, f"{_UP}index.html")
-    parts = {name: by_robot(getattr(tables, name)) for name in _OF_ROBOTS}
-    empty = {name: getattr(tables, name).clear() for name in _OF_ROBOTS}
     for robot in robots:
-        own = {
-            name: part[robot.name] if robot.name in part else empty[name]
-            for name, part in parts.items()
-        }
-        way = (home, (labels[robot.type], _UP + types[robot.type]))
-        page = robot_page(robot, labels[robot.type], own)
-        yield f"{ROBOTS}/{pages[robot.name]}", _rendered(page, _UP, way)
+        label = labels[robot.type]
+        page = _rendered(robot_page(robot, label), home, (label, _UP + types[robot.type]))
+        yield f"{ROBOTS}/{pages[robot.name]}", page
     above = {name: _UP + link for name, link in links.items()}
-    for kind in kinds:
-        own = [robot for robot in robots if robot.type == kind]
-        means, members = (
-            frame.filter(pl.col("type") == kind) for frame in (tables.types, tables.members)
-        )
-        page = type_page(kind, labels[kind], own, means, members, above, unit_of(tables))
-        yield f"{TYPES}/{of_types[kind]}", _rendered(page, _UP, (home,))
-
-
-_OF_ROBOTS = ("recordings", "quarantine", "parameters", "friction", "members")
+    for kind, label in labels.items():
+        page = _rendered(type_page(kind, label, tables, robots, above), home)
+        yield f"{TYPES}/{of_types[kind]}", page
 
 
 def _shared() -> Iterable[tuple[str, str]]:
@@ -92,10 +78,10 @@ def _shared() -> Iterable[tuple[str, str]]:
     yield "plotly.js", get_plotlyjs()
 
 
-def _rendered(page: Page, root: str, way: tuple[tuple[str, str], ...]) -> str:
-    """A page that lies `root` below the files it shares, with links to those above it."""
+def _rendered(page: Page, *way: tuple[str, str]) -> str:
+    """A page, below those on the way to it, which link to it; files it shares are at the root."""
     template = environment("fleets/site").get_template("site.html.jinja")
-    return template.render(**contents(page), root=root, way=way)
+    return template.render(**contents(page), root=_UP if way else "", way=way)
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
@@ -119,11 +105,6 @@ def _file(name: str, *, alone: bool) -> str:
         return f"{name}.html"
     start = _UNSAFE.sub("-", name).strip("-")[:40] or "robot"
     return f"{start}-{hashlib.sha256(name.encode()).hexdigest()[:8]}.html"
-
-
-def address(folder: str, file: str) -> str:
-    """Of a page, as a link has it."""
-    return quote(f"{folder}/{file}")
 
 
 def type_labels(types: Iterable[str]) -> Mapping[str, str]:

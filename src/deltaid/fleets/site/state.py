@@ -1,7 +1,7 @@
 """What the tables say of each robot, and what speaks for looking at it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from enum import IntEnum
 from itertools import pairwise
@@ -41,7 +41,7 @@ class Concern:
     text: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FleetTables:
     """Tables of a fleet; `members` has `spreads` besides, deviations in spreads between robots."""
 
@@ -71,12 +71,13 @@ class FleetTables:
         return cls(**{**frames, "members": members})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """One robot.
 
     Attributes:
         name, type: its own.
+        tables: its rows of them, and those of all types.
         recordings: how many there are, with those in quarantine.
         quarantined: how many of them are.
         first, last: times of the first and last recording that could be used.
@@ -88,6 +89,7 @@ class Robot:
 
     name: str
     type: str
+    tables: FleetTables
     recordings: int = 0
     quarantined: int = 0
     first: datetime | None = None
@@ -122,41 +124,37 @@ def robots_of(tables: FleetTables) -> tuple[Robot, ...]:
     for frame in (tables.friction, tables.drift, tables.quarantine):
         types = dict.fromkeys(frame["robot"].to_list(), "") | types
     now = tables.recordings.filter(pl.col("reason") == "")["time"].max()
-    parts = {key: by_robot(getattr(tables, key)) for key in _PARTS}
-    robots = [
-        _robot(name, kind, {key: part.get(name) for key, part in parts.items()}, now)
-        for name, kind in types.items()
-        if name
-    ]
+    frames = {key: frame for key, frame in vars(tables).items() if key != "types"}
+    parts = {
+        key: frame.partition_by("robot", as_dict=True, maintain_order=True)
+        for key, frame in frames.items()
+    }
+    robots = list[Robot]()
+    for name, kind in types.items():
+        own = {key: parts[key].get((name,), frame.clear()) for key, frame in frames.items()}
+        if name:
+            robots.append(_robot(name, kind, replace(tables, **own), now))
     far = datetime.max
     return tuple(sorted(robots, key=lambda robot: (robot.urgency, robot.until or far, robot.name)))
 
 
-_PARTS = ("recordings", "drift", "parameters", "members", "quarantine")
-
-
-def by_robot(frame: pl.DataFrame) -> dict[str, pl.DataFrame]:
-    """A table's rows by robot, in their order."""
-    parts = frame.partition_by("robot", as_dict=True, maintain_order=True)
-    return {str(key[0]): part for key, part in parts.items()}
-
-
-def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: Any) -> Robot:
-    recordings, members = parts["recordings"], parts["members"]
-    parameters, drift = parts["parameters"], parts["drift"]
-    rows = [] if recordings is None else recordings.sort("time").to_dicts()
+def _robot(name: str, kind: str, tables: FleetTables, now: Any) -> Robot:
+    members, parameters = tables.members, tables.parameters
+    rows = tables.recordings.sort("time").to_dicts()
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
-    last = None if parameters is None else last_period(parameters).row(-1, named=True)
-    drives = () if drift is None else tuple(drift.to_dicts())
+    last = None if parameters.is_empty() else last_period(parameters).row(-1, named=True)
+    drives = tuple(tables.drift.to_dicts())
     concerns = [concern for row in drives if (concern := _friction(row, now)) is not None]
     concerns += _recorded(rows, usable, now)
-    foreign = [] if members is None else members.filter(~pl.col("belongs")).to_dicts()
+    foreign = members.filter(~pl.col("belongs")).to_dicts()
     concerns += _foreign(foreign)
     period = last["period"] if last and last["period"] != ALL else ""
-    concerns += _refused(parts["quarantine"], period, recorded=bool(rows))
+    concerns += _refused(tables.quarantine, period, recorded=bool(rows))
+    is_unknown = members.is_empty() or members["belongs"].has_nulls()
     return Robot(
         name,
         kind,
+        tables,
         recordings=len(rows),
         quarantined=sum(bool(row["reason"]) for row in rows),
         first=usable[0] if usable else None,
@@ -164,7 +162,7 @@ def _robot(name: str, kind: str, parts: Mapping[str, pl.DataFrame | None], now: 
         drives=drives,
         noise=last["noise"] if last else None,
         worst_error=last["worst_error"] if last else None,
-        belongs=None if members is None or members["belongs"].has_nulls() else not foreign,
+        belongs=None if is_unknown else not foreign,
         concerns=tuple(sorted(concerns, key=lambda concern: concern.urgency)),
     )
 
@@ -229,10 +227,8 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
     return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
 
 
-def _refused(quarantine: pl.DataFrame | None, last: str, *, recorded: bool) -> list[Concern]:
+def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:
     """What the quarantine holds beside recordings that are there; no period before the last fit."""
-    if quarantine is None:
-        return []
     concerns = list[Concern]()
     what = pl.col("what")
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))

@@ -1,63 +1,135 @@
-"""The page of a type: what its robots have in common, how they differ, which do not belong."""
+"""Types: sections on the fleet's page, and the page of each: what its robots have in common, how
+they differ, which do not belong."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import polars as pl
 
-from deltaid.fleets.site.chapters import level_panel
 from deltaid.fleets.site.parts import (
+    LIKE,
     NOTHING,
+    Panel,
     between,
     count,
     deviation_figure,
+    dots,
     grid,
     known,
     most_spread,
     shown,
 )
-from deltaid.fleets.site.state import Robot, Urgency, day
+from deltaid.fleets.site.state import FleetTables, Robot, Urgency, day
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
+
+# Types that have figures on the fleet's page; all have pages.
+_TYPES = 6
+_EVERY = "Friction of every drive of every robot; a dot is a robot."
+_LEVELS = "level of every drive"
+
+
+def levels(
+    tables: FleetTables, robots: Sequence[Robot], labels: Mapping[str, str]
+) -> tuple[Section, ...]:
+    """How friction spreads over robots of a type, drive by drive."""
+    panels = [_levels(tables, robots, kind, label) for kind, label in labels.items()]
+    panels = [panel for panel in panels if panel.traces[0]["x"]][:_TYPES]
+    if not panels:
+        return ()
+    figure = grid(panels, columns=min(len(panels), 3), row=300)
+    section = Section("Friction of the fleet", (Chart(figure, _EVERY),), f"{_LEVELS}, by type")
+    return (section,)
+
+
+def _levels(tables: FleetTables, robots: Sequence[Robot], kind: str, title: str) -> Panel:
+    """Friction of all drives of a type's robots; with its unit where all drives have the same."""
+    levels = [
+        (robot.name, row["drive"], row["level"])
+        for robot in robots
+        for row in robot.drives
+        if robot.type == kind and row["level"] is not None
+    ]
+    schema = {"robot": pl.String, "drive": pl.String, "y": pl.Float64}
+    rows = pl.DataFrame(levels, schema=schema, orient="row")
+    trace = dots(rows, "y", "robot") | {
+        "x": rows["drive"].to_list(),
+        "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
+    }
+    units = tables.drift["unit"].unique().to_list()
+    unit = units[0] if len(units) == 1 else "unit of the drive"
+    return Panel(title, (trace,), unit=f"friction [{unit}]")
+
+
+def deviations(tables: FleetTables, labels: Mapping[str, str]) -> tuple[Section, ...]:
+    """How robots of a type differ, parameter by parameter."""
+    blocks = []
+    for kind, label in labels.items():
+        own = tables.members.filter(pl.col("type") == kind)
+        names = most_spread(own)
+        if names and len(blocks) < _TYPES:
+            figure = deviation_figure(own, names)
+            blocks.append(Chart(figure, f"{label}: how its robots differ; a dot is a robot."))
+    if not blocks:
+        return ()
+    return (Section("Parameters by type", tuple(blocks), "how robots of one type differ"),)
+
+
+def type_section(
+    tables: FleetTables,
+    robots: Sequence[Robot],
+    types: Mapping[str, str],
+    labels: Mapping[str, str],
+) -> tuple[Section, ...]:
+    count = Counter(robot.type for robot in robots)
+    foreign = Counter(robot.type for robot in robots if robot.belongs is False)
+    rows = tuple(
+        (
+            labels[kind],
+            str(count[kind]),
+            str(foreign[kind]),
+            str(tables.types.filter(pl.col("type") == kind).height),
+        )
+        for kind in types
+    )
+    columns = ("type", "robots", "do not belong", "parameters with a type's mean")
+    table = Table(columns, rows, links=tuple(types.values()))
+    return (Section("Types", (table,), "what the fleet knows of each"),)
 
 
 def type_page(
     kind: str,
     label: str,
+    tables: FleetTables,
     robots: Sequence[Robot],
-    types: pl.DataFrame,
-    members: pl.DataFrame,
     links: Mapping[str, str],
-    unit: str,
 ) -> Page:
     """The page of a type.
 
     Args:
         kind: its name, or its description's file.
-        robots: those of it.
-        types, members: its rows of these tables.
+        tables: of the fleet.
+        robots: of all types.
         links: addresses of the robots' pages.
-        unit: of friction.
     """
+    robots = [robot for robot in robots if robot.type == kind]
+    members = tables.members.filter(pl.col("type") == kind)
     foreign = [robot for robot in robots if robot.belongs is False]
+    is_known = any(robot.belongs is not None for robot in robots)
+    panel = _levels(tables, robots, kind, "")
+    friction = Section("Friction", (Chart(grid([panel], row=280), _EVERY),), _LEVELS)
     return Page(
-        title=label or "Robots of no type",
+        title=label,
         subtitle=f"{len(robots)} robots" + (f", described by {kind}" if kind != label else ""),
-        verdict=_verdict(
-            robots, foreign, is_known=any(robot.belongs is not None for robot in robots)
-        ),
+        verdict=_verdict(robots, foreign, is_known=is_known),
         facts=(
             Fact("robots", str(len(robots))),
             Fact("need attention", str(sum(robot.urgency < Urgency.NONE for robot in robots))),
-            Fact(
-                "do not belong",
-                str(len(foreign))
-                if any(robot.belongs is not None for robot in robots)
-                else NOTHING,
-            ),
+            Fact("do not belong", str(len(foreign)) if is_known else NOTHING),
         ),
         front=(*_foreign(foreign, links), *_deviations(members)),
         sections=(
-            *_means(types),
-            *_levels(robots, unit),
+            _means(tables.types.filter(pl.col("type") == kind)),
+            *((friction,) if panel.traces[0]["x"] else ()),
             Section("Robots", (_robots(robots, members, links),), "all of this type"),
         ),
     )
@@ -104,10 +176,10 @@ def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
     )
 
 
-def _means(types: pl.DataFrame) -> tuple[Section, ...]:
+def _means(types: pl.DataFrame) -> Section:
     """Mean and spread of every parameter."""
     if types.is_empty():
-        return (Section("Mean and spread", (Text("No table says what the type's robots share."),)),)
+        return Section("Mean and spread", (Text("No table says what the type's robots share."),))
     rows = tuple(
         (
             row["parameter"],
@@ -125,18 +197,8 @@ def _means(types: pl.DataFrame) -> tuple[Section, ...]:
                "prior", "robots")  # fmt: skip
     said = "The spread is the standard deviation between robots, in the same unit."
     notes = dict.fromkeys(text for text in types["told"].to_list() if text)
-    return (
-        Section("Mean and spread", (*map(Text, notes), Table(columns, rows, said)),
-                "what robots have in common", unfolded=True),
-    )  # fmt: skip
-
-
-def _levels(robots: Sequence[Robot], unit: str) -> tuple[Section, ...]:
-    panel = level_panel(robots, "", unit)
-    if not panel.traces[0]["x"]:
-        return ()
-    said = "Friction of every drive of every robot; a dot is a robot."
-    return (Section("Friction", (Chart(grid([panel], row=280), said),), "level of every drive"),)
+    blocks = (*map(Text, notes), Table(columns, rows, said))
+    return Section("Mean and spread", blocks, "what robots have in common", unfolded=True)
 
 
 def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, str]) -> Table:
@@ -151,7 +213,7 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
     rows = tuple(
         (
             robot.name,
-            {True: "yes", False: "no", None: NOTHING}[robot.belongs],
+            LIKE[robot.belongs],
             largest.get(robot.name, (NOTHING,))[0],
             shown(largest[robot.name][1], 3) if robot.name in largest else NOTHING,
             day(robot.last),
