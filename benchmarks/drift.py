@@ -128,7 +128,7 @@ def files(robots: int) -> None:
         looks, hit, last = [], [], None
         for day in _looks(fleet.onset[0]):
             n = int(np.searchsorted(at, day, side="right"))
-            last = drift_of(own[:n], friction.first(n), model, DriftSettings())
+            last = drift_of(own[:n], _first(friction, n), model, DriftSettings())
             looks.append(float(day))
             hit.append([one.state not in ("steady", "unknown") for one in last.findings])
         totals += judged(np.array(looks), np.array(hit)[:, None], fleet.onset)
@@ -175,6 +175,12 @@ def _looks(onset: np.ndarray) -> list[int]:
     for one in onset[np.isfinite(onset)]:
         weekly |= set(range(int(one) + 21, int(one) + WITHIN + 1, 3))
     return sorted({*weekly, DAYS - 1})
+
+
+def _first(series: FrictionSeries, count: int) -> FrictionSeries:
+    """The series of the first recordings alone."""
+    arrays = (array[:count] for array in (series.values, series.covariance, series.products))
+    return FrictionSeries(series.drives, series.unknowns, *arrays)
 
 
 def _recorded(

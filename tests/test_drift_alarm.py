@@ -24,7 +24,7 @@ from deltaid.fleets.drift_findings import finding
 from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Explained, Regressors, explained
-from deltaid.fleets.tool_changes import tool_changes
+from deltaid.fleets.robot_drift import tool_changes
 
 # How usual changes are, as they are promised: a ramp up or down, a step up or down.
 RAMPS, STEPS = (0.6, 0.1), (0.2, 0.1)

@@ -23,7 +23,7 @@ from deltaid.fleets.drift_findings import finding
 from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
-from deltaid.fleets.tool_changes import tool_changes
+from deltaid.fleets.robot_drift import tool_changes
 
 DAYS = np.sort(np.random.default_rng(5).uniform(0.0, 60.0, 30))
 

@@ -1,5 +1,7 @@
 """Who belongs to a type: rows without the robot, slopes of differences, chances of distances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -8,8 +10,7 @@ from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
 from deltaid.fleets.belonging import AgainstOthers, _belonging, chance, left_out
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, _kind
-from deltaid.fleets.mixed_model import Mean, RobotRows, mean, slope
-from deltaid.fleets.spreads import fitted_spreads
+from deltaid.fleets.mixed_model import Mean, RobotRows, fitted_spreads, mean, slope
 from deltaid.robot.load import load_robot
 
 
@@ -42,7 +43,7 @@ def test_a_robot_is_compared_with_what_the_others_say() -> None:
 def test_one_that_does_not_count_is_compared_with_all_others() -> None:
     rows, variance, precision, prior = drawn()
     counts = np.arange(len(rows.H)) != 2
-    without = rows.counting(counts)
+    without = replace(rows, counts=counts)
     found = left_out(
         without, 2, mean(without, variance, precision, prior), (50.0, 20.0), np.ones(3)
     )

@@ -18,9 +18,16 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
-from deltaid.fleets.coordinates import Coordinates
-from deltaid.fleets.mixed_model import Mean, RobotRows, U, mean
-from deltaid.fleets.spreads import ENOUGH, Spreads, fitted_spreads, prior_spreads
+from deltaid.fleets.coordinates import Coordinates, U
+from deltaid.fleets.mixed_model import (
+    ENOUGH,
+    Mean,
+    RobotRows,
+    Spreads,
+    fitted_spreads,
+    mean,
+    prior_spreads,
+)
 
 # Rounds of naming at most.
 _ROUNDS = 8
@@ -188,7 +195,7 @@ def sorted_out(
         return Sorted.fitted_to(coordinates, freedom, rows)
     counts, robots = np.arange(len(rows.H)) >= count, range(count)
     counts[:count] = _core(rows.only(slice(count)), coordinates)
-    fitted = Sorted.fitted_to(coordinates, freedom, rows.counting(counts))
+    fitted = Sorted.fitted_to(coordinates, freedom, replace(rows, counts=counts))
     visited = list[bytes]()
     for _ in range(_ROUNDS):
         excluded = [fitted.against_others(k, coordinates.worn) for k in robots]
@@ -198,7 +205,7 @@ def sorted_out(
         if counts.tobytes() in visited or np.array_equal(counts, fitted.rows.counts):
             break
         visited.append(counts.tobytes())
-        fitted = fitted.with_rows(rows.counting(counts))
+        fitted = fitted.with_rows(replace(rows, counts=counts))
     return _one_by_one(fitted, naming) if count <= _FEW else fitted
 
 
@@ -209,7 +216,7 @@ def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
     while True:
         chances = np.ones(count)
         for k in range(count):
-            others = rows.counting(rows.counts & (np.arange(len(rows.H)) != k))
+            others = replace(rows, counts=rows.counts & (np.arange(len(rows.H)) != k))
             without = Sorted.fitted_to(coordinates, fitted.freedom, others)
             robot = without.against_others(k, coordinates.worn)
             chances[k] = chance(robot, coordinates, without.mean.m)
@@ -217,7 +224,7 @@ def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
         worst = inside[np.argmin(chances[inside])]
         if chances[worst] >= naming or len(inside) < LEAST:
             return replace(fitted, chances=chances).with_rows(rows)
-        rows = rows.counting(rows.counts & (np.arange(len(rows.H)) != worst))
+        rows = replace(rows, counts=rows.counts & (np.arange(len(rows.H)) != worst))
 
 
 def _belonging(

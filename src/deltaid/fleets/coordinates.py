@@ -12,12 +12,13 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
-from deltaid.fleets.mixed_model import Square, U
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import Parameter
 
+U = Float[np.ndarray, " u"]
+Square = Float[np.ndarray, "u u"]
 # Kinds of entries that have one spread, and its likely size beforehand as a share of an entry's.
 KINDS = {
     "mass": 0.03,

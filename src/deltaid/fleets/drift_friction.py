@@ -21,8 +21,7 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
-from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.keys import require_alike
+from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.merged import Merging, merging_of
 from deltaid.model.record import IdentifiedModel
 
@@ -66,11 +65,6 @@ class FrictionSeries:
     values: Float[np.ndarray, "n unknowns"]
     covariance: Float[np.ndarray, "n unknowns unknowns"]
     products: Float[np.ndarray, "n unknowns unknowns"]
-
-    def first(self, count: int) -> "FrictionSeries":
-        """The series of the first recordings alone."""
-        arrays = (array[:count] for array in (self.values, self.covariance, self.products))
-        return FrictionSeries(self.drives, self.unknowns, *arrays)
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "drives unknowns"]:

@@ -78,8 +78,7 @@ class Regressors:
             unknown[~known] = _USUAL_SLOPE * temperature[known].std()
             rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
             rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
-            slow = _slow(days, T, known)
-            rows.append(("slow temperature", slow, _SLOW, _UNLIKE_SLOW))
+            rows.append(("slow temperature", _slow(days, T, known), _SLOW, _UNLIKE_SLOW))
         else:
             angle = 2.0 * np.pi * days / YEAR
             rows.append(("season", np.sin(angle), _SEASON, np.inf))

@@ -18,9 +18,8 @@ from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import Places
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
-from deltaid.fleets.factor_file import ENDING, FactorFile, read_key, write
+from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, safe, ways, write
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups, RecordingFactors, record_of
-from deltaid.fleets.keys import digest, safe, ways
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometry import geometric_rows
@@ -107,17 +106,16 @@ def gather_into(
             sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
             key = digest([sha256, version("deltaid"), ways(robot, mapping, settings)])
             path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
-            if read_key(path) == key:
-                yield Gathering(log, path, "there")
-                continue
-            file = gathered(
-                robot, log, columns=mapping, settings=settings, force=force, progress=progress
-            )
-            write(file, path, key)
+            is_there = read_key(path) == key
+            if not is_there:
+                file = gathered(
+                    robot, log, columns=mapping, settings=settings, force=force, progress=progress
+                )
+                write(file, path, key)
         except DeltaidError as error:
             yield Gathering(log, path, "refused", error)
-            continue
-        yield Gathering(log, path, "new")
+        else:
+            yield Gathering(log, path, "there" if is_there else "new")
 
 
 def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:

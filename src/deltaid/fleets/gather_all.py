@@ -57,8 +57,7 @@ def gather_again(
 
 
 def _gathered(call: Call, jobs: Sequence[GatherJob]) -> list[GatherResult]:
-    words = ("gathered", "recordings")
-    return list(call.done(words, gather_recorded, jobs, _failed))
+    return list(call.done(("gathered", "recordings"), gather_recorded, jobs, _failed))
 
 
 def _failed(job: GatherJob, why: str) -> GatherResult:

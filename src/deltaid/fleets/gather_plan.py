@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.cluster import ALONE
-from deltaid.fleets.factor_file import ENDING
+from deltaid.fleets.factor_file import ENDING, digest, safe, ways
 from deltaid.fleets.fleet import Fleet, Recorded
-from deltaid.fleets.keys import digest, safe, ways
 from deltaid.fleets.place import Place
 from deltaid.fleets.store import local_file
 from deltaid.mechanism.kinematics import Kinematics

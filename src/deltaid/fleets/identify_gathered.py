@@ -13,8 +13,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
-from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.keys import require_alike
+from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.merged import fitted, holding, merged, merging_of, ordered
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import assembled, judged_parameters

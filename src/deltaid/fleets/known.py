@@ -136,8 +136,7 @@ class EarlierCalls:
         old = self.tables.get(name, pl.DataFrame(schema=schema))
         kept = old.filter(~pl.col("key").is_in(list(new)))
         rows = pl.concat([kept, *(new[key] for key in keys if key in new)])
-        ordered = order.join(rows, on="key", how="inner", maintain_order="left_right")
-        return ordered.select(*schema)
+        return order.join(rows, on="key", how="inner", maintain_order="left_right").select(*schema)
 
     def gathered(self, job: GatherJob, listing: Mapping[str, int]) -> GatherResult | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""

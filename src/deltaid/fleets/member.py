@@ -8,7 +8,7 @@ machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y 
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -169,16 +169,10 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
 
 def write_member(member: TypeMember, path: Path) -> None:
     """Write a member as an archive of NumPy."""
-    known: dict[str, Any] = {
-        entry.name: getattr(member, entry.name)
-        for entry in fields(member)
-        if entry.name not in _ARRAYS
-    }
-    known["facts"] = [
-        asdict(fact) | {"coefficients": fact.coefficients.tolist()} for fact in member.facts
-    ]
-    arrays: dict[str, Any] = {key: getattr(member, key) for key in _ARRAYS}
-    np.savez_compressed(path, known=np.array(json.dumps(known)), **arrays)
+    known = asdict(member)
+    arrays = {key: known.pop(key) for key in _ARRAYS}
+    text = json.dumps(known, default=np.ndarray.tolist)
+    np.savez_compressed(path, known=np.array(text), **arrays)
 
 
 def read_member(data: bytes, where: str) -> TypeMember:
@@ -199,6 +193,5 @@ def read_member(data: bytes, where: str) -> TypeMember:
         MeasuredFact(**fact | {"coefficients": np.array(fact["coefficients"])})
         for fact in known["facts"]
     )
-    for key in ("names", "quantities"):
-        known[key] = tuple(known[key])
+    known |= {key: tuple(known[key]) for key in ("names", "quantities")}
     return TypeMember(**known, **arrays)

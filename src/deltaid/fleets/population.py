@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
-from deltaid.fleets.spreads import ENOUGH, Spreads
+from deltaid.fleets.mixed_model import ENOUGH, Spreads
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 

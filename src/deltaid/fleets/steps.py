@@ -12,11 +12,10 @@ import polars as pl
 
 from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
-from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.factor_file import FIT_SETTINGS, FactorFile, digest, safe
 from deltaid.fleets.fleet import Recorded, period_of
 from deltaid.fleets.gather_all import poor
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.keys import FIT_SETTINGS, digest, safe
 from deltaid.fleets.known import GatherResult
 from deltaid.fleets.member import TypeMember, member, read_member, write_member
 from deltaid.fleets.next_robot import save_next

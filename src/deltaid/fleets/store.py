@@ -245,12 +245,10 @@ def _stamp(info: Mapping[str, Any]) -> str:
 
 def _failures() -> tuple[type[BaseException], ...]:
     """What libraries of stores raise when they cannot get through; most of it is an OSError."""
-    failures: list[type[BaseException]] = [OSError]
-    for module, name in (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
-                         ("botocore.exceptions", "ClientError")):  # fmt: skip
-        if module in sys.modules:
-            failures.append(getattr(sys.modules[module], name))
-    return tuple(failures)
+    named = (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
+             ("botocore.exceptions", "ClientError"))  # fmt: skip
+    loaded = (getattr(sys.modules[name], error) for name, error in named if name in sys.modules)
+    return (OSError, *loaded)
 
 
 def _asked(ask: Callable[[], _Result], path: str) -> _Result:

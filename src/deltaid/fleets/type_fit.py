@@ -1,8 +1,8 @@
 """A type from its robots: mean, spreads, every robot within it, and those that do not belong."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -13,15 +13,17 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import Objective
 from deltaid.estimation.regularizer import Quadratic, Regularizer
 from deltaid.estimation.scatter import half_width
-from deltaid.fleets.belonging import LEAST, Sorted, sorted_out
-from deltaid.fleets.coordinates import ANYTHING, Coordinates
+from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, sorted_out, torques
+from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
-from deltaid.fleets.mixed_model import RobotRows, Square, U, alone, mean, within
+from deltaid.fleets.mixed_model import NORMAL, RobotRows, alone, mean, within
 from deltaid.fleets.population import Estimates, MemberEstimate, Population, PopulationSettings
-from deltaid.fleets.reasons import friction_reason, reason
-from deltaid.fleets.spreads import NORMAL
 from deltaid.robot.load import RobotLike, described
 
+# Explanations that gain so much less than the best are as good; one more coefficient costs so much.
+_CLOSE, _COST = 2.0, 4.0
+# What holds tools and loads.
+_CARRIERS = ("P", "EE")
 # Eigenvalues of a covariance below this share of the largest are rounding.
 _ROUNDING = 1e-13
 
@@ -84,12 +86,12 @@ def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
     for k in range(count):
         if not rows.counts[k]:
             robot = sorting.against_others(k, coordinates.worn)
-            reasons.append(reason(robot, coordinates, m, naming))
+            reasons.append(_reason(robot, coordinates, m, naming))
             continue
         texts = list[str]()
         for _ in coordinates.robot.friction_joints if count >= LEAST else ():
             robot = now.against_others(k, np.zeros_like(m))
-            places, text = friction_reason(robot, coordinates, m, naming)
+            places, text = _friction_reason(robot, coordinates, m, naming)
             if not places or extra[k, places].any():
                 break
             extra[k, places] = ANYTHING
@@ -174,3 +176,81 @@ def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, 
         none = Regularizer(Quadratic(np.zeros((1, n)), np.zeros(1)), None)
         objective = Objective(reduction, Quadratic(R, R @ x), none, 1.0)
         return reduction.parameters(Conic().solve(objective).x)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cause:
+    """Something that may be different: the variables `at` of a body or joint, or all torques."""
+
+    at: tuple[int, ...]
+    owner: str
+    part: Along
+
+    @property
+    def gain(self) -> float:
+        """By how much the distance falls, less the cost of its coefficients."""
+        return self.part.gain - _COST * self.part.rank
+
+
+def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float) -> str:
+    """What is different in a robot that does not belong.
+
+    Args:
+        robot: against the others.
+        m: mean of the type.
+    """
+    causes = list(_causes(robot, coordinates, m))
+    best = max(causes, key=lambda cause: cause.gain)
+    close = [cause for cause in causes if cause.gain >= best.gain - _CLOSE]
+    chosen = close[-1] if best.at else best
+    others = [cause for cause in close if cause.owner != chosen.owner]
+    text = _described(chosen, coordinates)
+    if others:
+        text += f", or {_described(max(others, key=lambda cause: cause.gain), coordinates)}"
+    distance = max(robot.distance - chosen.part.gain, 0.0)
+    if robot.chance(distance, robot.rows - chosen.part.rank) < naming:
+        return f"it is unlike the others in more than one place, most of all {text}: another type?"
+    if not chosen.at:
+        return f"{text}: torque constants, gear ratio or unit of torques?"
+    carried = chosen.owner in _CARRIERS
+    return text + (": another tool, or a load that is not declared?" if carried else "")
+
+
+def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
+    """Torques as a whole, single entries, and whole bodies; platform and tool last."""
+    variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
+    yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
+    single = [(k,) for k in range(coordinates.size) if rigid[k]]
+    single.sort(key=lambda at: (variables[at[0]].owner in _CARRIERS,
+                                coordinates.kinds[at[0]] == "mass"))  # fmt: skip
+    bodies = [tuple(at) for at in coordinates.owners().values() if len(at) > 1 and rigid[at[0]]]
+    for at in (*single, *bodies):
+        yield _Cause(at, variables[at[0]].owner, robot.along(robot.H[:, at]))
+
+
+def _described(cause: _Cause, coordinates: Coordinates) -> str:
+    values, stds = cause.part.values, cause.part.stds
+    if not cause.at:
+        return f"its torques are {1 + values[0]:.3f} ± {stds[0]:.3f} times the type's"
+    k = int(np.argmax(np.abs(values) / np.where(stds > 0, stds, np.inf)))
+    variable, size = coordinates.reduction.variables[cause.at[k]], coordinates.sizes[cause.at[k]]
+    off = f"{abs(values[k]) * size:.3g} ± {stds[k] * size:.2g} {variable.unit}"
+    return f"{variable.name} is {off} {'more' if values[k] > 0 else 'less'} than in the type"
+
+
+def _friction_reason(
+    robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float
+) -> tuple[list[int], str]:
+    """Variables and text of the joint whose friction deviates most; none if none does."""
+    joints: dict[str, list[int]] = {}
+    for k in np.flatnonzero(coordinates.is_friction):
+        joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))
+    candidates: list[tuple[float, list[int], str]] = []
+    for joint, at in joints.items():
+        off = robot.along(robot.H[:, at])
+        k = int(np.argmax(np.abs(off.values)))
+        times, name = (1 + off.values[k] / m[at[k]], coordinates.reduction.variables[at[k]].symbol)
+        text = f"{name} friction of {joint} is {times:.2f} times the type's"
+        candidates.append((len(joints) * robot.chance(off.gain, off.rank), at, text))
+    chance, at, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
+    return (at, text) if chance < naming else ([], "")

@@ -29,14 +29,15 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
     """
     unit = f"[{seen['unit'][0]}]"
     slope = None if drift is None else drift["temperature_slope"]
-    if drift is None or slope is None or seen["temperature"].null_count() == len(seen):
-        traces = [_dots(seen, "value", _NAME) | _errors(seen)]
-    else:
+    traces, value, name = list[Data](), "value", _NAME
+    if slope is not None and seen["temperature"].null_count() < len(seen):
         warm = pl.col("temperature") - pl.col("temperature").mean()
         cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
         seen = seen.with_columns(cooled=cooled)
-        traces = [_faint(seen), _dots(seen, "cooled", f"{_NAME}, at one temperature")]
-        traces[1] |= _errors(seen)
+        traces, value, name = [_faint(seen)], "cooled", f"{_NAME}, at one temperature"
+    half = numbers(WIDTH * seen["std"].fill_null(0.0))
+    error = {"type": "data", "array": half, "width": 0, "thickness": 1}
+    traces.append(_dots(seen, value, name) | {"error_y": error})
     if drift is None:
         return Panel(title, tuple(traces), unit=unit)
     if drift["state"] in ("rising", "falling"):
@@ -67,17 +68,11 @@ def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     }
 
 
-def _errors(seen: pl.DataFrame) -> Data:
-    half = numbers(WIDTH * seen["std"].fill_null(0.0))
-    return {"error_y": {"type": "data", "array": half, "width": 0, "thickness": 1}}
-
-
 def _faint(seen: pl.DataFrame) -> Data:
     """Values as they were, at whatever temperature."""
-    marker = {"color": style.PRIOR, "size": 4, "opacity": 0.5}
     warm = seen["temperature"].to_list()
     return _dots(seen, "value", "as recorded") | {
-        "marker": marker,
+        "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
         "text": ["" if t is None else f" at {number(t, 3)} °C" for t in warm],
         "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
     }

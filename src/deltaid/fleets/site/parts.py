@@ -80,7 +80,9 @@ def grid(
         layout[f"yaxis{number}"] = {"domain": [bottom, top], "anchor": f"x{number}"}
         if panel.unit:
             layout[f"yaxis{number}"]["title"] = {"text": style.label(panel.unit)}
-        layout["annotations"].append(_title(panel.title, left + width / 2, top))
+        above = {"x": left + width / 2, "y": top, "xanchor": "center", "yanchor": "bottom"}
+        above |= {"xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 13}}
+        layout["annotations"].append(above | {"text": style.label(panel.title)})
         axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1}
         layout["shapes"] += [axes | shape for shape in panel.shapes]
         for trace in panel.traces:
@@ -89,12 +91,6 @@ def grid(
             named.add(name)
             traces.append(trace | shown | {"xaxis": f"x{number}", "yaxis": f"y{number}"})
     return {"data": traces, "layout": layout}
-
-
-def _title(text: str, x: float, y: float) -> Data:
-    place = {"x": x, "y": y, "xref": "paper", "yref": "paper", "xanchor": "center"}
-    return place | {"yanchor": "bottom", "showarrow": False, "font": {"size": 13},
-                    "text": style.label(text)}  # fmt: skip
 
 
 def numbers(values: pl.Series) -> list[float | None]:
@@ -179,8 +175,9 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
     )
     columns = ("drive", "friction", "changed on", "between", "a month", "between", "per K",
                "recordings")  # fmt: skip
-    states = [drive["state"] for drive in drives]
-    marked = frozenset(k for k, state in enumerate(states) if state not in ("steady", "unknown"))
+    marked = frozenset(
+        k for k, drive in enumerate(drives) if drive["state"] not in ("steady", "unknown")
+    )
     limits = tuple(
         (
             drive["drive"],
@@ -235,15 +232,10 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
 
 def most_spread(members: pl.DataFrame) -> list[str]:
     """Parameters of which robots differ most, in the order of the table."""
-    members = members.filter(pl.col("spreads").is_not_null())
-    if members.is_empty():
-        return []
-    order = list(dict.fromkeys(members["parameter"].to_list()))
-    largest = (
-        members.group_by("parameter")
-        .agg(pl.col("spreads").abs().max().alias("largest"))
-        .sort("largest", "parameter", descending=[True, False])
-        .head(MOST)["parameter"]
+    sizes = (
+        members.drop_nulls("spreads")
+        .group_by("parameter", maintain_order=True)
+        .agg(pl.col("spreads").abs().max())
     )
-    chosen = set(largest.to_list())
-    return [name for name in order if name in chosen]
+    chosen = sizes.sort("spreads", "parameter", descending=[True, False]).head(MOST)["parameter"]
+    return sizes.filter(pl.col("parameter").is_in(chosen.to_list()))["parameter"].to_list()

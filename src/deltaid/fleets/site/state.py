@@ -1,10 +1,10 @@
 """What the tables say of each robot, and what speaks for looking at it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import IntEnum
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from statistics import median
 from typing import Any
 
@@ -98,7 +98,7 @@ class Robot:
     noise: float | None = None
     worst_error: float | None = None
     belongs: bool | None = None
-    concerns: tuple[Concern, ...] = field(default=())
+    concerns: tuple[Concern, ...] = ()
 
     @property
     def urgency(self) -> Urgency:
@@ -203,9 +203,7 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
     if rows and not usable:
         many = f"none of its {len(rows)} recordings" if len(rows) > 1 else "its recording not"
         return [Concern(Urgency.ACT, f"{many} can be used: {_short(rows[-1]['reason'])}")]
-    late = 0
-    while rows and late < len(rows) and rows[-1 - late]["reason"]:
-        late += 1
+    late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
     if late > 2:
         why = _short(rows[-1]["reason"])
         return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
@@ -222,8 +220,7 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
     if not rows:
         return []
     reasons = dict.fromkeys(row["reason"] for row in rows if row["reason"])
-    names = ", ".join(row["parameter"] for row in rows[:4])
-    why = "; ".join(list(reasons)[:2]) or names
+    why = "; ".join(list(reasons)[:2]) or ", ".join(row["parameter"] for row in rows[:4])
     return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
 
 

@@ -203,19 +203,16 @@ def _means(types: pl.DataFrame) -> Section:
 
 def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, str]) -> Table:
     """All robots of the type with where they differ most."""
-    largest = dict[str, tuple[str, float]]()
-    for row in members.iter_rows(named=True):
-        if row["spreads"] is None:
-            continue
-        size = abs(row["spreads"])
-        if size >= largest.get(row["robot"], ("", 0.0))[1]:
-            largest[row["robot"]] = row["parameter"], size
+    sizes = members.drop_nulls("spreads").with_columns(pl.col("spreads").abs())
+    ordered = sizes.sort("spreads", maintain_order=True)
+    largest = {row["robot"]: row for row in ordered.iter_rows(named=True)}
+    nothing = {"parameter": NOTHING, "spreads": None}
     rows = tuple(
         (
             robot.name,
             LIKE[robot.belongs],
-            largest.get(robot.name, (NOTHING,))[0],
-            shown(largest[robot.name][1], 3) if robot.name in largest else NOTHING,
+            largest.get(robot.name, nothing)["parameter"],
+            shown(largest.get(robot.name, nothing)["spreads"], 3),
             day(robot.last),
             str(robot.recordings),
         )
