@@ -2,11 +2,20 @@
 
 import polars as pl
 
+from deltaid.recording.mapping import ColumnMapping
 from logs import names, recorded, text
 
 ROWS = 300
 GOOD = text(recorded(ROWS))
 COLUMNS = names("t", "q", "tau")
+# Of a log without names.
+NUMBERED = ColumnMapping.model_validate(
+    {
+        "time": {"column": 1},
+        "position": [{"column": i, "unit": "rad"} for i in (2, 3, 4)],
+        "torque": [{"column": i, "unit": "Nm"} for i in (5, 6, 7)],
+    }
+)
 
 
 def with_field(row: int, column: str, value: str, source: str = GOOD) -> str:

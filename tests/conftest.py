@@ -166,6 +166,15 @@ def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    """Chromium, as far as it is there."""
+    from visit import chromium  # only where a browser is asked for
+
+    with chromium() as one:
+        yield one
+
+
 @pytest.fixture(scope="session")
 def opened(clavel: deltaid.Dynamics):
     """Opens a log, with a mapping if one is given, as one of Clavel's robot."""

@@ -5,10 +5,9 @@ import random
 import polars as pl
 import pytest
 
-from bad_logs import GOOD, ROWS, changed, with_field, with_line, without_rows
+from bad_logs import GOOD, NUMBERED, ROWS, changed, with_field, with_line, without_rows
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.clock_doubts import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
@@ -164,13 +163,6 @@ def test_later_passes_count_comments_once(tmp_path, opened) -> None:
         assert [log.table.row_place(row)[-3:] for row in (101, 102, 103)] == ["101", "104", "105"]
 
 
-NUMBERED = ColumnMapping.model_validate(
-    {
-        "time": {"column": 1},
-        "position": [{"column": i, "unit": "rad"} for i in (2, 3, 4)],
-        "torque": [{"column": i, "unit": "Nm"} for i in (5, 6, 7)],
-    }
-)
 HEADLESS = GOOD.split("\n", 1)[1]
 
 

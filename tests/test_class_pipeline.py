@@ -29,6 +29,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue_text, load_robot
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.workspace import Box, Cylinder
+from html_page import Document
 from support import KINDS
 
 _RANGE = r"([\d.]+)\s+(?:# )?to\s+(?:# )?(\d+\.\d+)"
@@ -245,7 +246,9 @@ def test_pages_of_an_excitation_with_linear_drives(tmp_path: Path) -> None:
     arguments = ("-o", motion, "--plot", tmp_path / "m.png", "--report", page)
     outcome = run("excite", "i4-linear", "--starts", 1, "--harmonics", 2, *arguments)
     assert outcome.code == 0, outcome.err
+    assert f"wrote {page}" in outcome.out
     text = page.read_text(encoding="utf-8")
+    assert {"Motion", "Limits", "What it will tell", "Search"} <= set(Document(text).texts)
     assert re.search(r"Good: [\d.]+ s from rest to rest, within all \d+ limits; ", text)
     assert all(word in text for word in ("position [m]", "speed [m", "force [N]"))
     assert not any(word in text for word in ("angle [deg]", "speed [deg", "torque [N m]"))

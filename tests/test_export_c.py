@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import re
 import subprocess
 from pathlib import Path
@@ -20,9 +19,17 @@ from deltaid.exports.straight_line import Array, straight_line
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from exports import CC, STRICT, compiled, disturbed, needs_compiler, states, subject
+from exports import (
+    CC,
+    STRICT,
+    compiled,
+    disturbed,
+    every_friction_term,
+    needs_compiler,
+    states,
+    subject,
+)
 from sessions import ROOT, blocks
 from support import KINDS
 from sweeps import swept
@@ -36,12 +43,8 @@ def test_all_functions_of_the_catalogue(name: str, tmp_path: Path) -> None:
 
 @needs_compiler
 def test_optimised_code_with_springs_and_every_friction_term(tmp_path: Path) -> None:
-    data = load_robot("linear-delta").model_dump(mode="json", exclude_none=True)
-    data["friction"]["drive1"] |= {"power": {"coefficient": 2.0, "exponent": 0.6}, "load": 0.1}
-    data["friction"]["drive2"] |= {"viscous_back": 3.0, "coulomb_back": 4.0, "load": 0.05}
-    data["friction"]["drive3"] |= {"stribeck": {"coefficient": 2.0, "speed": 0.1}, "offset": 1.0}
-    data["springs"] = {"drive2": {"stiffness": 30.0, "rest": 0.05}}
-    rich = disturbed(RobotDescription.model_validate_json(json.dumps(data)))
+    springs = {"drive2": {"stiffness": 30.0, "rest": 0.05}}
+    rich = disturbed(every_friction_term().robot.changed(springs=springs))
     assert_same(build(rich, tmp_path, "-O2"), rich)
 
 

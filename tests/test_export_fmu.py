@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import zipfile
 from pathlib import Path
 
@@ -12,8 +11,6 @@ import pytest
 from fmpy.fmi2 import FMU2Model
 from fmpy.validation import validate_fmu
 
-from command import run
-from deltaid.exports import fmu_binaries
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import Compiler
 from deltaid.model.model import Model
@@ -129,21 +126,6 @@ def test_friction_that_would_drive_is_refused(speed: float, tmp_path: Path) -> N
         found.set(["friction_speed"], np.array([speed]))
         with pytest.raises(Exception, match="fmi2GetReal"):
             found.get("der(qd1)")
-
-
-def test_without_a_compiler_the_sources_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shutil, "which", lambda *_: None)
-    monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)
-    outcome = run("export", "linear-delta", "--to", "fmu", "-o", tmp_path / "a.fmu", width=400)
-    assert outcome.code == 0
-    assert "no C compiler was found" in outcome.err
-    with zipfile.ZipFile(tmp_path / "a.fmu") as archive:
-        assert set(archive.namelist()) == {
-            "modelDescription.xml", "sources/a.h", "sources/a.c", "sources/fmi2.c"
-        }  # fmt: skip
-    assert run("export", "linear-delta", "--to", "fmu", "-o", tmp_path / "b.fmu").code == 0
 
 
 def test_the_same_model_gives_the_same_file() -> None:

@@ -13,7 +13,6 @@ import pytest
 from command import run
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, together, write_bytes, written_whole
-from identified import identified
 from logs import recorded, write
 
 
@@ -83,13 +82,6 @@ def test_asking_whether_a_file_can_be_written_makes_nothing(tmp_path: Path) -> N
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     return write(tmp_path_factory.mktemp("log") / "log.csv", recorded(1500))
-
-
-def test_commands_make_missing_folders(tmp_path: Path) -> None:
-    torque = tmp_path / "torques" / "of" / "log.csv"
-    found = identified("clavel-delta3")
-    assert run("torque", found.model_file, found.log, "-o", torque).code == 0
-    assert listing(tmp_path) == ["torques", "torques/of", "torques/of/log.csv"]
 
 
 def test_commands_that_fail_make_no_folders(tmp_path: Path, log: Path) -> None:

@@ -1,6 +1,5 @@
 """The site of a fleet in headless Chromium: it draws, searches, sorts, and asks nobody."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from playwright import sync_api
 
 from fleet_tables import TYPES, write, write_tables
 from html_page import HOSTILE
-from visit import CHROMIUM, Visit, chromium
+from visit import CHROMIUM, Visit
 
 pytestmark = [
     pytest.mark.slow,
@@ -26,12 +25,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     earlier = pl.col("horizon") - pl.duration(days=30 * (pl.col("robot") == "R003").cast(pl.Int64))
     pl.read_parquet(path).with_columns(horizon=earlier).write_parquet(path)
     return write(folder).parent
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[sync_api.Browser]:
-    with chromium() as one:
-        yield one
 
 
 def names(page: Any) -> list[str]:

@@ -58,17 +58,6 @@ def with_offsets(robot: RobotDescription) -> np.ndarray:
 # --- forward and inverse --------------------------------------------------------------------------
 
 
-@every_robot
-def test_forward_after_inverse_is_the_identity(name: str) -> None:
-    """A mass matrix that is not positive definite would make this NaN."""
-    robot = load_robot(name)
-    dynamics, p = Dynamics(robot), prior_parameters(robot)
-    z, zd, zdd = states(dynamics.kinematics)
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = dynamics.torque(z, qd, qdd, p)
-    assert_close(compiled_forward(robot).acceleration(z, zd, tau, p), zdd, 1e-9)
-
-
 def test_identity_in_drive_coordinates_with_every_friction_term() -> None:
     robot = load_robot("irb360-6-1600")
     laws = dict.fromkeys(("drive1", "drive4"), EVERY_TERM) | {"drive2": OFFSET}

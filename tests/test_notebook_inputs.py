@@ -189,4 +189,3 @@ def test_cured_columns_are_the_cure() -> None:
 
 def test_the_version_is_that_of_the_package() -> None:
     assert deltaid.__version__ == version("deltaid")
-    assert "__version__" in dir(deltaid)

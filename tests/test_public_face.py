@@ -92,53 +92,6 @@ def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def model_file(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.yaml"
-    deltaid.identify(deltaid.load_robot(NAME), [log]).model.save(path)
-    return path
-
-
-def test_identify_save_load_predict_export(
-    truth: np.ndarray, log: Path, model_file: Path, tmp_path: Path
-) -> None:
-    model = deltaid.load(model_file)
-    assert model.identified is not None
-    assert model.robot == deltaid.load_robot(NAME)
-    data = np.genfromtxt(log, delimiter=",", names=True)
-    q, qd, qdd, tau = (
-        np.column_stack([data[f"{kind}{i}"] for i in (1, 2, 3)])
-        for kind in ("q", "qd", "qdd", "tau")
-    )
-    predicted = model.dynamics.inverse_dynamics(q, qd, qdd, model.p)
-    np.testing.assert_allclose(predicted, tau, atol=1e-4 * np.abs(tau).max())
-    assert model.value("coulomb.drive2") == pytest.approx(
-        truth[model.layout.names.index("coulomb.drive2")], rel=1e-3
-    )
-    error, _ = deltaid.validate(model, log)
-    assert np.all(error.rms < 1e-4 * np.abs(tau).max())
-    written = deltaid.export(model, "c", tmp_path)
-    assert {path.suffix for path in written.paths} == {".c", ".h"}
-    assert set(written.paths) == set(tmp_path.iterdir())
-
-
-def test_a_name_a_robot_file_and_a_model_file_are_taken_alike(
-    truth: np.ndarray, log: Path, robot_file: Path, model_file: Path
-) -> None:
-    prior = deltaid.prior_parameters(deltaid.load_robot(NAME))
-    for source in (NAME, robot_file):
-        model = deltaid.load(source)
-        assert model.identified is None
-        assert "prior" in model.origin
-        np.testing.assert_array_equal(model.p, prior)
-    rms = {}
-    for source in (NAME, robot_file, model_file):
-        error, _ = deltaid.validate(source, log)
-        rms[source] = error.rms
-    np.testing.assert_array_equal(rms[NAME], rms[robot_file])
-    assert np.all(rms[model_file] < 0.01 * rms[NAME])
-
-
 def test_the_block_of_the_readme_runs(
     truth: np.ndarray, log: Path, robot_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 import zstandard
 
+from bad_logs import NUMBERED
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.recording import table
 from deltaid.recording.formats import csv_lines, parquet
@@ -165,16 +166,9 @@ def test_rows_above_the_data_can_be_declared(tmp_path, frame) -> None:
 def test_columns_without_names_are_numbered(tmp_path, frame, separator, number) -> None:
     if (separator, number) == (",", comma):
         separator = " ;"
-    mapping = ColumnMapping.model_validate(
-        {
-            "time": {"column": 1},
-            "position": [{"column": i, "unit": "rad"} for i in (2, 3, 4)],
-            "torque": [{"column": i, "unit": "Nm"} for i in (5, 6, 7)],
-        }
-    )
     rows = text(frame, separator, number=number).split("\n", 1)[1]
     path = write(tmp_path / "log.csv", "# a remark\n" + rows)
-    np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
+    np.testing.assert_array_equal(read(path, NUMBERED), frame.to_numpy())
 
 
 def test_whole_numbers_do_not_decide_the_decimal_mark(tmp_path) -> None:

@@ -54,12 +54,6 @@ def test_friction_columns_of_the_slide(name: str) -> None:
     assert_close(Y[:, :, names.index("coulomb.slide")], partial * np.sign(speed), 1e-9)
 
 
-def test_friction_opposes_the_motion(irb360: Dynamics) -> None:
-    _, q, qd, _ = generic_states(irb360, 50)
-    f = irb360.terms(q, qd, prior_parameters(irb360.robot)).f
-    assert np.einsum("si,si->s", f, qd).min() > 0
-
-
 def test_friction_is_of_the_described_joints_only() -> None:
     """In the joints' order, whatever the order in the description."""
     robot = random_twin(13, telescope=True).robot

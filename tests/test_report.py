@@ -2,7 +2,6 @@
 
 import base64
 import gzip
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import refused, run
+from command import refused
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import torque_error
@@ -150,29 +149,6 @@ def test_friction_curves_are_the_models_laws(result: Identification) -> None:
     viscous, coulomb = (result.model.value(f"{kind}.drive2") for kind in ("viscous", "coulomb"))
     curve = law(result.model.robot, "drive2", v, result.model.p)
     np.testing.assert_allclose(curve, viscous * v + coulomb * np.sign(v), rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_commands_write_the_report(folder: Path, tmp_path: Path) -> None:
-    robot, log = folder / "robot.yaml", next(folder.glob("*.csv"))
-    model, page = tmp_path / "model.yaml", tmp_path / "page.html"
-    plain = ("--friction", "described", "--lag", "none", "--no-events")
-    outcome = run("identify", robot, log, "-o", model, "--verify", log, *plain, "--report", page)
-    assert outcome.code == 0
-    assert f"wrote {page}" in outcome.out
-    assert "Verification" in Document(page.read_text("utf-8")).texts
-    outcome = run("validate", model, log, "--report", page, "--json")
-    assert json.loads(outcome.out)["rms"]
-    assert "The model" in Document(page.read_text("utf-8")).texts
-
-
-@pytest.mark.slow
-def test_excite_writes_the_report(tmp_path: Path) -> None:
-    page, short = tmp_path / "page.html", ("--starts", 1, "--duration", 3, "--harmonics", 2)
-    outcome = run("excite", "clavel-delta3", *short, "--report", page)
-    assert f"wrote {page}" in outcome.out
-    texts = Document(page.read_text("utf-8")).texts
-    assert {"Motion", "Limits", "What it will tell", "Search"} <= set(texts)
 
 
 def test_a_report_that_cannot_be_written_is_refused_before_any_work(

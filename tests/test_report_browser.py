@@ -1,7 +1,6 @@
 """The report in headless Chromium: it draws, moves, fits, goes dark, prints, and asks nobody."""
 
 import shutil
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
@@ -9,10 +8,9 @@ import numpy as np
 import polars as pl
 import pytest
 from matplotlib.image import imread
-from playwright import sync_api
 
 from command import run
-from visit import CHROMIUM, Visit, chromium
+from visit import CHROMIUM, Visit
 
 pytestmark = [
     pytest.mark.slow,
@@ -42,12 +40,6 @@ def reports(tmp_path_factory: pytest.TempPathFactory, demonstration: Path) -> di
     )  # fmt: skip
     assert [run(*command).code for command in commands] == [0] * (len(PAGES) - 1)
     return pages
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[sync_api.Browser]:
-    with chromium() as one:
-        yield one
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -1,7 +1,6 @@
 """What a report says first: on screen and on two printed pages, in words that it explains."""
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.check import short_table
 from deltaid.view.html import write_page
 from deltaid.view.model_pages import validation_page
-from visit import CHROMIUM, Visit, chromium
+from visit import CHROMIUM, Visit
 
 NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
 pytestmark = [NO_CHROMIUM, pytest.mark.slow]
@@ -49,12 +48,6 @@ CONTRAST = """(selector) => {
 def report(demonstration: Path) -> Path:
     """The report of the demonstration, verified."""
     return demonstration / "identify.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[sync_api.Browser]:
-    with chromium() as one:
-        yield one
 
 
 def printed(visit: Visit) -> list[str]:

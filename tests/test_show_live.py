@@ -13,15 +13,9 @@ import numpy as np
 import pytest
 
 from command import refused
-from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import DeltaidError
-from deltaid.model.model import load
+from test_show import at_rest
 from visit import CHROMIUM, chromium
-
-
-def at_rest(name: str) -> AtRest:
-    found = load(name)
-    return AtRest(found.dynamics, found.p)
 
 
 def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
