@@ -8,7 +8,6 @@ stands, or moves otherwise, is brought to the platform's speed within `GRIP`. Si
 before the load is held, as the command to a valve does, or after. Writes `tables/belt_picks.md`.
 """
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,12 +152,11 @@ def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
     return near, holds
 
 
-def main() -> int:
+def main() -> None:
     """All cases, and the table."""
     made = line(seed=3)
     leave(HEAD, [row(made, case) for case in CASES], NOTE)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

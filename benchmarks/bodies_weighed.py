@@ -100,14 +100,13 @@ def row(
     )
 
 
-def main() -> int:
+def main() -> None:
     """Count, print, and write a table."""
     seeds = int(sys.argv[1]) if sys.argv[1:] else 100
     with ProcessPoolExecutor(cores()) as pool:
         table = [one for name in ROBOTS for case in CASES for one in rows(name, case, seeds, pool)]
     leave(HEAD, table, "Robots drawn from their priors; entries that data or a scale decides.")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -81,7 +81,7 @@ class Cost:
     memory: float
 
 
-def main() -> int:
+def main() -> None:
     """Simulate, measure, print; 1 if a command failed."""
     arguments = _arguments()
     sizes = [size for size in SIZES if size <= arguments.largest]
@@ -95,14 +95,13 @@ def main() -> int:
         if arguments.before is not None:
             for size, suffix in itertools.product(sizes, KINDS.values()):
                 _print_before(folder / f"{size}.{suffix}", arguments.before, arguments.repeats)
-            return 0
+            return
         for kind, suffix in KINDS.items():
             costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
             _print_table(kind, costs, folder, suffix)
         _print_stages(folder / f"{min(sizes[-1], USUAL)}.csv", arguments.repeats)
         _print_rates(folder, arguments.repeats, arguments.seed)
         _print_start(arguments.repeats)
-    return 0
 
 
 def write_logs(folder: Path, samples: int, seed: int) -> None:
@@ -244,4 +243,4 @@ def _arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

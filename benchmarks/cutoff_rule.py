@@ -9,7 +9,6 @@ all else alike. Leaves `tables/cutoff_rule.md`.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -76,7 +75,7 @@ def line(motion: str, gear: str, made: Case) -> tuple[tuple[str, ...], bool]:
     return row, within
 
 
-def main() -> int:
+def main() -> None:
     """Identify and compare."""
     parser = argparse.ArgumentParser(description="The rule for the cut-off against fixed ones.")
     parser.add_argument("--kinds", default="delta3")
@@ -94,8 +93,7 @@ def main() -> int:
         f"{100 * MORE:g} % in {sum(held)} of {len(held)} cases, for M and for friction."
     )
     leave(("kind", *HEAD), rows, note)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

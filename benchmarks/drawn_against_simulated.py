@@ -55,7 +55,7 @@ def _estimate(
     return estimate.values - problem.base.combination() @ truth, estimate.interval
 
 
-def main() -> int:
+def main() -> None:
     """Compare, print, and write a table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 40
     rows = [_compared(name, count) for name in ("clavel-delta3", "irb360-6-1600")]
@@ -66,8 +66,7 @@ def main() -> int:
         "as shares of half their 95 % intervals, and intervals against each other (geometric mean)."
     )
     leave(head, rows, note)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -209,7 +209,7 @@ def _recorded(
     return friction_series([one.file for one in own], model), own, model
 
 
-def main() -> int:
+def main() -> None:
     """Study, print, and write tables."""
     level = sys.argv[sys.argv.index("--level") + 1] if "--level" in sys.argv else "series"
     given = [int(one) for one in sys.argv[1:] if one.isdigit()]
@@ -217,8 +217,7 @@ def main() -> int:
         series(given[0] if given else 200)
     else:
         files(given[0] if given else 200)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -162,7 +162,7 @@ def time_command(repeats: int) -> None:
     )
 
 
-def main() -> int:
+def main() -> None:
     """Measure and print."""
     arguments = _arguments()
     exciter = Exciter(compiled(load_robot(ROBOT)), ExcitationSettings())
@@ -180,7 +180,6 @@ def main() -> int:
     compare_predictions(exciter, optimised, ranked)
     seeds = range(first, first + arguments.recordings)
     compare_identification(exciter, optimised, ranked, seeds)
-    return 0
 
 
 def _arguments() -> argparse.Namespace:
@@ -200,4 +199,4 @@ def _arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,7 +9,6 @@ another motion are counted: those that torques determine, whose ranges the recor
 all others, whose ranges the prior decides and which hold the truth as often as the prior is right.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,7 +48,7 @@ class Count:
         return f"{self.held} of {self.all} ranges hold the truth, {self.held / self.all:.1%}"
 
 
-def main() -> int:
+def main() -> None:
     """Count and print."""
     robot = load_robot(ROBOT)
     assert robot.limbs is not None
@@ -61,7 +60,6 @@ def main() -> int:
     print(f"{ROBOT}, {RECORDINGS} recordings")
     print(f"forces that torques determine: {determined}")
     print(f"all others: {others}")
-    return 0
 
 
 def _one(
@@ -91,4 +89,4 @@ def _one(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -11,7 +11,6 @@ value and the comment that gives its reason, and then those that several modules
 import argparse
 import ast
 import re
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -158,7 +157,7 @@ def list_constants(files: list[Source]) -> None:
         print(f"{key}: {', '.join(str(each.path.relative_to(PACKAGE)) for each in same)}")
 
 
-def main() -> int:
+def main() -> None:
     """Count, and write the table or list the constants."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--constants", action="store_true", help="list them instead")
@@ -168,8 +167,7 @@ def main() -> int:
         list_constants(files)
     else:
         leave(HEAD, rooms(files), note(files))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

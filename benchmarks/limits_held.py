@@ -23,7 +23,7 @@ ROBOTS = ("irb360-6-1600", "clavel-delta3")
 HEAD = ("robot", "limits", "motions", "largest use of a limit", "motions beyond a limit")
 
 
-def main() -> int:
+def main() -> None:
     """Optimise, count, write the table."""
     seeds, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 25, []
     for name in ROBOTS:
@@ -33,7 +33,6 @@ def main() -> int:
         rows.append(_row(name, "its own", use))
     rows.append(_row(ROBOTS[1], "random", [_random_limits(seed) for seed in range(seeds)]))
     leave(HEAD, rows, "Use of limits between the points that motions were optimised on.")
-    return 0
 
 
 def _row(name: str, limits: str, use: list[float]) -> tuple[object, ...]:
@@ -59,4 +58,4 @@ def _random_limits(seed: int) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

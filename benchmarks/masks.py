@@ -55,7 +55,7 @@ def row(name: str, rate: str, costs: Sequence[Cost]) -> tuple[str, ...]:
     )
 
 
-def main() -> int:
+def main() -> None:
     """Identify, print, and write the table."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 6
     rows, everything = list[tuple[str, ...]](), list[Cost]()
@@ -66,8 +66,7 @@ def main() -> int:
             everything += costs
     rows.append(row("all", "", everything))
     leave(HEAD, rows, NOTE)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,7 +9,6 @@ regularisations by the certified solver. Bounds: M within 1 % on and 2 % off the
 coefficients within 3 %, at any time along the motion.
 """
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -48,7 +47,7 @@ class Fitted:
         return all(getattr(a, name) <= bound for name, bound in BOUNDS.items())
 
 
-def main() -> int:
+def main() -> None:
     """Fit and print."""
     print("duration  harmonics  fits  M on     M off    friction  beyond the bounds")
     for settings in LENGTHS:
@@ -60,7 +59,6 @@ def main() -> int:
             f"{fits[0].duration:5.1f} s   {settings.harmonics:9}  {len(fits):4}  {shown}     "
             f"{beyond} of {len(fits)}"
         )
-    return 0
 
 
 def _fits(settings: ExcitationSettings) -> list[Fitted]:
@@ -93,4 +91,4 @@ def _fits(settings: ExcitationSettings) -> list[Fitted]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

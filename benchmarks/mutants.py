@@ -153,7 +153,7 @@ def _pytest(
     )
 
 
-def main() -> int:
+def main() -> None:
     """Draw, run, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=60)
@@ -170,7 +170,7 @@ def main() -> int:
     mutants = [mutant for mutant in mutants if not rooms or mutant.room in rooms]
     if asked.list:
         print(*mutants, sep="\n")
-        return 0
+        return
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         found = _known(asked.reach) or reach(mutants, work, options)
@@ -199,7 +199,6 @@ def main() -> int:
     counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
     text = f"{NOTE} **{killed} of {len(mutants)} are found** ({counts}; seed {asked.seed})."
     leave(("room", "mutant", "found by"), rows, text, asked.name)
-    return 0
 
 
 def _found_by(mutant: Mutant, answer: str) -> str:
@@ -219,4 +218,4 @@ def _copy(folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

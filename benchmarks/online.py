@@ -10,7 +10,6 @@ and as many with a push of 30 N about every second, from cold gears on. Leaves `
 """
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -163,7 +162,7 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
     return [count.row(name, payload, told) for told, count in counts.items()]
 
 
-def main() -> int:
+def main() -> None:
     """Simulate, watch, count, and write a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=6.0, help="of production, a kind")
@@ -178,8 +177,7 @@ def main() -> int:
         for of_kind in pool.map(counted, names, *own):
             rows += of_kind
             leave(HEAD, rows, NOTE)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

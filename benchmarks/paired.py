@@ -20,7 +20,7 @@ import numpy as np
 LEAST = 2e-4
 
 
-def main() -> int:
+def main() -> None:
     """Read both files and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("before", type=Path)
@@ -44,7 +44,6 @@ def main() -> int:
         if is_other(before[case], after[case]):
             print(f"\n{case}: {before[case]['errors']} → {after[case]['errors']}")
             print(f"  before {told(before[case])}\n  after  {told(after[case])}")
-    return 0
 
 
 def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
@@ -68,4 +67,4 @@ def is_other(before: dict, after: dict) -> bool:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

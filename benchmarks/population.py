@@ -9,12 +9,11 @@ one robot whose parts were weighed. Leaves `tables/population.md`.
 """
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from _drawn_templates import SETTINGS
-from _table import leave
+from _table import leave, table
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
@@ -204,12 +203,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     return rows
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    lines = [" | ".join(map(str, row)) for row in (head, ["---"] * len(head), *rows)]
-    return "\n".join(f"| {line} |" for line in lines)
-
-
-def main() -> int:
+def main() -> None:
     """Study, print, and write tables."""
     robots = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     types = int(sys.argv[2]) if len(sys.argv) > 2 else 3
@@ -227,16 +221,15 @@ def main() -> int:
     note = (
         f"{types} types of {robots} robots each; bodies' entries differ by {BODY:.0%} of their "
         f"sizes, friction by {FRICTION:.0%}; {RECORDINGS} recordings of 12 s a robot.\n\n"
-        f"Share of 95 % intervals that hold the truth:\n\n{_table(head, holds)}\n\n"
-        f"Robots that do not belong:\n\n{_table(others, strangers(min(robots, 60)))}\n\n"
+        f"Share of 95 % intervals that hold the truth:\n\n{table(head, holds)}\n\n"
+        f"Robots that do not belong:\n\n{table(others, strangers(min(robots, 60)))}\n\n"
         "Standard deviations of bodies' entries as shares of their values: of a robot by its own "
         "recordings, within its fleet, and within one of which one other robot's parts were "
         "weighed; and of a new robot by the type's description over that by the plain one"
     )
     leave(("robot", "entry", "robots differ by", "alone", "within the fleet",
            "with one robot weighed", "next robot", "next, one weighed"), rows, note)  # fmt: skip
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

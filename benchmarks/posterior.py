@@ -42,7 +42,7 @@ CHAINS, BEFORE, BETWEEN, DRAWS = 200, 6000, 1500, 8
 ALONE = 0.03
 
 
-def main() -> int:
+def main() -> None:
     """Study, print, and write a table."""
     rows = []
     for name in sys.argv[1:] or ROBOTS:
@@ -55,7 +55,6 @@ def main() -> int:
         "that holds 95 % of 10,000 models over that of the interval."
     )
     leave(HEAD, rows, note)
-    return 0
 
 
 def study(name: str, model: IdentifiedModel, truth: np.ndarray) -> tuple[object, ...]:
@@ -198,4 +197,4 @@ def coverage(model: IdentifiedModel, truth: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,7 +7,6 @@ the process had, less what it had before it opened the file.
 import argparse
 import gzip
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -183,23 +182,16 @@ def main() -> None:
 def _read(path: Path) -> dict[str, float]:
     """Time, memory and samples of reading one file."""
     import_module("deltaid.recording.recording")  # what every command loads
+    from damage import largest_memory
     from deltaid.recording.resolution import resolve_columns
     from deltaid.recording.table import open_table, read_batches
 
-    before, start = _peak(), time.process_time()
+    before, start = largest_memory(), time.process_time()
     table = open_table(path)
     columns = resolve_columns(table, (False,) * DRIVES)
     samples = sum(len(batch.values) for batch in read_batches(table, columns))
     cpu = time.process_time() - start
-    return {"samples": samples, "cpu": cpu, "megabytes": _peak() - before}
-
-
-def _peak() -> float:
-    """Largest memory of this process so far [MB]."""
-    status = Path("/proc/self/status")
-    if status.exists():  # what `resource` tells there begins with the memory of the parent
-        return int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20)
+    return {"samples": samples, "cpu": cpu, "megabytes": largest_memory() - before}
 
 
 if __name__ == "__main__":

@@ -186,7 +186,7 @@ def kind(row: str) -> int:
     return 0 if row == "clean" else 2 if row in MIXED else 1
 
 
-def main() -> int:
+def main() -> None:
     """Identify on all machines, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=60)
@@ -199,7 +199,7 @@ def main() -> int:
     if asked.answers:
         for k in range(len(list(asked.keep.glob("recording-*")))):
             print(json.dumps(answer(asked.keep / f"recording-{k}")), flush=True)
-        return 0
+        return
     wanted = recordings(asked.recordings)
     with tempfile.TemporaryDirectory() as folder:
         keep = asked.keep or Path(folder)
@@ -215,8 +215,7 @@ def main() -> int:
         count=len(wanted), clean=clean, single=single, mixed=mixed, first=next(iter(MACHINES))
     )
     leave(HEAD, list(rows(wanted, found)), note)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

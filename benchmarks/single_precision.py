@@ -28,6 +28,7 @@ from deltaid.exports.text import SINGLE
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
+from exports import floats
 
 ROBOTS = (
     "clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4", "i4-linear", "par4-linear",
@@ -60,11 +61,6 @@ def main() -> None:
     head = [f"{plain}{low} to {high}" for plain in ("", "plain, ") for low, high in BINS]
     rows = [(name, *(f"{x:.0e}" for x in row.ravel())) for name, row in worst.items()]
     leave(("condition", *head), rows, NOTE)
-
-
-def floats(x: np.ndarray) -> np.ndarray:
-    """Numbers of single precision."""
-    return x.astype(np.float32).astype(float)
 
 
 def poses(model: Model) -> tuple[np.ndarray, np.ndarray]:

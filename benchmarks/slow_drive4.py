@@ -172,7 +172,7 @@ def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
     )
 
 
-def main() -> int:
+def main() -> None:
     """Reproduce on all kernels, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
@@ -185,13 +185,12 @@ def main() -> int:
     if asked.runs:
         for seed in seeds:
             print(json.dumps(run(replace(settings, seed=seed))), flush=True)
-        return 0
+        return
     found = {core: on(core, seeds) for core in CORES}
     every = [one for runs in found.values() for one in runs]
     example = "the quick example" if asked.quick else "the full example, as it is without `--quick`"
     leave(HEAD, rows(found, seeds), note(every, asked.seeds, example))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

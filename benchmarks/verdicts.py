@@ -11,7 +11,6 @@ tests run a few (`tests/test_verdicts.py`).
 
 import argparse
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable
@@ -115,7 +114,7 @@ def show(kind: str, seed: int) -> None:
     print(score(case, found))
 
 
-def main() -> int:
+def main() -> None:
     """Judge, count, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--clean", type=int, default=200)
@@ -128,7 +127,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.only and given.show:
         show(given.only, given.seed)
-        return 0
+        return
     kinds = [given.only] if given.only else given.kinds.split(",")
     asked = [(kinds[i % len(kinds)], given.seed + i) for i in range(given.faulty)]
     asked += [("clean", given.seed + 10_000 + i) for i in range(given.clean)]
@@ -136,8 +135,7 @@ def main() -> int:
         results = list(pool.map(result, *zip(*asked, strict=True), chunksize=1))
     results.sort(key=lambda one: (one.kind != "clean", one.kind))
     leave(HEAD, list(rows(results)), summary(results) + "\n\n" + missed(results))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,7 +7,6 @@ columns are compared with the true ones. Writes `tables/wiring.md`.
 """
 
 import argparse
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -176,7 +175,7 @@ def rows(results: dict[tuple[str, str], list[Result]]) -> list[tuple[object, ...
     return out
 
 
-def main() -> int:
+def main() -> None:
     """Judge, count, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=20)
@@ -207,8 +206,7 @@ def main() -> int:
         sums.update(recordings=len(of), wrong_fixes=sum(r.wrong_fix for r in of))
     order = {key: results[key] for key in sorted(results, key=lambda k: names.index(k[0]))}
     leave(HEAD, rows(order), f"{sums['recordings']} recordings, {sums['wrong_fixes']} wrong fixes.")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

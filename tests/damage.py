@@ -76,7 +76,7 @@ def outcome(
     Raises:
         Exception: whatever is not the package's own error.
     """
-    start, memory = time.monotonic(), _peak()
+    start, memory = time.monotonic(), largest_memory()
     end, message = "altered", ""
     try:
         log = open_log(path, kinematics, columns)
@@ -85,7 +85,7 @@ def outcome(
             end = "read"
     except DeltaidError as error:
         end, message = "refused", str(error)
-    return Outcome(end, message, time.monotonic() - start, _peak() - memory)
+    return Outcome(end, message, time.monotonic() - start, largest_memory() - memory)
 
 
 def complaint(found: Outcome, path: Path) -> str:
@@ -106,7 +106,7 @@ def complaint(found: Outcome, path: Path) -> str:
     return ""
 
 
-def _peak() -> float:
+def largest_memory() -> float:
     """Largest memory of this process so far [MB]."""
     status = Path("/proc/self/status")
     if status.exists():  # what `resource` tells there begins with the memory of the parent

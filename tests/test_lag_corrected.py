@@ -11,7 +11,7 @@ from deltaid.cli.output import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import slope
-from deltaid.effects.lag_groups import agree, chosen_groups
+from deltaid.effects.lag_groups import chosen_groups
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
@@ -119,13 +119,6 @@ def test_a_filter_of_the_drive_counts_as_lag() -> None:
     assert np.all(np.isfinite(lags.told))
 
 
-def test_estimates_agree_that_do_not_contradict_each_other() -> None:
-    covariance = 1e-4 * np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 4.0]])
-    assert agree(np.array([1.0, 1.0, 1.04]), covariance)
-    assert not agree(np.array([1.0, 1.03, 1.0]), covariance)
-    assert agree(np.array([1.0, 1.03, 1.0]), np.diag(np.diag(covariance)))
-
-
 def test_groups_are_as_few_as_scatter_allows() -> None:
     covariance = np.diag(np.array([2e-5, 3e-5, 2e-5, 6e-4]) ** 2)
 
@@ -139,13 +132,6 @@ def test_groups_are_as_few_as_scatter_allows() -> None:
     assert groups(1e-3, 2e-3, 3e-3, 4e-2) == ((0,), (1,), (2,), (3,))
     alike = chosen_groups(np.array([2e-3, 2.03e-3, 2e-3, 2.9e-3]), covariance).delay
     assert alike[0] == alike[3] == pytest.approx(2.006e-3, abs=1e-5)
-
-
-def test_a_small_lag_of_all_drives_is_seen_together() -> None:
-    """No drive's alone, nor all of them as numbers of their own."""
-    covariance = np.diag(np.full(4, 1e-4**2))
-    assert chosen_groups(np.full(4, 2.1e-4), covariance).groups == ((0, 1, 2, 3),)
-    assert chosen_groups(np.array([2.1e-4, -2.1e-4, 2.1e-4, -2.1e-4]), covariance).groups == ()
 
 
 def test_the_slope_of_torques_has_no_steps() -> None:
