@@ -8,12 +8,12 @@ import sys
 import time
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from command import refused, run
 from deltaid.robot.load import load_robot
 from deltaid.studio.drafting.questions import QUESTIONS
-from json_schema import violations
 
 LENGTHS = (
     "--arm", "220 mm", "--strut", "0.5", "--base-radius", "16cm", "--platform-radius", "50mm",
@@ -44,7 +44,7 @@ def test_a_file_from_options(tmp_path: Path) -> None:
     assert "The &#34;first&#34;: one" in page.read_text(encoding="utf-8")
     schema = json.loads((tmp_path / "robot.schema.json").read_text(encoding="utf-8"))
     written = robot.model_dump(mode="json", exclude_unset=True, exclude_none=True)
-    assert violations(written, schema) == []
+    jsonschema.validate(written, schema)
     assert run("check", tmp_path / "mine.yaml").code == 0
 
 
