@@ -8,16 +8,10 @@ from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
 from deltaid.recording.mapped_columns import DriveColumn, TimeColumn
-from deltaid.recording.mapping import ColumnMapping, Quantity
+from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, Quantity
 
 # In one unit for all drives, or one a drive.
 Units = str | Sequence[str]
-_QUANTITY: dict[str, Quantity] = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "tau": "torque",
-}
 
 
 def copied(values: np.ndarray) -> np.ndarray:
@@ -106,23 +100,14 @@ def beside(
     Args:
         taken: names of the other columns.
     """
-    columns: dict[str, np.ndarray] = {}
-    for key, value in given.items():
-        where = f"{name}, extra {key}"
+    for key in given:
         if key in taken:
             raise RecordingError(
-                f"{key} is the name of a drive's column, or of the time", where=where,
+                f"{key} is the name of a drive's column, or of the time",
+                where=f"{name}, extra {key}",
                 cure="give it another name",
-            )  # fmt: skip
-        array = numbers_of(value, where, truths=True)
-        if array.ndim not in (1, 2) or len(array) != samples:
-            raise RecordingError(
-                f"has shape {array.shape}, but q has {samples} rows",
-                where=where,
-                cure="give one number a sample, or of a sensor one row a sample",
             )
-        columns |= _named_columns(key, array)
-    return columns
+    return _columns(given, f"{name}, extra ", samples)
 
 
 def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[str, np.ndarray]:
@@ -141,28 +126,35 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
                 cure="give a dictionary of arrays, or deltaid.Recording.from_arrays(…)",
             )
         table = {key: table[key] for key in table.dtype.names}
-    columns, samples = dict[str, np.ndarray](), -1
-    for key, value in table.items():
-        where = f"{name}, {key}"
-        array = numbers_of(value, where, truths=True)
-        if array.ndim not in (1, 2) or samples not in (-1, len(array)):
+    return _columns(table, f"{name}, ")
+
+
+def _columns(
+    given: Mapping[str, ArrayLike], prefix: str, samples: int | None = None
+) -> dict[str, np.ndarray]:
+    """Copies of columns; those of an array of several as `key[0]`, `key[1]`, …
+
+    Args:
+        prefix: of their names, in messages.
+        samples: how many each has; None if the first decides.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for key, value in given.items():
+        array = numbers_of(value, f"{prefix}{key}", truths=True)
+        if array.ndim not in (1, 2) or samples not in (None, len(array)):
             turned = array.ndim == 2 and array.shape[1] == samples
             raise RecordingError(
-                f"has shape {array.shape}" + f", but others have {samples} rows" * (samples > 0),
-                where=where,
+                f"has shape {array.shape}" + f", but others have {samples} rows" * bool(samples),
+                where=f"{prefix}{key}",
                 cure="give one row a sample: "
-                + (f"{key}.T" if turned else "(samples,) or (samples, drives)"),
+                + (f"{key}.T" if turned else "(samples,) or (samples, columns)"),
             )
         samples = len(array)
-        columns |= _named_columns(str(key), array)
+        if array.ndim == 1:
+            columns[str(key)] = copied(array)
+        else:
+            columns |= {f"{key}[{i}]": copied(column) for i, column in enumerate(array.T)}
     return columns
-
-
-def _named_columns(key: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """A column under its name; those of an array of several as `key[0]`, `key[1]`, …"""
-    if array.ndim == 1:
-        return {key: copied(array)}
-    return {f"{key}[{i}]": copied(array[:, i]) for i in range(array.shape[1])}
 
 
 def mapping_of(
@@ -170,8 +162,8 @@ def mapping_of(
 ) -> ColumnMapping | None:
     """The units as a mapping; None without any."""
     columns: dict[Quantity, tuple[DriveColumn, ...]] = {}
-    for key, unit in units.items():
-        if unit is None:
+    for quantity, key in SHORT_NAMES.items():
+        if (unit := units[key]) is None:
             continue
         where = f"{name}, unit_{key}"
         if key not in arrays:
@@ -186,7 +178,7 @@ def mapping_of(
                 where=where,
                 cure="give one for all, or one a drive",
             )
-        columns[_QUANTITY[key]] = tuple(
+        columns[quantity] = tuple(
             DriveColumn(column=f"{key}{i + 1}", unit=unit) for i, unit in enumerate(each)
         )
     if not columns and unit_t is None:

@@ -127,12 +127,13 @@ class Log(Shown):
         sensors, untold = self.columns.sensor_places, Weights(self._untold, 1)
         stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, motion = 0, self.columns.motion_places
-        for batch in bridged(self._read(), stale, motion):
-            values = np.hstack([batch.values, weights.of_rows(row, len(batch.values))])
+        blocks = (batch.values for batch in self._read())
+        for block in bridged(blocks, stale, motion):
+            values = np.hstack([block, weights.of_rows(row, len(block))])
             if sensors.start < sensors.stop:
                 values[untold.of_rows(row, len(values))[:, 0] == 0.0, sensors] = np.nan
-            yield Batch(batch.row, values)
-            row += len(batch.values)
+            yield Batch(self.table.first_row + row, values)
+            row += len(block)
 
     def _read(self) -> Iterator[Batch]:
         return self.kept.read(self.columns) if self.kept else read_batches(self.table, self.columns)

@@ -20,7 +20,14 @@ from deltaid.robot.part import Part
 from deltaid.shown import Shown
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]
-QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "torque")
+# Default names of their columns, without the drives' numbers.
+SHORT_NAMES: dict[Quantity, str] = {
+    "position": "q",
+    "velocity": "qd",
+    "acceleration": "qdd",
+    "torque": "tau",
+}
+QUANTITIES = tuple(SHORT_NAMES)
 # Default names of the time.
 TIMES = ("t", "time")
 # What may be given for the unit of dates, which have none.

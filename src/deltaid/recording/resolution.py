@@ -7,13 +7,12 @@ from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.mapped_columns import AllDrives, DriveColumn
-from deltaid.recording.mapping import DATES, QUANTITIES, TIMES, ColumnMapping, Quantity
+from deltaid.recording.mapping import DATES, QUANTITIES, SHORT_NAMES, TIMES, ColumnMapping, Quantity
 from deltaid.recording.sensor_resolution import Sensors, sensor_columns
 from deltaid.recording.source import Table
 from deltaid.recording.units import si_factor
 
-# Default names without their numbers, and SI units of drives that turn and that slide.
-_SHORT = {"position": "q", "velocity": "qd", "acceleration": "qdd", "torque": "tau"}
+# SI units of drives that turn and that slide.
 _TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
 # Scale and zero of temperatures in degrees Celsius.
@@ -81,9 +80,9 @@ def si_unit(quantity: Quantity, *, linear: bool) -> str:
 def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of a drive that the robot does not have."""
     used = {channel.column for channel in columns.all}
-    names = [f"{_SHORT[quantity]}{dof + 1}" for quantity in QUANTITIES]
+    names = [f"{SHORT_NAMES[quantity]}{dof + 1}" for quantity in QUANTITIES]
     found = [name for name in names if name in table.header and name not in used]
-    arrays = [f"{short}[{dof}]" for short in _SHORT.values() if f"{short}[0]" in used]
+    arrays = [f"{short}[{dof}]" for short in SHORT_NAMES.values() if f"{short}[0]" in used]
     return found + [name for name in arrays if _is_there(table, columns.time.column, name)]
 
 
@@ -129,13 +128,13 @@ def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
 
 
 def _default_names(quantity: Quantity, dof: int) -> list[str]:
-    return [f"{_SHORT[quantity]}{i + 1}" for i in range(dof)]
+    return [f"{SHORT_NAMES[quantity]}{i + 1}" for i in range(dof)]
 
 
 def _under_default_names(
     quantity: Quantity, table: Table, linear: tuple[bool, ...]
 ) -> tuple[Channel, ...]:
-    names, short = _default_names(quantity, len(linear)), _SHORT[quantity]
+    names, short = _default_names(quantity, len(linear)), SHORT_NAMES[quantity]
     if not any(name in table.header for name in names):
         array = find(table.fields, short)
         if not (find(table.fields, f"{short}[0]") and (not array or len(array[0].shape) > 1)):

@@ -31,7 +31,17 @@ def sensor_columns(
             wrong length, a unit does not fit, or some columns of a sensor are missing.
     """
     for name in mapping.sensors:
-        _require_known(name, sensors, mapping.source)
+        if name in sensors:
+            continue
+        near = difflib.get_close_matches(name, sensors, n=1)
+        has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
+        raise RecordingError(
+            f"the robot has no sensor {name[:40]}; {has}",
+            where=f"{mapping.source}, sensors",
+            cure=f"did you mean {near[0]}?"
+            if near
+            else "describe it under `sensors:` of the robot, or leave it out here",
+        )
     found: list[SensorChannels] = []
     for name, shown in sensors.items():
         given = mapping.sensors.get(name)
@@ -44,20 +54,6 @@ def sensor_columns(
         if channels:
             found.append(SensorChannels(name, channels, given.delay if given else 0.0))
     return tuple(found)
-
-
-def _require_known(name: str, sensors: Sensors, source: str) -> None:
-    if name in sensors:
-        return
-    near = difflib.get_close_matches(name, sensors, n=1)
-    has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
-    raise RecordingError(
-        f"the robot has no sensor {name[:40]}; {has}",
-        where=f"{source}, sensors",
-        cure=f"did you mean {near[0]}?"
-        if near
-        else "describe it under `sensors:` of the robot, or leave it out here",
-    )
 
 
 def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tuple[Channel, ...]:

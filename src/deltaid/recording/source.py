@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -51,6 +51,7 @@ class Table(ABC):
         first_row: of the first data, as a user counts it: a line of a CSV file, otherwise 1.
         units: of columns, as the file states them.
         warnings: what was seen of the layout.
+        doubts: what was seen while all rows were read last.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class Table(ABC):
     first_row: int = field(default=1, kw_only=True)
     units: dict[str, str] = field(default_factory=dict[str, str], kw_only=True)
     warnings: tuple[Doubt, ...] = field(default=(), kw_only=True)
+    doubts: list[Doubt] = field(default_factory=list[Doubt], compare=False, kw_only=True)
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -68,11 +70,6 @@ class Table(ABC):
     def header_place(self) -> str:
         """Where the names stand, for messages."""
         return str(self.path)
-
-    @property
-    def doubts(self) -> Iterable[Doubt]:
-        """What was seen while all rows were read."""
-        return ()
 
     @abstractmethod
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:

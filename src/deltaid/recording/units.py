@@ -8,7 +8,7 @@ beyond a product.
 
 import re
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from deltaid.errors import RecordingError
 
@@ -100,7 +100,7 @@ def is_unit(unit: str) -> bool:
     return _parsed(unit) is not None
 
 
-def _parsed(unit: str) -> "tuple[float, pint.Quantity] | None":
+def _parsed(unit: str) -> tuple[float, Any] | None:
     """The number before a unit, and one of the unit itself; None if it is not known."""
     import pint
 

@@ -1,7 +1,6 @@
 """Recordings whose columns are numpy arrays, or what can be cut like them."""
 
-from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -9,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.source import BATCH_ROWS, Rows, Table
+from deltaid.recording.source import Rows, Table
 
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
@@ -22,29 +21,26 @@ class Sliceable(Protocol):
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray: ...
 
 
+# Arrays by their names, and how many samples to read at a time.
+Arrays = tuple[Mapping[str, Sliceable], int]
+
+
 @dataclass(frozen=True)
 class ArrayTable(Table):
-    """A file of arrays, read in steps along the samples."""
+    """A file of arrays, read in steps along the samples.
 
-    @abstractmethod
-    def arrays(self, picks: Sequence[Pick]) -> AbstractContextManager[Mapping[str, Sliceable]]:
-        """The arrays of these columns by their names, readable while the context lasts.
+    Attributes:
+        arrays: opens those of some columns, which are readable while the context lasts. Raises a
+            RecordingError if the file is damaged.
+    """
 
-        Raises:
-            RecordingError: the file is damaged.
-        """
-
-    def step(self, arrays: Mapping[str, Sliceable], picks: Sequence[Pick]) -> int:
-        """How many samples are read at a time."""
-        return BATCH_ROWS
+    arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Rows of some columns, as in `Table.rows`."""
-        picks = self.picks(columns)
+        picks, origins = self.picks(columns), dict[str, np.datetime64]()
         samples = picks[0].samples or 0
-        origins = dict[str, np.datetime64]()
-        with self.arrays(picks) as arrays:
-            step = self.step(arrays, picks)
+        with self.arrays(picks) as (arrays, step):
             for start in range(0, samples, step):
                 parts = _cut(arrays, picks, start, min(start + step, samples))
                 numbers = [

@@ -67,6 +67,19 @@ class CsvTable(Table):
                     "and declare the units there",
                 )
             yield Rows(numbers, texts)
+        self.doubts.clear()
+        if self.marked:
+            self.doubts.append(
+                Doubt(
+                    f"lines that begin with a comment mark are ignored, but {len(self.marked)} of "
+                    "them hold a number for every other column, the first in row "
+                    f"{self.marked[0]}",
+                    cause="rows were commented out by hand",
+                    cure="if they are data, remove the mark",
+                )
+            )
+        if self.ends_open:
+            self.doubts.append(NO_LINE_BREAK)
 
     @property
     def header_place(self) -> str:
@@ -80,20 +93,6 @@ class CsvTable(Table):
     def row_place(self, row: int) -> str:
         """One row, counted as an editor counts lines."""
         return f"{self.path}, row {self.line(row)}"
-
-    @property
-    def doubts(self) -> Iterator[Doubt]:
-        """Lines that may be data behind a comment mark, and an open end."""
-        if self.marked:
-            yield Doubt(
-                f"lines that begin with a comment mark are ignored, but {len(self.marked)} of "
-                "them hold a number for every other column, the first in row "
-                f"{self.marked[0]}",
-                cause="rows were commented out by hand",
-                cure="if they are data, remove the mark",
-            )
-        if self.ends_open:
-            yield NO_LINE_BREAK
 
     @property
     def cure_of_missing(self) -> str:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
 from deltaid.recording.formats.arrays import (
+    Arrays,
     ArrayTable,
-    Sliceable,
     entries_of_type,
     fields_of,
 )
@@ -57,7 +57,8 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> Table:
         by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
         found = list(islice(_contents(file, by_matlab), _MOST))
     places = {field.name: place for field, place in found if place}
-    return Hdf5Table(path, tuple(field for field, _ in found), places, by_matlab)
+    fields = tuple(field for field, _ in found)
+    return ArrayTable(path, fields, partial(_arrays, path, places, by_matlab))
 
 
 # Where the numbers of a field are: a dataset's path in the file, or a reference to it, and of a
@@ -65,33 +66,23 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> Table:
 _Place = tuple[Any, tuple[str, ...]]
 
 
-@dataclass(frozen=True)
-class Hdf5Table(ArrayTable):
-    """An open HDF5 file, of which a few chunks are in memory at a time."""
+@contextmanager
+def _arrays(
+    path: Path, places: Mapping[str, _Place], by_matlab: bool, picks: Sequence[Pick]
+) -> Generator[Arrays, None, None]:
+    """Datasets of some columns, of which a few chunks are in memory at a time.
 
-    places: dict[str, _Place]
-    by_matlab: bool
-
-    @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
-        """Datasets of these columns, as in `ArrayTable.arrays`."""
-        with _opened(self.path) as file:
-            yield {
-                name: _Dataset(file, self.places[name], self.by_matlab, f"{self.path}, {name}")
-                for name in {pick.field.name for pick in picks}
-            }
-
-    def step(self, arrays: Mapping[str, Sliceable], picks: Sequence[Pick]) -> int:
-        """Whole chunks, so that each is unpacked once, as long as they fit into memory."""
-        step = row = 0
-        for name, axis in {(pick.field.name, pick.axis) for pick in picks}:
-            dataset = arrays[name]
-            assert isinstance(dataset, _Dataset)
-            step = max(step, dataset.chunk(axis))
-            row += dataset.row_bytes(axis)
-        if not step or step * row > _HELD:
-            return BATCH_ROWS
-        return -(-BATCH_ROWS // step) * step
+    Whole chunks are read, so that each is unpacked once, as long as they fit into memory.
+    """
+    used = {(pick.field.name, pick.axis) for pick in picks}
+    with _opened(path) as file:
+        arrays = {
+            name: _Dataset(file, places[name], by_matlab, f"{path}, {name}") for name, _ in used
+        }
+        chunk = max(arrays[name].chunk(axis) for name, axis in used)
+        row = sum(arrays[name].row_bytes(axis) for name, axis in used)
+        whole = 0 < chunk * row <= _HELD
+        yield arrays, -(-BATCH_ROWS // chunk) * chunk if whole else BATCH_ROWS
 
 
 class _Dataset:

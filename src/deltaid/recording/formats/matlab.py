@@ -7,12 +7,12 @@ from the whole variable in memory if it is compressed, as MATLAB does unless tol
 import mmap
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.formats.arrays import ArrayTable, Sliceable
+from deltaid.recording.formats.arrays import Arrays, ArrayTable
 from deltaid.recording.formats.mat5 import (
     DamagedMatError,
     MatVariable,
@@ -21,7 +21,7 @@ from deltaid.recording.formats.mat5 import (
     variables,
 )
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table, opened
+from deltaid.recording.source import BATCH_ROWS, Table, opened
 
 
 def is_matlab(start: bytes, path: Path) -> bool:
@@ -41,27 +41,21 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> Table:
                     places.setdefault(name, (variable, held))
                 else:
                     fields.append(held)
-    return MatlabTable(path, tuple(fields), places)
+    return ArrayTable(path, tuple(fields), partial(_arrays, path, places))
 
 
-@dataclass(frozen=True)
-class MatlabTable(ArrayTable):
-    """An open MATLAB file: compressed variables are in memory, others in the file."""
-
-    places: dict[str, tuple[MatVariable, Numbers]]
-
-    @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
-        """Variables of these columns, as in `ArrayTable.arrays`."""
-        names = {pick.field.name for pick in picks}
-        used = {self.places[name][0] for name in names}
-        with _mapped(self.path) as data:
-            unpacked = {variable: variable.unpacked(data) for variable in used}
-            yield {
-                name: numbers.array(unpacked[variable])
-                for name in names
-                for variable, numbers in (self.places[name],)
-            }
+@contextmanager
+def _arrays(
+    path: Path, places: Mapping[str, tuple[MatVariable, Numbers]], picks: Sequence[Pick]
+) -> Generator[Arrays, None, None]:
+    """Variables of some columns: compressed ones are in memory, others in the file."""
+    used = {pick.field.name: places[pick.field.name] for pick in picks}
+    with _mapped(path) as data:
+        unpacked = {variable: variable.unpacked(data) for variable, _ in used.values()}
+        arrays = {
+            name: numbers.array(unpacked[variable]) for name, (variable, numbers) in used.items()
+        }
+        yield arrays, BATCH_ROWS
 
 
 @contextmanager

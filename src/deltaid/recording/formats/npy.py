@@ -5,9 +5,10 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,9 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Field, Pick
-from deltaid.recording.formats.arrays import ArrayTable, Sliceable, entries_of, fields_of
+from deltaid.recording.formats.arrays import Arrays, ArrayTable, Sliceable, entries_of, fields_of
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table, first_line, opened
+from deltaid.recording.source import BATCH_ROWS, Table, first_line, opened
 
 # The one array of a .npy file is called so.
 _ONLY = "array"
@@ -37,20 +38,17 @@ def open_npy(path: Path, mapping: ColumnMapping) -> Table:
         size = path.stat().st_size - file.tell()
         if header.bytes > size and not header.dtype.hasobject:
             raise ValueError(f"claims {header.bytes} bytes, but has {size}")
-    return NpyTable(path, tuple(header.fields("" if header.dtype.names else _ONLY)))
+    fields = header.fields("" if header.dtype.names else _ONLY)
+    return ArrayTable(path, tuple(fields), partial(_mapped, path))
 
 
-@dataclass(frozen=True)
-class NpyTable(ArrayTable):
-    """An open .npy file, which stays on the disk."""
-
-    @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
-        """Arrays of these columns, as in `ArrayTable.arrays`."""
-        with _damage(self.path):
-            array = np.load(self.path, mmap_mode="r", allow_pickle=False)
-        parts = entries_of("" if array.dtype.names else _ONLY, array)
-        yield {name.removeprefix("."): part for name, part in parts.items()}
+@contextmanager
+def _mapped(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
+    """The array of a .npy file, which stays on the disk."""
+    with _damage(path):
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    parts = entries_of("" if array.dtype.names else _ONLY, array)
+    yield {name.removeprefix("."): part for name, part in parts.items()}, BATCH_ROWS
 
 
 def is_npz(start: bytes, path: Path) -> bool:
@@ -68,34 +66,30 @@ def open_npz(path: Path, mapping: ColumnMapping) -> Table:
                 header = _header(file)
             _require_sane(header, member)
             fields += header.fields(member.filename.removesuffix(_END))
-    return NpzTable(path, tuple(fields))
+    return ArrayTable(path, tuple(fields), partial(_members, path))
 
 
-@dataclass(frozen=True)
-class NpzTable(ArrayTable):
-    """An open archive: arrays with a sample a row are streamed, others are in memory."""
-
-    @contextmanager
-    def arrays(self, picks: Sequence[Pick]) -> Generator[Mapping[str, Sliceable], None, None]:
-        """Arrays of these columns, as in `ArrayTable.arrays`."""
-        axes: dict[str, set[int]] = {}
-        for pick in picks:
-            axes.setdefault(pick.field.name, set()).add(pick.axis)
-        with _archive(self.path) as archive, ExitStack() as members:
-            found: dict[str, Sliceable] = {}
-            for member in _arrays_of(archive):
-                base = member.filename.removesuffix(_END)
-                used = [name for name in axes if f"{name}.".startswith(f"{base}.")]
-                if not used:
-                    continue
-                stream = _Stream(members.enter_context(archive.open(member)))
-                if axes.get(base) == {0} and stream.is_by_rows:
-                    found.setdefault(base, stream)
-                    continue
-                with archive.open(member) as file:
-                    array = np.lib.format.read_array(file, allow_pickle=False)
-                found = entries_of(base, array) | found
-            yield found
+@contextmanager
+def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
+    """Arrays of an archive: those with a sample a row are streamed, others are in memory."""
+    axes: dict[str, set[int]] = {}
+    for pick in picks:
+        axes.setdefault(pick.field.name, set()).add(pick.axis)
+    with _archive(path) as archive, ExitStack() as members:
+        found: dict[str, Sliceable] = {}
+        for member in _arrays_of(archive):
+            base = member.filename.removesuffix(_END)
+            used = [name for name in axes if f"{name}.".startswith(f"{base}.")]
+            if not used:
+                continue
+            stream = _Stream(members.enter_context(archive.open(member)))
+            if axes.get(base) == {0} and stream.is_by_rows:
+                found.setdefault(base, stream)
+                continue
+            with archive.open(member) as file:
+                array = np.lib.format.read_array(file, allow_pickle=False)
+            found = entries_of(base, array) | found
+        yield found, BATCH_ROWS
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -65,17 +65,10 @@ class BagTable(Table):
     Attributes:
         topics: of joint states, by name.
         names: default names of columns, where names of joints leave no doubt.
-        noticed: what the last pass over all rows noticed.
     """
 
     topics: dict[str, Topic]
     names: dict[str, tuple[str, Number]]
-    noticed: list[Doubt] = field(default_factory=list[Doubt], compare=False)
-
-    @property
-    def doubts(self) -> list[Doubt]:
-        """Clocks, and messages that are left out."""
-        return self.noticed
 
     @property
     def cure_of_missing(self) -> str:
@@ -137,10 +130,10 @@ class BagTable(Table):
         for place in places:
             if isinstance(place, tuple):
                 wanted.setdefault(place[0], []).append(place[1])
-        self.noticed.clear()
+        self.doubts.clear()
         received = _RECEIVED in places or not all(self.topics[name].stamped for name in wanted)
         if received and _RECEIVED not in places:
-            self.noticed.append(
+            self.doubts.append(
                 Doubt(
                     "header stamps are all zero; the time of receipt is used in their place, which "
                     "has the jitter of the way to the recorder",
@@ -199,7 +192,7 @@ class BagTable(Table):
                     cure="map joints and quantities that come in the same message",
                 )
             if lost[name]:
-                self.noticed.append(
+                self.doubts.append(
                     Doubt(
                         f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have "
                         "a number in each of the columns in use; they are excluded",
@@ -225,7 +218,7 @@ class BagTable(Table):
         same = [np.array_equal(signal.time, signals[onto].time) for signal in signals]
         if not all(same):
             others = [name for name, is_same in zip(names, same, strict=True) if not is_same]
-            self.noticed.append(
+            self.doubts.append(
                 Doubt(
                     f"{', '.join(others)} is interpolated to the instants of {names[onto]}, "
                     "because their stamps differ",

@@ -115,7 +115,7 @@ def _unpacked(
     damaged: type[Exception],
 ) -> Iterator[bytes]:
     """What compressed data holds; members and frames that follow one another are joined."""
-    unpacker: _Unpacker | None = None
+    unpacker: Any = None
     while data := file.read(_CHUNK):
         # Files from tapes and some loggers are filled up with zeros.
         while data and (unpacker or data.strip(b"\0")):

@@ -60,7 +60,6 @@ class ScopeTable(Table):
         channels: in order.
         traces: channels by name, and by symbol where that is another one.
         shared: whether channels of some columns of times share them, as far as looked at.
-        noticed: what the last pass over all rows noticed.
     """
 
     separator: str
@@ -75,12 +74,6 @@ class ScopeTable(Table):
     shared: dict[tuple[int, ...], bool] = field(
         default_factory=dict[tuple[int, ...], bool], compare=False
     )
-    noticed: list[Doubt] = field(default_factory=list[Doubt], compare=False)
-
-    @property
-    def doubts(self) -> list[Doubt]:
-        """Clocks, scales, and an open end."""
-        return self.noticed
 
     @property
     def cure_of_missing(self) -> str:
@@ -101,9 +94,9 @@ class ScopeTable(Table):
         names = [pick.field.name for pick in self.picks(columns)]
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
-        self.noticed[:] = [said for trace in used for said in _scaled(trace)]
+        self.doubts[:] = [said for trace in used for said in _scaled(trace)]
         if self.ends_open:
-            self.noticed.append(NO_LINE_BREAK)
+            self.doubts.append(NO_LINE_BREAK)
         if times not in self.shared:
             self.shared[times] = self._share(times)
         groups = {k: [trace.values for trace in used if trace.time == k] for k in times}
@@ -175,7 +168,7 @@ class ScopeTable(Table):
             for k in group
             if np.array_equal(signal.time, signals[onto].time)
         ]
-        self.noticed.append(
+        self.doubts.append(
             Doubt(
                 "channels in use have times of their own; they are interpolated to those of "
                 f"{', '.join(instants)}",

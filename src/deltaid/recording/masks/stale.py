@@ -4,14 +4,16 @@ Equal rows alone are no proof: a robot at rest gives them, and so do coarse step
 Held rows betray themselves by the jump at their end, which is as long as the way of all of them.
 """
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.recording.masks.masks import Mask
 from deltaid.recording.masks.runs import NONE, Runs
-from deltaid.recording.table import Batch
+
+Rows = Float[np.ndarray, "_ _"]
 
 # Positions jump by so many steps of the encoder, and so many times as far as from row to row
 # before and after.
@@ -76,46 +78,32 @@ class StaleSearch:
         self._found.append(np.column_stack([self._rows[at] + 1, self._rows[at + 1] - 1]))
 
 
-def bridged(batches: Iterable[Batch], stale: Iterable[Mask], recorded: slice) -> Iterator[Batch]:
-    """Batches with a smooth motion in the place of stale rows.
+def bridged(blocks: Iterable[Rows], stale: Iterable[Mask], recorded: slice) -> Iterator[Rows]:
+    """Consecutive rows in blocks, with a smooth motion in the place of stale ones.
 
     Args:
         stale: which these are.
         recorded: columns of positions, velocities and accelerations.
     """
     runs = np.array([(mask.first, mask.last) for mask in stale], dtype=np.int64).reshape(-1, 2)
-    waiting: list[Batch] = []
-    before, known = np.zeros((0, 0)), 0
-    for batch in batches:
-        waiting.append(batch)
-        known += len(batch.values)
-        # A bridge needs rows that follow.
-        if not np.any((runs[:, 0] < known) & (runs[:, 1] + _BESIDE >= known)):
-            before = yield from _bridged(waiting, before, runs, known, recorded)
-            waiting = []
-    if waiting:
-        yield from _bridged(waiting, before, runs, known, recorded)
-
-
-def _bridged(
-    waiting: list[Batch], before: np.ndarray, runs: Runs, known: int, recorded: slice
-) -> Generator[Batch, None, np.ndarray]:
-    """The same of consecutive batches that end with row `known`; the last rows for the next."""
-    together = [*([before] if len(before) else []), *(batch.values for batch in waiting)]
-    start = known - sum(len(part) for part in together)
-    near = runs[(runs[:, 1] >= start + len(before)) & (runs[:, 0] < known)]
-    if not len(near):
-        yield from waiting
-        return waiting[-1].values[-_BESIDE:]
-    values = np.concatenate(together)
-    motion = values[:, recorded].copy()
-    bridge(motion, near - start)
-    values[:, recorded] = motion
-    done = len(before)
-    for batch in waiting:
-        yield Batch(batch.row, values[done : done + len(batch.values)])
-        done += len(batch.values)
-    return values[-_BESIDE:]
+    parts, given, known = list[Rows](), 0, 0
+    for block in chain(blocks, [None]):
+        if block is not None:
+            parts.append(block)
+            known += len(block)
+            # A bridge needs rows that follow.
+            if np.any((runs[:, 0] < known) & (runs[:, 1] + _BESIDE >= known)):
+                continue
+        if sum(map(len, parts)) > given:
+            values = np.concatenate(parts)
+            start = known - len(values)
+            near = runs[(runs[:, 1] >= start + given) & (runs[:, 0] < known)] - start
+            if len(near):
+                motion = values[:, recorded].copy()
+                bridge(motion, near)
+                values[:, recorded] = motion
+            yield values[given:]
+            parts, given = [values[-_BESIDE:]], min(_BESIDE, len(values))
 
 
 def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
