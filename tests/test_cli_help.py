@@ -39,8 +39,6 @@ def test_no_arguments_show_help() -> None:
 
 
 HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel")
-
-
 START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; main()"
 
 
@@ -62,7 +60,7 @@ def test_nothing_heavy_is_imported_for_help(code: str) -> None:
     assert loaded.isdisjoint(HEAVY)
 
 
-def test_the_console_script() -> None:
+def test_the_console_script_and_the_module() -> None:
     script = Path(sys.executable).with_name("deltaid")
     good = subprocess.run([script, "robots"], capture_output=True, encoding="utf-8")
     assert (good.returncode, good.stderr) == (0, "")
@@ -70,6 +68,7 @@ def test_the_console_script() -> None:
     schema = subprocess.run([script, "schema"], capture_output=True, env=environment, check=True)
     assert "m/s²" in schema.stdout.decode("utf-8")
     assert "‖J‖" in schema.stdout.decode("utf-8")
-    bad = subprocess.run([script, "robots", "x"], capture_output=True, encoding="utf-8")
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert bad.stderr.startswith("error: no robot file")
+    for command in ([script], [sys.executable, "-m", "deltaid"]):
+        bad = subprocess.run([*command, "robots", "x"], capture_output=True, encoding="utf-8")
+        assert (bad.returncode, bad.stdout) == (2, "")
+        assert bad.stderr.startswith("error: no robot file")

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from deltaid.checks.identified import identify as checked
-from deltaid.cli.output import lag_of
+from deltaid.cli.options import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.lag_columns import slope

@@ -49,32 +49,14 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+# In the order of `--help`; each module has a function of its own name.
 for module in (
-    demo,
-    studio,
-    robots,
-    new,
-    schema,
-    show,
-    excite,
-    sensors,
-    check,
-    gather,
-    fleet,
-    identify,
-    validate,
-    drift,
-    torque,
-    online,
-    simulate,
-    compare_controllers,
-    base,
-    export,
-    sample,
-    forces,
+    demo, studio, robots, new, schema, show, excite, sensors, check, gather, fleet, identify,
+    validate, drift, torque, online, simulate, compare_controllers, base, export, sample, forces,
     reproduce,
-):
-    module.register(app)
+):  # fmt: skip
+    name = module.__name__.rpartition(".")[2]
+    app.command(name.replace("_", "-"))(getattr(module, name))
 
 
 @app.callback(invoke_without_command=True)

@@ -5,18 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import ColumnFiles, KeepAll, mappings
+from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, KeepAll, mappings
+from deltaid.cli.output import console, print_json, progress, shown, styled
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.estimation.base_parameters import BaseParameters
     from deltaid.identification.least_squares import BaseEstimate
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("base")(base)
 
 
 def base(
@@ -28,21 +24,16 @@ def base(
         LeastSquaresMethod, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
     ] = "weighted",
     columns: ColumnFiles = None,
-    cutoff: Annotated[
-        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
-    ] = None,
+    cutoff: Cutoff = None,
     seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
     keep_all: KeepAll = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List a robot's base parameters as formulas; with recordings, estimate their values too."""
-    from deltaid.cli.output import print_json, progress
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.errors import positive
     from deltaid.identification.generic_motion import measured_base
     from deltaid.robot.load import load_robot
 
-    positive("--cutoff", cutoff)
     given = mappings(columns)
     dynamics = compiled(load_robot(robot))
     with progress(as_json) as say:
@@ -88,7 +79,6 @@ def _as_dictionary(
 
 
 def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
-    from deltaid.cli.output import console, shown, styled
     from deltaid.view.model_tables import estimate_table
 
     robot, layout = dynamics.robot, result.layout

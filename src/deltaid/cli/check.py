@@ -1,17 +1,36 @@
 """`deltaid check`: what is wrong with a description and with recordings, before they are used."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import ColumnFiles, KeepAll, mappings, output_file
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Cutoff,
+    KeepAll,
+    Report,
+    Robot,
+    mappings,
+    output_file,
+)
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_note,
+    print_written,
+    progress,
+    require_outputs,
+    styled,
+    verdicts_shown,
+)
+from deltaid.files import together, written_whole
 
 if TYPE_CHECKING:
-    from deltaid.checks.verdicts import Changes, Data, File
-    from deltaid.model.verdict import Verdict
+    from deltaid.checks.verdicts import Changes, Data, File, Verdicts
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.view.page import Drawing
 
@@ -20,65 +39,57 @@ EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict["File", str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("check")(check)
-
-
 def check(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     logs: Annotated[
         list[Path] | None, typer.Argument(help="Recordings; without any, the description only.")
     ] = None,
     columns: ColumnFiles = None,
-    cutoff: Annotated[
-        float | None, typer.Option(help="Low-pass cut-off in Hz. Default: from the data.")
-    ] = None,
+    cutoff: Cutoff = None,
     write: Annotated[
         Path | None,
         output_file(help="Where to write the robot file or mapping with all that is proposed."),
     ] = None,
-    report: Annotated[
-        Path | None, output_file(help="HTML page of all verdicts, works offline.")
-    ] = None,
+    report: Report = None,
     keep_all: KeepAll = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Tell what is wrong with a robot's description and recordings, why, and how to mend it.
 
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """
     from deltaid.checks.run import check as run
-    from deltaid.cli.output import console, print_json, progress, require_outputs
-    from deltaid.errors import positive
-    from deltaid.files import together
     from deltaid.model.record import Settings
-    from deltaid.model.verdict import worst
+    from deltaid.robot.load import yaml_text
 
     logs = logs or []
-    positive("--cutoff", cutoff)
-    inputs = [Path(robot), *logs, *(columns or ())]
     targets = _targets(write)
-    require_outputs(inputs, {"--write": write}, report)
-    if write is not None:
-        require_outputs(inputs, {f"--write {write}": path for path in targets.values()}, report)
+    for path in (write, *targets.values()):
+        require_outputs([robot, *logs, *(columns or ())], {"--write": path, "--report": report})
     given = mappings(columns)
     with progress(as_json) as say:
         settings = Settings(cutoff=cutoff, keep_all=keep_all)
-        found = run(robot, logs, columns=given, settings=settings, progress=say)
-        cures = _cures(robot, given, logs, found)
+        verdicts = run(robot, logs, columns=given, settings=settings, progress=say)
+        cures = _cures(robot, given, logs, verdicts)
+    written: dict[File, Path] = {}
     with together():
-        written = _write(cures, write, targets)
+        if write is not None:
+            for cure in cures:
+                written[cure.file] = targets[cure.file] if len(cures) > 1 else write
+                with written_whole(written[cure.file]) as file:
+                    file.write(yaml_text(cure.data))
         if report is not None:
-            _write_report(robot, found, logs, cures, report)
+            _write_report(robot, verdicts, logs, cures, report)
     if as_json:
-        print_json(as_dictionary(robot, found))
+        print_json(as_dictionary(robot, verdicts))
     else:
-        print_verdicts(found)
-        _print_cures(cures, written, wanted=write is not None)
-        if report is not None:
-            console.print(f"wrote {report}")
-    raise typer.Exit(EXIT[worst(found)])
+        _print(verdicts)
+        _print_cures(cures, written)
+        if write is not None and not cures:
+            nothing = "no verdict proposes a line of robot file or mapping"
+            console.print(f"nothing was written: {nothing}")
+        print_written(report)
+    raise typer.Exit(EXIT[verdicts.grade])
 
 
 @dataclass(frozen=True)
@@ -102,25 +113,24 @@ def _cures(
     robot: str,
     given: "Sequence[ColumnMapping] | None",
     logs: Sequence[Path],
-    found: "Sequence[Verdict]",
+    verdicts: "Verdicts",
 ) -> tuple[Cure, ...]:
     """Files with what is proposed; of several mappings none, for they differ."""
     from deltaid.checks.evidence import evidence
     from deltaid.checks.verdicts import as_written, changes, files_of, mended
-    from deltaid.cli.output import print_note
     from deltaid.robot.load import described
 
     cures: list[Cure] = []
-    mapping = given[0] if given else None
-    for file in files_of(found):
-        if file == "mapping" and given is not None and len(given) > 1:
-            print_note("to have a mapping mended, check its recording alone")
-            continue
+    for file in files_of(verdicts):
         if file == "robot":
             data = as_written(robot)
+        elif given is not None and len(given) > 1:
+            print_note("to have a mapping mended, check its recording alone")
+            continue
         else:
+            mapping = given[0] if given else None
             data = evidence(described(robot), logs[0], mapping).written_mapping
-        wanted = changes(found, file)
+        wanted = changes(verdicts, file)
         cures.append(Cure(file, mended(data, wanted), wanted))
     return tuple(cures)
 
@@ -135,30 +145,10 @@ def _targets(write: Path | None) -> "dict[File, Path]":
     }
 
 
-def _write(
-    cures: Sequence[Cure], write: Path | None, targets: "Mapping[File, Path]"
-) -> "dict[File, Path]":
-    """Write what is mended: one file under the name that was asked for, two beside it."""
-    from deltaid.files import written_whole
-    from deltaid.robot.load import yaml_text
-
-    written: dict[File, Path] = {}
-    for cure in cures if write is not None else ():
-        path = targets[cure.file] if len(cures) > 1 else write
-        assert path is not None
-        with written_whole(path) as file:
-            file.write(yaml_text(cure.data))
-        written[cure.file] = path
-    return written
-
-
 def _write_report(
-    robot: str,
-    found: "Sequence[Verdict]",
-    logs: Sequence[Path],
-    cures: Sequence[Cure],
-    path: Path,
+    robot: str, verdicts: "Verdicts", logs: Sequence[Path], cures: Sequence[Cure], path: Path
 ) -> None:
+    """Write the page, which names files; that of `Verdicts.report` needs a robot."""
     from deltaid.checks.verdicts import as_written
     from deltaid.view.check import check_page
     from deltaid.view.html import write_page
@@ -166,7 +156,7 @@ def _write_report(
     lines = {_BELONGS[cure.file]: cure.lines for cure in cures}
     data = as_written(robot)
     title = str(data.get("title") or data.get("name") or robot)
-    page = check_page(title, found, [log.name for log in logs], lines, _drawn(robot))
+    page = check_page(title, verdicts, [log.name for log in logs], lines, _drawn(robot))
     write_page(page, path)
 
 
@@ -184,48 +174,36 @@ def _drawn(robot: str) -> "Drawing | None":
     return drawing(description, compiled(description).kinematics)
 
 
-def as_dictionary(robot: str, found: "Sequence[Verdict]") -> dict[str, Any]:
+def as_dictionary(robot: str, verdicts: "Verdicts") -> dict[str, Any]:
     """All verdicts as one JSON object."""
     from deltaid.checks.verdicts import as_written
-    from deltaid.model.verdict import worst
 
     return {
         "robot": as_written(robot).get("name"),
-        "grade": worst(list(found)),
-        "verdicts": [verdict_dictionary(one) for one in found],
-    }
-
-
-def verdict_dictionary(one: "Verdict") -> dict[str, Any]:
-    """One verdict for JSON, with all that it holds."""
-    return {
-        "key": one.key,
-        "grade": one.grade,
-        "subject": one.subject,
-        "seen": one.seen,
-        "number": one.number,
-        "unit": one.unit,
-        "cause": one.cause,
-        "cure": one.cure,
-        "proposals": [
-            {"file": proposal.file, "changes": dict(proposal.changes)} for proposal in one.proposals
+        "grade": verdicts.grade,
+        "verdicts": [
+            asdict(verdict)
+            | {
+                "proposals": [
+                    {"file": proposal.file, "changes": dict(proposal.changes)}
+                    for proposal in verdict.proposals
+                ]
+            }
+            for verdict in verdicts
         ],
     }
 
 
-def print_verdicts(found: "Sequence[Verdict]") -> None:
+def _print(verdicts: "Verdicts") -> None:
     """All verdicts, the most severe first, and how many there are of each."""
-    from deltaid.cli.output import console, verdicts_shown
     from deltaid.view.check import tally, verdict_table
 
-    console.print(verdicts_shown(verdict_table(found)))
+    console.print(verdicts_shown(verdict_table(verdicts)))
     console.print()
-    console.print(tally(found))
+    console.print(tally(verdicts))
 
 
-def _print_cures(cures: Sequence[Cure], written: "Mapping[File, Path]", *, wanted: bool) -> None:
-    from deltaid.cli.output import console, styled
-
+def _print_cures(cures: Sequence[Cure], written: "dict[File, Path]") -> None:
     for cure in cures:
         console.print()
         console.print(styled(f"into {_BELONGS[cure.file]}:"))
@@ -235,5 +213,3 @@ def _print_cures(cures: Sequence[Cure], written: "Mapping[File, Path]", *, wante
             "use it in place of the robot" if file == "robot" else f"give it with --columns {path}"
         )
         console.print(f"wrote {path}; {how}")
-    if wanted and not cures:
-        console.print("nothing was written: no verdict proposes a line of robot file or mapping")

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.output import console, percent, print_tables, progress, styled
+from deltaid.files import require_writable, together, write_bytes
+
 if TYPE_CHECKING:
     from deltaid.identification.demo import Demonstration
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("demo")(demo)
 
 
 def demo(
@@ -31,8 +29,6 @@ def demo(
     The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
     motions keep the robot's limits.
     """
-    from deltaid.cli.output import progress
-    from deltaid.files import require_writable, together, write_bytes
     from deltaid.identification.demo import FILES, demonstrate
     from deltaid.robot.load import load_robot
 
@@ -52,17 +48,14 @@ def demo(
 
 def _print(result: "Demonstration", keep: Path | None) -> None:
     from deltaid.cli.identified import summary
-    from deltaid.cli.output import console, percent, shown, styled
     from deltaid.identification.demo import FILES
     from deltaid.model.model import load
     from deltaid.view.model_tables import error_table, parameter_table
 
     model = result.identification.model
     parameters = parameter_table(model, result.truth.tolist())
-    console.print(shown(replace(parameters, title=f"{parameters.title}, simulated")))
-    console.print()
-    console.print(shown(error_table(load(model), result.verification)))
-    console.print()
+    parameters = replace(parameters, title=f"{parameters.title}, simulated")
+    print_tables(parameters, error_table(load(model), result.verification))
     for line in summary(result.identification):
         console.print(line)
     console.print(

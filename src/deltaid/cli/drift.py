@@ -1,23 +1,27 @@
 """`deltaid drift`: friction over weeks and months, from factor files."""
 
-from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
+from deltaid.cli.gathered import in_folders
 from deltaid.cli.options import AsJson, output_file
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_tables,
+    print_written,
+    progress,
+    require_outputs,
+)
+from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.fleets.factor_file import FactorFile
     from deltaid.fleets.robot_drift import RobotDrift
-    from deltaid.model.record import IdentifiedModel
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("drift")(drift)
 
 
 def drift(
@@ -43,20 +47,12 @@ def drift(
 
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
-    from deltaid.cli.gathered import in_folders
-    from deltaid.cli.output import console, print_json, progress, require_outputs, shown
-    from deltaid.errors import DeltaidError
+    from deltaid.fleets import drift_tables
     from deltaid.fleets.drift_inputs import recorded
-    from deltaid.fleets.drift_tables import (
-        drift_shown,
-        drift_table,
-        friction_table,
-        require_table,
-        save,
-        sentences,
-    )
     from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.fleets.robot_drift import robot_drift
+    from deltaid.model.model import load
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
@@ -66,65 +62,61 @@ def drift(
                 "holds no factor files", where=str(path), cure="make some with `deltaid gather`"
             )
     require_outputs(paths, {"--output": output, "--friction": friction})
-    writers = {path: table for path, table in ((output, drift_table), (friction, friction_table))
-               if path is not None}  # fmt: skip
+    tables = ((output, drift_tables.drift_table), (friction, drift_tables.friction_table))
+    writers = {path: table for path, table in tables if path is not None}
     for path in writers:
-        require_table(path)
+        drift_tables.require_table(path)
     with progress(as_json) as say:
         files = list["FactorFile"]()
         for k, path in enumerate(paths):
             say(f"reading {k + 1} of {len(paths)}")
             files.append(read(path))
         say("looking for drift")
-        known = _model(robot, files)
-        found = robot_drift(recorded(files), known, settings)
+        model = load(robot)
+        known = model.identified or identify_gathered(model.robot, files).model
+        result = robot_drift(recorded(files), known, settings)
     for path, table in writers.items():
-        save(table([found]), path)
+        drift_tables.save(table([result]), path)
     if as_json:
-        print_json(as_dictionary(found))
+        print_json(as_dictionary(result))
         return
-    console.print(shown(drift_shown(found)))
-    console.print()
-    for text in sentences(found):
+    print_tables(drift_tables.drift_shown(result))
+    for text in drift_tables.sentences(result):
         console.print(text, markup=False, highlight=False, soft_wrap=True)
-    for path in writers:
-        console.print(f"wrote {path}")
+    print_written(*writers)
 
 
-def _model(robot: str, files: "Sequence[FactorFile]") -> "IdentifiedModel":
-    """A model by its file; else what the recordings say together."""
-    from deltaid.fleets.identify_gathered import identify_gathered
-    from deltaid.model.model import load
-    from deltaid.robot.load import described
-
-    known = load(robot).identified
-    return identify_gathered(described(robot), files).model if known is None else known
-
-
-def as_dictionary(found: "RobotDrift") -> dict[str, Any]:
-    """What was found as one JSON object."""
+def as_dictionary(result: "RobotDrift") -> dict[str, Any]:
+    """A robot's drift as one JSON object, with times as text."""
     from deltaid.fleets.drift_tables import drift_table
 
-    rows = drift_table([found]).to_dicts()
-    for row in rows:
-        row |= {key: _told(value) for key, value in row.items()}
     common = ("robot", "false_alarms", "tool_change", "tool_mass")
-    return {
-        "robot": found.robot,
-        "recordings": len(found.recordings),
-        "first": _told(found.recordings[0].time),
-        "last": _told(found.recordings[-1].time),
-        "false_alarms": found.bound,
+    value = {
+        "robot": result.robot,
+        "recordings": len(result.recordings),
+        "first": result.recordings[0].time,
+        "last": result.recordings[-1].time,
+        "false_alarms": result.bound,
         "tool_changes": [
-            {"day": _told(found.date(one.day)), "mass": one.mass, "std": one.std}
-            for one in found.tools
+            {"day": result.date(tool.day), "mass": tool.mass, "std": tool.std}
+            for tool in result.tools
         ],
-        "drives": [{k: v for k, v in row.items() if k not in common} for row in rows],
+        "drives": [
+            {key: entry for key, entry in row.items() if key not in common}
+            for row in drift_table([result]).to_dicts()
+        ],
     }
+    return _with_text(value)
 
 
-def _told(value: object) -> object:
-    """Times as text, all else as it is."""
-    from datetime import datetime
-
-    return value.isoformat(timespec="seconds") if isinstance(value, datetime) else value
+def _with_text(value: Any) -> Any:
+    """The same with times as text, at every depth."""
+    match value:
+        case datetime():
+            return value.isoformat(timespec="seconds")
+        case dict():
+            return {key: _with_text(entry) for key, entry in value.items()}
+        case list():
+            return [_with_text(entry) for entry in value]
+        case _:
+            return value

@@ -9,13 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
-from deltaid.motion.excitation.settings import CriterionName, PurposeName
+from deltaid.cli.options import AsJson, Report, Robot, bounded, output_file
+from deltaid.cli.output import (
+    console,
+    number,
+    print_json,
+    print_note,
+    print_tables,
+    print_written,
+    progress,
+    require_outputs,
+)
+from deltaid.errors import DeltaidError, within
+from deltaid.files import together, write_bytes
+from deltaid.motion.excitation.settings import CriterionName, ExcitationSettings, PurposeName
 
 if TYPE_CHECKING:
     from threading import Event
 
-    from deltaid.motion.excitation.excite import Excitation, Exciter
+    from deltaid.motion.excitation.excite import Excitation
     from deltaid.robot.joint_units import JointUnits
 
 
@@ -23,13 +35,8 @@ if TYPE_CHECKING:
 _VERIFICATION_OFFSET = 100_000
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("excite")(excite)
-
-
 def excite(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     output: Annotated[
         Path | None, output_file("--output", "-o", help="CSV file for the motion.")
     ] = None,
@@ -47,7 +54,8 @@ def excite(
         bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
     ] = False,
     duration: Annotated[
-        float, typer.Option(help="About how long to move, without the ramps, in s.")
+        float,
+        bounded(help="About how long to move, without the ramps, in s.", limits=(0.1, 3600.0)),
     ] = 10.0,
     harmonics: Annotated[int, typer.Option(help="Harmonics of the series.", min=1, max=20)] = 5,
     repeats: Annotated[
@@ -57,31 +65,29 @@ def excite(
         float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0, max=1e6)
     ] = 0.1,
     torque_noise: Annotated[
-        float, typer.Option(help="Torque noise for the prediction, share of the largest torque.")
+        float,
+        bounded(
+            help="Torque noise for the prediction, share of the largest torque.",
+            limits=(1e-9, 10.0),
+        ),
     ] = 0.02,
-    rate: Annotated[float, typer.Option(help="Samples per second of the file.")] = 1000.0,
+    rate: Annotated[
+        float, bounded(help="Samples per second of the file.", limits=(1.0, 1e5))
+    ] = 1000.0,
     starts: Annotated[int, typer.Option(help="Number of starts.", min=1, max=1000)] = 8,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
     plot: Annotated[Path | None, output_file(help="PNG or SVG picture of the motion.")] = None,
-    report: Annotated[
-        Path | None, output_file(help="HTML page with figures of the motion, works offline.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    report: Report = None,
+    as_json: AsJson = False,
 ) -> None:
     """Optimise a motion for identification: at rest at both ends, within all limits.
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.cli.output import print_json, print_note, progress, require_outputs
-    from deltaid.errors import DeltaidError, positive, within
-    from deltaid.files import together, write_bytes
     from deltaid.model.model import load
-    from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
-    from deltaid.motion.excitation.run import LONGEST, MOST_ROWS, write_run
+    from deltaid.motion.excitation.excite import Exciter
+    from deltaid.motion.excitation.run import LONGEST, MOST_ROWS
 
-    positive("--duration", duration, (0.1, 3600.0))
-    positive("--torque-noise", torque_noise, (1e-9, 10.0))
-    positive("--rate", rate, (1.0, 1e5))
     within("--duration times --repeats", duration * repeats, (0.0, LONGEST))
     within("rows (duration, repeats, rate)", duration * repeats * rate, (0.0, MOST_ROWS))
     picture = plot.suffix.lower().lstrip(".") if plot else ""
@@ -104,8 +110,8 @@ def excite(
         seed=seed,
         by=by,
     )
-    asked = {"--output": output, "--verify-out": verify_out, "--plot": plot}
-    require_outputs([Path(robot)], asked, report)
+    asked = {"--output": output, "--verify-out": verify_out, "--plot": plot, "--report": report}
+    require_outputs([robot], asked)
     model = load(robot)
     if model.identified is not None:
         print_note(f"{model.source} is a model: planned with its masses and friction")
@@ -122,23 +128,20 @@ def excite(
             second = exciter.optimise(stop, offset=_VERIFICATION_OFFSET)
     with together():
         if output is not None:
-            write_run(exciter.dynamics.kinematics, result.run, rate, output)
+            result.save(output)
         if verify_out is not None and second is not None:
-            write_run(exciter.dynamics.kinematics, second.run, rate, verify_out)
+            second.save(verify_out)
         if plot is not None:
             from deltaid.motion.excitation.plot import plot_run
 
             write_bytes(plot, plot_run(exciter, result.run, picture))
         if report is not None:
-            from deltaid.view.excitation import excitation_page
-            from deltaid.view.html import write_page
-
-            write_page(excitation_page(result), report)
+            result.report(report)
     if as_json:
-        print_json(_as_dictionary(exciter, result))
+        print_json(_as_dictionary(result))
     else:
-        files = [path for path in (output, verify_out, plot, report) if path]
-        _print(exciter, result, files)
+        _print(result)
+        print_written(*asked.values())
 
 
 @contextmanager
@@ -162,8 +165,8 @@ def _stop_on_interrupt() -> "Generator[Event, None, None]":
         signal.signal(signal.SIGINT, before)
 
 
-def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
-    run, motion = result.run, result.run.motion
+def _as_dictionary(result: "Excitation") -> dict[str, Any]:
+    exciter, run, motion = result.exciter, result.run, result.run.motion
     return {
         "robot": exciter.dynamics.robot.name,
         "criterion": exciter.settings.criterion,
@@ -185,39 +188,35 @@ def _as_dictionary(exciter: "Exciter", result: "Excitation") -> dict[str, Any]:
         ],
         "starts": [
             {
-                "seed": a.seed,
-                "before": a.before,
-                "after": a.after,
-                "feasible": a.feasible,
-                "evaluations": a.evaluations,
-                "seconds": a.seconds,
-                "message": a.message,
-                "judged": a.judged,
+                "seed": account.seed,
+                "before": account.before,
+                "after": account.after,
+                "feasible": account.feasible,
+                "evaluations": account.evaluations,
+                "seconds": account.seconds,
+                "message": account.message,
+                "judged": account.judged,
             }
-            for a in result.optimum.accounts
+            for account in result.optimum.accounts
         ],
     }
 
 
-def _print(exciter: "Exciter", result: "Excitation", files: list[Path]) -> None:
-    from deltaid.cli.output import console, number, shown
+def _print(result: "Excitation") -> None:
     from deltaid.view.motions import limit_table, prediction_table, start_table
 
-    robot, run = exciter.dynamics.robot, result.run
+    exciter, run = result.exciter, result.run
+    robot = exciter.dynamics.robot
     limits = replace(limit_table(result), title=robot.title or robot.name)
-    for each in (limits, prediction_table(result), start_table(result)):
-        console.print(shown(each))
-        console.print()
+    print_tables(limits, prediction_table(result), start_table(result))
     console.print(
         f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
         f"{number(result.criterion_after)} after; {run.repeats} periods of "
         f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, {run.duration:.4g} s in all"
     )
-    units = exciter.dynamics.robot.drive_units.values()
+    units = robot.drive_units.values()
     efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
     console.print(f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}")
-    for path in files:
-        console.print(f"wrote {path}")
 
 
 def _with_units(values: Iterable[float], units: "Iterable[JointUnits]") -> str:

@@ -5,15 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.options import bounded
+from deltaid.cli.output import console, print_warnings, progress
+from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
 if TYPE_CHECKING:
     from deltaid.online.settings import OnlineSettings
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("export")(export)
 
 
 def export(
@@ -38,10 +36,12 @@ def export(
         ),
     ] = "",
     rate: Annotated[
-        float | None, typer.Option(help="Cycles a second of the function online; 1000.")
+        float | None,
+        bounded(help="Cycles a second of the function online; 1000.", limits=(10.0, 1e5)),
     ] = None,
     payload_max: Annotated[
-        float | None, typer.Option(help="Largest mass that the function online looks for, kg.")
+        float | None,
+        bounded(help="Largest mass that the function online looks for, kg.", limits=(1e-3, 1e4)),
     ] = None,
     false_alarms: Annotated[
         float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")
@@ -63,7 +63,6 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.cli.output import console, print_warnings, progress
     from deltaid.exports.files import export as run
     from deltaid.model.model import load
 
@@ -98,12 +97,9 @@ def _online(
     Raises:
         DeltaidError: a number is out of bounds, or is of a function that is not asked for.
     """
-    from deltaid.errors import DeltaidError, positive, within
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.settings import OnlineSettings
 
-    positive("--rate", rate, (10.0, 1e5))
-    positive("--payload-max", payload_max, (1e-3, 1e4))
     if false_alarms is not None:
         within("--false-alarms", false_alarms, FALSE_ALARMS)
     given = {"--rate": rate, "--payload-max": payload_max, "--false-alarms": false_alarms}

@@ -3,14 +3,33 @@
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
-from deltaid.cli.options import AsJson, Compliance, Events, Force, KeepAll, Lag, output_file
+from deltaid.cli.options import (
+    AsJson,
+    Compliance,
+    Events,
+    Force,
+    KeepAll,
+    Lag,
+    bounded,
+    output_file,
+)
+from deltaid.cli.output import (
+    console,
+    error_console,
+    print_error,
+    print_json,
+    print_note,
+    progress,
+)
 from deltaid.errors import DeltaidError
+from deltaid.files import require_writable, write_bytes
 from deltaid.model.options import FrictionLaws, Period
 
 if TYPE_CHECKING:
@@ -21,11 +40,6 @@ if TYPE_CHECKING:
 _SHOWN = 10
 # What a shell calls a command that Ctrl-C has ended.
 _INTERRUPTED = 130
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("fleet")(fleet)
 
 
 def fleet(
@@ -59,7 +73,7 @@ def fleet(
     ] = None,
     cutoff: Annotated[
         float | None,
-        typer.Option(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
+        bounded(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
     ] = None,
     lag: Lag = "estimate",
     compliance: Compliance = "estimate",
@@ -91,9 +105,6 @@ def fleet(
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot
     be used is put into quarantine with its reason and stops nothing else.
     """
-    from deltaid.cli.output import lag_of, print_error, print_json, print_note
-    from deltaid.errors import positive
-    from deltaid.files import require_writable
     from deltaid.fleets.cluster import require_dask
 
     require_dask()
@@ -101,7 +112,6 @@ def fleet(
     from deltaid.fleets.run import fleet as run_fleet
     from deltaid.model.record import Settings
 
-    positive("--cutoff", cutoff)
     if scheduler is not None and workers is not None:
         raise DeltaidError(
             "is of this machine, and --scheduler has workers of its own",
@@ -109,7 +119,7 @@ def fleet(
             cure="leave one of both out; `dask worker` says how many there are",
         )
     settings = Settings(
-        cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events,
+        cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
     drift = drift_settings(limit, false_alarms, since)
@@ -118,11 +128,11 @@ def fleet(
     try:
         with _bar(as_json) as say:
             say("looking for recordings")
-            found = find_fleet(manifest, period)
+            robots = find_fleet(manifest, period)
             if prior_out is not None:
-                _require_one_type(found)
+                _require_one_type(robots)
             run = run_fleet(
-                found, output, settings=settings, drift=drift, scheduler=scheduler,
+                robots, output, settings=settings, drift=drift, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
                 dashboard=lambda link: None if as_json else print_note(f"dashboard at {link}"),
             )  # fmt: skip
@@ -145,15 +155,15 @@ def fleet(
         raise typer.Exit(2)
 
 
-def _require_one_type(found: "Fleet") -> None:
+def _require_one_type(robots: "Fleet") -> None:
     """Refuse --prior-out for several types.
 
     Raises:
         DeltaidError: there are several.
     """
-    if len(found.types) > 1:
+    if len(robots.types) > 1:
         raise DeltaidError(
-            f"is one file, and the fleet has {len(found.types)} types",
+            f"is one file, and the fleet has {len(robots.types)} types",
             where="--prior-out",
             cure="leave it out: the folder `types` of the fleet has a description of each",
         )
@@ -165,7 +175,6 @@ def _write_prior(run: "FleetRun", output: str, path: Path) -> None:
     Raises:
         DeltaidError: the fleet knows nothing of its type, or it cannot be written.
     """
-    from deltaid.files import write_bytes
     from deltaid.fleets.place import Place
     from deltaid.fleets.steps import next_robot_file
 
@@ -181,14 +190,12 @@ def _write_prior(run: "FleetRun", output: str, path: Path) -> None:
 
 
 def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
-    from dataclasses import asdict
-
     return {
         "folder": output,
-        "robots": len({one.recorded.robot for one in run.outcomes}),
+        "robots": len({outcome.recorded.robot for outcome in run.outcomes}),
         "recordings": len(run.outcomes),
         "gathered": run.computed[0],
-        "used": sum(bool(one.file) for one in run.outcomes),
+        "used": sum(bool(outcome.file) for outcome in run.outcomes),
         "fits": sum(not fit.reason for fit in run.fits),
         "fitted": run.computed[1],
         "site": None if not run.site else f"{output}/{run.site}",
@@ -197,10 +204,8 @@ def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
 
 
 def _print(run: "FleetRun", output: str) -> None:
-    from deltaid.cli.output import console, print_note
-
-    used = [one for one in run.outcomes if one.file]
-    robots = len({one.recorded.robot for one in used})
+    used = [outcome for outcome in run.outcomes if outcome.file]
+    robots = len({outcome.recorded.robot for outcome in used})
     console.print(
         f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
         f"({run.computed[0]} looked at now), "
@@ -224,8 +229,6 @@ def _count(number: int, what: str) -> str:
 @contextmanager
 def _bar(silent: bool) -> Generator[Callable[[str], None]]:
     """A bar on standard error that follows words such as 'gathered 3 of 8 recordings'."""
-    from deltaid.cli.output import error_console, progress
-
     if silent or not error_console.is_terminal:
         with progress(silent) as said:
             yield said

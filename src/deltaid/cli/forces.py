@@ -5,21 +5,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import AsJson, ModelOrRobot, Report, output_file
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_origin,
+    print_tables,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+)
+from deltaid.files import together
 
 if TYPE_CHECKING:
     from deltaid.joint_forces.forces import ForceFinding, Forces
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("forces")(forces)
-
-
 def forces(
-    model: Annotated[
-        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
-    ],
+    model: ModelOrRobot,
     motion: Annotated[
         Path, typer.Argument(help="A planned motion or a recording, in any kind of file.")
     ],
@@ -43,31 +47,19 @@ def forces(
         list[Path] | None,
         typer.Option(help="The same for the recordings of --logs; repeated, one each."),
     ] = None,
-    report: Annotated[
-        Path | None, output_file(help="HTML page with figures and tables, works offline.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    report: Report = None,
+    as_json: AsJson = False,
 ) -> None:
     """Constraint forces along a motion: worst cases, margins of ball joints, and what is known.
 
     Some forces depend on parameters that no torque shows. With --logs the least and largest value
     that agrees with the recordings is found, else how far the prior leaves a force open.
     """
-    from deltaid.cli.output import (
-        console,
-        print_json,
-        print_origin,
-        print_warnings,
-        progress,
-        require_outputs,
-        shown,
-    )
-    from deltaid.files import together
     from deltaid.joint_forces.forces import forces as run
     from deltaid.view.forces import tables, what_is_open
 
-    given = (Path(model), motion, *(logs or ()), columns, *(log_columns or ()))
-    require_outputs([path for path in given if path], {"--output": output}, report)
+    inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
+    require_outputs(inputs, {"--output": output, "--report": report})
     with progress(as_json) as say:
         result = run(
             model, motion, logs=logs or (), strut_spacing=strut_spacing, socket_force=socket_force,
@@ -83,18 +75,14 @@ def forces(
     if as_json:
         print_json(as_dictionary(result))
         return
-    for table in tables(result):
-        console.print(shown(table))
-        console.print()
+    print_tables(*tables(result))
     console.print(what_is_open(result))
-    for path in (output, report):
-        if path is not None:
-            console.print(f"wrote {path}")
+    print_written(output, report)
 
 
 def as_dictionary(result: "Forces") -> dict[str, Any]:
     """The result as one JSON object."""
-    computed, found = result.constraint_forces, result.extremes
+    computed, extremes = result.constraint_forces, result.extremes
     return {
         "robot": computed.robot.name,
         "motion": result.recording.path.name,
@@ -103,12 +91,10 @@ def as_dictionary(result: "Forces") -> dict[str, Any]:
         "socket_force": computed.socket_force,
         "worst": [_finding(finding, computed.socket_force) for finding in result.findings],
         "extremes": {
-            channel: {
-                "unit": found.units[k],
-                "least": float(found.values[0, k]),
-                "largest": float(found.values[1, k]),
-            }
-            for k, channel in enumerate(found.names)
+            channel: {"unit": unit, "least": float(least), "largest": float(largest)}
+            for channel, unit, least, largest in zip(
+                extremes.names, extremes.units, *extremes.values, strict=True
+            )
         },
     }
 

@@ -17,11 +17,7 @@ from deltaid.cli.options import (
     Robot,
     mappings,
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("gather")(gather)
+from deltaid.cli.output import console, print_error, print_json, progress
 
 
 def gather(
@@ -46,38 +42,34 @@ def gather(
     `deltaid identify` takes such files in the place of recordings. Gathering is repeated at no
     cost: a recording that has been gathered before is not read again.
     """
-    from deltaid.cli.output import console, lag_of, print_error, print_json, progress
-    from deltaid.errors import positive
     from deltaid.fleets.gather import gather_into
     from deltaid.model.record import Settings
     from deltaid.robot.load import described
 
-    positive("--cutoff", cutoff)
     settings = Settings(
-        cutoff=cutoff, lag=lag_of(lag), compliance=compliance, keep_all=keep_all, events=events
+        cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events
     )
     description = described(robot)
-    done = []
+    gathered = []
     with progress(as_json) as say:
-        for one in gather_into(
+        for recording in gather_into(
             output, description, logs,
             columns=mappings(columns), settings=settings, force=force, progress=say,
         ):  # fmt: skip
-            done.append(one)
-            if one.error is not None:
-                print_error(one.error)
-    counts = {
-        state: sum(one.state == state for one in done) for state in ("new", "there", "refused")
-    }
+            gathered.append(recording)
+            if recording.error is not None:
+                print_error(recording.error)
+    states = [recording.state for recording in gathered]
+    counts = {state: states.count(state) for state in ("new", "there", "refused")}
     if as_json:
         print_json(
             {
                 "robot": description.name,
                 **counts,
                 "recordings": [
-                    {"log": str(one.log), "file": str(one.path), "state": one.state,
-                     "reason": one.reason}
-                    for one in done
+                    {"log": str(recording.log), "file": str(recording.path),
+                     "state": recording.state, "reason": recording.reason}
+                    for recording in gathered
                 ],
             }
         )  # fmt: skip

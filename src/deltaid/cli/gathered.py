@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.checks.identified import Judged
     from deltaid.fleets.factor_record import FactorRecord
     from deltaid.identification.torque_error import TorqueError
+    from deltaid.identification.validation import Validation
     from deltaid.model.model import Model
-    from deltaid.model.record import Settings
+    from deltaid.recording.mapping import MappingLike
 
 
 def in_folders(logs: Sequence[Path]) -> list[Path]:
     """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
     from deltaid.fleets.factor_file import ENDING
 
-    found = list[Path]()
-    for one in logs:
-        found += (sorted(one.glob(f"*{ENDING}")) if one.is_dir() else []) or [one]
-    return found
+    files = list[Path]()
+    for log in logs:
+        files += (sorted(log.glob(f"*{ENDING}")) if log.is_dir() else []) or [log]
+    return files
 
 
 def are_factor_files(logs: Sequence[Path]) -> bool:
@@ -32,7 +32,7 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
     """
     from deltaid.fleets.factor_file import is_factor_file
 
-    given = [is_factor_file(one) for one in logs]
+    given = [is_factor_file(log) for log in logs]
     if any(given) and not all(given):
         raise DeltaidError(
             "is a recording, and others are factor files",
@@ -66,18 +66,16 @@ def require_open(given: Mapping[str, bool], report: Path | None) -> None:
         )
 
 
-def identified(robot: str, logs: Sequence[Path], settings: "Settings") -> "Judged":
-    """The identification from factor files."""
-    from deltaid.fleets.factor_file import read
-    from deltaid.fleets.identify_gathered import identify_gathered
+def compared(
+    model: "Model", log: Path, columns: "MappingLike | None", keep_all: bool
+) -> "Validation | tuple[TorqueError, FactorRecord]":
+    """A model compared with a recording, or with what a factor file keeps of one."""
+    if are_factor_files([log]):
+        from deltaid.fleets.factor_file import read
+        from deltaid.fleets.identify_gathered import validate_gathered
 
-    return identify_gathered(robot, [read(one) for one in logs], settings)
+        file = read(log)
+        return validate_gathered(model, file), file.record
+    from deltaid.identification.validation import validate
 
-
-def validated(model: "Model", path: Path) -> "tuple[TorqueError, FactorRecord]":
-    """A model compared with a recording by its factors, and what is known of the recording."""
-    from deltaid.fleets.factor_file import read
-    from deltaid.fleets.identify_gathered import validate_gathered
-
-    file = read(path)
-    return validate_gathered(model, file), file.record
+    return validate(model, log, columns=columns, keep_all=keep_all)

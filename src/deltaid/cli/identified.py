@@ -1,40 +1,25 @@
 """What `deltaid identify` shows of its result: tables and sentences, JSON, a page."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from deltaid.cli.output import console, print_tables, print_verdict, shown
+from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.torque_error import TorqueError
     from deltaid.identification.validation import Compared
     from deltaid.model.sources import Source
-    from deltaid.recording.log import Log
 
 # Events that the terminal lists.
 _EVENTS = 20
-
-
-def write_report(
-    result: "Identification", log: "Log | None", error: "TorqueError | None", path: Path
-) -> None:
-    """The page of a result, with a recording that it has been verified on."""
-    from deltaid.identification.validation import Validation
-    from deltaid.model.model import load
-    from deltaid.view.html import write_page
-    from deltaid.view.model_pages import identification_page
-
-    verification = None
-    if log is not None and error is not None:
-        verification = Validation(error, log, load(result.model))
-    write_page(identification_page(result, verification), path)
 
 
 def as_dictionary(
     result: "Identification", verification: "TorqueError | None", log: "Compared | None" = None
 ) -> dict[str, Any]:
     """The result as one JSON object; `log` is the recording of the verification."""
-    from deltaid.cli.validate import error_dictionary
     from deltaid.view.summary import summary as verdict
 
     model, layout = result.model, result.model.layout
@@ -47,20 +32,23 @@ def as_dictionary(
         **model.fit.model_dump(),
         "samples": round(result.problem.information.mean_samples),
         "cutoff_hz": [source.cutoff_hz for source in model.sources],
-        "corrections": [one.model_dump() for one in model.corrections],
-        "loads": [one.model_dump() for one in model.loads],
-        "sensors": [one.model_dump() for one in model.sensors],
+        "corrections": [correction.model_dump() for correction in model.corrections],
+        "loads": [load.model_dump() for load in model.loads],
+        "sensors": [sensor.model_dump() for sensor in model.sensors],
         "left_out": [
-            {"log": source.log, **one.model_dump()}
+            {"log": source.log, **span.model_dump()}
             for source in model.sources
-            for one in source.left_out
+            for span in source.left_out
         ],
         "events": [
-            {"log": source.log, **one.model_dump()}
+            {"log": source.log, **event.model_dump()}
             for source in model.sources
-            for one in source.events
+            for event in source.events
         ],
-        "clock": [{"log": one.path.name, **asdict(one.clock)} for one in result.recordings],
+        "clock": [
+            {"log": recording.path.name, **asdict(recording.clock)}
+            for recording in result.recordings
+        ],
         "friction": {
             "joints": list(model.robot.friction_joints),
             "viscous": model.p[layout.viscous].tolist(),
@@ -70,7 +58,7 @@ def as_dictionary(
                 for joint, law in model.robot.friction.items()
             },
             "choice": model.friction_choice and model.friction_choice.model_dump(),
-            "curves": [one.model_dump() for one in model.friction_curves],
+            "curves": [curve.model_dump() for curve in model.friction_curves],
         },
         "consistent": model.consistent,
         "parameters": [parameter.model_dump() for parameter in model.parameters],
@@ -85,11 +73,9 @@ def as_dictionary(
 def print_result(
     result: "Identification",
     verification: "TorqueError | None",
-    output: Path | None,
     log: "Compared | None" = None,
 ) -> None:
     """The result as tables, and the verdict at their end; `log` was verified on."""
-    from deltaid.cli.output import console, print_verdict, shown
     from deltaid.model.model import load
     from deltaid.view.corrections import put_right_tables
     from deltaid.view.model_tables import (
@@ -101,22 +87,15 @@ def print_result(
     from deltaid.view.summary import summary as verdict
 
     model = result.model
-    console.print(shown(parameter_table(model)))
-    console.print()
-    console.print(shown(error_table(load(model), verification)))
-    console.print()
+    print_tables(parameter_table(model), error_table(load(model), verification))
     if model.friction_choice is not None and model.friction_choice.steps:
         console.print(shown(choice_table(model.friction_choice, model.robot)))
         console.print(choice_sentence(model.friction_choice))
         console.print()
-    for table in put_right_tables(model, _EVENTS):
-        console.print(shown(table))
-        console.print()
+    print_tables(*put_right_tables(model, _EVENTS))
     for line in summary(result):
         console.print(line)
     print_verdict(verdict(result, verification, log).text)
-    if output is not None:
-        console.print(f"saved {output}")
 
 
 def _of_positions(source: "Source") -> str:
@@ -153,7 +132,8 @@ def summary(result: "Identification") -> list[str]:
     else:
         share = fit.duality_gap / fit.objective
         certificate = f"{fit.duality_gap:.1e} ({100 * share:.2g} %) above the certified optimum"
-    if any(one.reason in WHY_REPAIRED for source in model.sources for one in source.left_out):
+    spans = [span for source in model.sources for span in source.left_out]
+    if any(span.reason in WHY_REPAIRED for span in spans):
         certificate += ", of the rows that events have left"
     lines += [
         f"objective {fit.objective:.4e}, {certificate}; γ = {fit.gamma:.2e}",

@@ -1,12 +1,14 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.imports import uncollected
+from deltaid.cli.gathered import are_factor_files, compared, in_folders, require_open
 from deltaid.cli.options import (
     AsJson,
     ColumnFiles,
@@ -16,11 +18,23 @@ from deltaid.cli.options import (
     Force,
     KeepAll,
     Lag,
+    Report,
     Robot,
+    bounded,
     mappings,
     output_file,
 )
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_note,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+)
 from deltaid.errors import DeltaidError
+from deltaid.files import together
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -33,11 +47,6 @@ from deltaid.model.options import (
 
 if TYPE_CHECKING:
     from deltaid.recording.mapping import ColumnMapping
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("identify")(identify)
 
 
 def identify(
@@ -62,15 +71,15 @@ def identify(
         RegularizerName, typer.Option(help="Distance that pulls towards the prior.")
     ] = "euclidean",
     gamma: Annotated[
-        float | None, typer.Option(help="γ_p/γ_τ of eq. (15). Default: from the data's noise.")
+        float | None,
+        bounded(help="γ_p/γ_τ of eq. (15). Default: from the data's noise.", limits=GAMMA_LIMITS),
     ] = None,
     prior_spread: Annotated[
-        float, typer.Option(help="How far the prior may be off, as a share (one sigma).")
+        float,
+        bounded(help="How far the prior may be off, as a share (one sigma).", limits=SPREAD_LIMITS),
     ] = 0.5,
     cutoff: Cutoff = None,
-    report: Annotated[
-        Path | None, output_file(help="HTML page with figures of all results, works offline.")
-    ] = None,
+    report: Report = None,
     friction: Annotated[
         FrictionLaws,
         typer.Option(help="choose: further terms where the data shows one; described: none."),
@@ -95,36 +104,15 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
-    with uncollected():
+    with _uncollected():
         from deltaid.checks.identified import identify as run
-        from deltaid.cli.gathered import (
-            are_factor_files,
-            identified,
-            in_folders,
-            require_open,
-            validated,
-        )
-        from deltaid.cli.identified import as_dictionary, print_result, write_report
-        from deltaid.cli.output import (
-            console,
-            lag_of,
-            print_json,
-            print_note,
-            print_warnings,
-            progress,
-            require_outputs,
-        )
-        from deltaid.errors import positive
-        from deltaid.files import together
-        from deltaid.identification.validation import remarks, validate
+        from deltaid.cli.identified import as_dictionary, print_result
+        from deltaid.identification.validation import Validation, remarks
         from deltaid.model.model import load
         from deltaid.model.record import Settings
         from deltaid.recording.source import opened
 
     logs = in_folders(logs)
-    positive("--gamma", gamma, GAMMA_LIMITS)
-    positive("--prior-spread", prior_spread, SPREAD_LIMITS)
-    positive("--cutoff", cutoff)
     settings = Settings(
         method=method,
         regularizer=regularizer,
@@ -134,13 +122,13 @@ def identify(
         friction=friction,
         keep_all=keep_all,
         events=events,
-        lag=lag_of(lag),
+        lag=lag,
         compliance=compliance,
         effects=effects,
         intervals=intervals,
     )
-    inputs = [Path(robot), *logs, *([verify] if verify else ()), *(columns or ())]
-    require_outputs(inputs, {"--output": output}, report)
+    inputs = [robot, *logs, verify, *(columns or ())]
+    require_outputs(inputs, {"--output": output, "--report": report})
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit
@@ -157,39 +145,49 @@ def identify(
              "--keep-all": keep_all, "--no-events": not events},
             report,
         )  # fmt: skip
-    verify_from_factors = verify is not None and are_factor_files([verify])
-    if verify_from_factors:
+    if verify is not None and are_factor_files([verify]):
         require_open({}, report)
     with progress(as_json) as say:
         if from_factors:
+            from deltaid.fleets.factor_file import read
+            from deltaid.fleets.identify_gathered import identify_gathered
+
             say(f"merging {len(logs)} factor files")
-            result = identified(robot, logs, settings)
+            result = identify_gathered(robot, [read(log) for log in logs], settings)
         else:
             result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
-        verification, seen, surveyed = None, None, None
+        verification, error, log = None, None, None
         doubts = list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
-            if verify_from_factors:
-                verification, seen = validated(load(result.model), verify)
-            else:
-                verification, surveyed = validate(
-                    result.model, verify, columns=of_verify, keep_all=keep_all
-                )
-                seen = surveyed
-            doubts += [f"{verify}: {text}" for text in remarks(result.model, seen, verification)]
+            verification = compared(load(result.model), verify, of_verify, keep_all)
+            error, log = verification
+            doubts += [f"{verify}: {text}" for text in remarks(result.model, log, error)]
     print_warnings(doubts)
     with together():
         if output is not None:
             result.model.save(output)
         if report is not None:
-            write_report(result, surveyed, verification, report)
+            result.report(report, verification if isinstance(verification, Validation) else None)
     if as_json:
-        print_json(as_dictionary(result, verification, seen))
+        print_json(as_dictionary(result, error, log))
     else:
-        print_result(result, verification, output, seen)
-        if report is not None:
-            console.print(f"wrote {report}")
+        print_result(result, error, log)
+        if output is not None:
+            console.print(f"saved {output}")
+        print_written(report)
+
+
+@contextmanager
+def _uncollected() -> Generator[None, None, None]:
+    """Import in here: modules make a great many objects that stay, and looking through them
+    again and again for some that do not takes a fifth of the time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def _mappings(

@@ -1,36 +1,37 @@
 """`deltaid new`: a description of one's own robot, from a few numbers."""
 
 import inspect
+import json
 import signal
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from deltaid.cli.options import output_file
+from deltaid.cli.output import (
+    console,
+    print_error,
+    print_note,
+    print_warnings,
+    require_outputs,
+    styled,
+)
+from deltaid.errors import DeltaidError
+from deltaid.files import require_writable, together, written_whole
 from deltaid.studio.drafting.kinds import KINDS
 from deltaid.studio.drafting.questions import QUESTIONS, Question
 
 if TYPE_CHECKING:
-    from deltaid.errors import DeltaidError
     from deltaid.studio.drafting.draft import Draft
 
 _TITLES = {
     "lengths": "Lengths and ends", "masses": "Masses", "motors": "Motors", "tool": "Tool",
     "friction": "Friction", "workspace": "Workspace and speed",
 }  # fmt: skip
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command, with an option for every question."""
-    own = inspect.signature(new).parameters
-    options = [_option(question) for question in QUESTIONS]
-    parameters = [p for p in own.values() if p.kind is not p.VAR_KEYWORD] + options
-    new.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportFunctionMemberAccess]
-    app.command("new")(new)
 
 
 def _option(question: Question) -> inspect.Parameter:
@@ -81,10 +82,6 @@ def new(
     Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. What nobody knows is assumed, and said
     so in the file. Without a terminal nothing is asked.
     """
-    from deltaid.cli.output import console, print_note, require_report
-    from deltaid.errors import DeltaidError
-    from deltaid.files import require_writable
-
     if file.suffix.lower() not in (".yaml", ".yml"):
         raise DeltaidError("must end in .yaml", where=str(file))
     if not force and file.exists():
@@ -92,8 +89,7 @@ def new(
             "is there already", where=str(file), cure="give another name, or --force to replace it"
         )
     require_writable(file)
-    if report is not None:
-        require_report(report, [file])
+    require_outputs([file], {"--report": report})
     asker = None if yes or not (sys.stdin.isatty() and sys.stdout.isatty()) else _Terminal()
     try:
         draft = _draft(file, kind, start, name, title, given, asker)
@@ -108,6 +104,11 @@ def new(
     _show(draft, file, report)
 
 
+# The command has an option for every question.
+_own = [p for p in inspect.signature(new).parameters.values() if p.kind is not p.VAR_KEYWORD]
+new.__signature__ = inspect.Signature([*_own, *map(_option, QUESTIONS)])  # pyright: ignore[reportFunctionMemberAccess]
+
+
 def _draft(
     file: Path,
     kind: str | None,
@@ -117,8 +118,7 @@ def _draft(
     given: Mapping[str, str | None],
     asker: "_Terminal | None",
 ) -> "Draft":
-    """What the options say."""
-    from deltaid.errors import DeltaidError
+    """A draft from what the options say."""
     from deltaid.robot.load import load_robot
     from deltaid.studio.drafting.backwards import answers, kind_of
     from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
@@ -126,12 +126,12 @@ def _draft(
     offered: dict[str, float] = {}
     if start is not None:
         robot = load_robot(start)
-        offered, found = answers(robot), kind_of(robot)
-        if kind not in (None, found):
+        offered, own = answers(robot), kind_of(robot)
+        if kind not in (None, own):
             raise DeltaidError(
-                f"{start} is a {found}", where=f"--kind {kind}", cure="leave --kind out"
+                f"{start} is a {own}", where=f"--kind {kind}", cure="leave --kind out"
             )
-        kind = found
+        kind = own
     if kind is None and asker is not None:
         kind = asker.kind()
     kind = _known(kind)
@@ -158,17 +158,15 @@ def _draft(
 
 
 def _known(kind: str | None) -> str:
-    """A kind that there is.
+    """A kind of the list.
 
     Raises:
         DeltaidError: there is none of that name.
     """
-    from deltaid.errors import DeltaidError
-
     if kind in KINDS:
         return str(kind)
-    told = "is missing" if kind is None else f"{kind!r} is not known"
-    raise DeltaidError(told, where="--kind", cure=f"choose from {', '.join(KINDS)}")
+    what = "is missing" if kind is None else f"{kind!r} is not known"
+    raise DeltaidError(what, where="--kind", cure=f"choose from {', '.join(KINDS)}")
 
 
 @dataclass
@@ -178,10 +176,7 @@ class _Terminal:
     title: str = ""
 
     def kind(self) -> str:
-        """Which kind of robot."""
-        from deltaid.cli.output import console
-        from deltaid.errors import DeltaidError
-
+        """The kind of robot that is chosen."""
         console.print("What kind of robot is it?")
         names = list(KINDS)
         for i, name in enumerate(names):
@@ -197,9 +192,7 @@ class _Terminal:
                 self.tell(error)
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
-        """One answer."""
-        from deltaid.cli.output import console, styled
-
+        """The answer to one question, as it is typed."""
         if self.title != question.group:
             self.title = question.group
             console.print()
@@ -213,9 +206,7 @@ class _Terminal:
             console.print(f"  {question.how}")
 
     def tell(self, error: "DeltaidError") -> None:
-        """What is wrong."""
-        from deltaid.cli.output import print_error
-
+        """Say what is wrong."""
         print_error(error)
 
 
@@ -224,8 +215,6 @@ def _line(prompt: str) -> str:
 
     A library that takes Ctrl-C for itself lets reading go on after it; it must end.
     """
-    from deltaid.cli.output import console
-
     if hasattr(signal, "siginterrupt"):
         signal.siginterrupt(signal.SIGINT, True)
     return console.input(prompt)
@@ -233,7 +222,6 @@ def _line(prompt: str) -> str:
 
 def _write(draft: "Draft", file: Path) -> None:
     """The description, and the schema that its first line names, if there is none beside it."""
-    from deltaid.files import together, written_whole
     from deltaid.robot.description import RobotDescription
     from deltaid.studio.drafting.text import SCHEMA_FILE, written
 
@@ -243,20 +231,15 @@ def _write(draft: "Draft", file: Path) -> None:
             out.write(written(draft))
         if not schema.exists():
             with written_whole(schema) as out:
-                out.write(as_json(RobotDescription.model_json_schema()))
-
-
-def as_json(value: dict[str, Any]) -> str:
-    """As `deltaid schema` prints it."""
-    import json
-
-    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+                text = json.dumps(
+                    RobotDescription.model_json_schema(), indent=2, ensure_ascii=False
+                )
+                out.write(f"{text}\n")
 
 
 def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     """What was written, how much of it is known, and the robot at rest."""
-    from deltaid.cli.output import console, print_warnings
-    from deltaid.cli.show import survey_of
+    from deltaid.cli.show import print_survey, robot_report
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
     from deltaid.studio.drafting.draft import ASSUMED
@@ -273,6 +256,6 @@ def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     console.print()
     model = load(str(file))
     at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
-    survey_of(at_rest, None, origin)
+    print_survey(at_rest)
     if report is not None:
-        survey_of(at_rest, report, origin)
+        robot_report(at_rest, report, origin)

@@ -1,6 +1,7 @@
-"""Options that many commands have."""
+"""Options that many commands have, and kinds of options."""
 
 import glob
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,57 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.errors import DeltaidError
-from deltaid.model.options import ComplianceChoice
+from deltaid.errors import DeltaidError, positive, within
+from deltaid.model.options import LARGEST_LAG, ComplianceChoice, LagChoice
 
 if TYPE_CHECKING:
     from deltaid.recording.mapping import ColumnMapping
-
-# Of every command that reads torques.
-KeepAll = Annotated[
-    bool,
-    typer.Option(
-        "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
-    ),
-]
-
-# Of every command that fits recordings, or gathers them for a fit.
-Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
-Cutoff = Annotated[float | None, typer.Option(help="Low-pass cut-off in Hz. Default: by the data.")]
-Lag = Annotated[
-    str,
-    typer.Option(
-        help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or each "
-        "(2,2,2,-1.5)."
-    ),
-]
-Compliance = Annotated[
-    ComplianceChoice,
-    typer.Option(
-        help="Gears that wind up: estimate where the description states no stiffness, or none."
-    ),
-]
-Events = Annotated[
-    bool,
-    typer.Option(help="Look for contacts, stops, spikes and play in gears, and leave them out."),
-]
-Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-
-# Of every command that takes several recordings.
-ColumnFiles = Annotated[
-    list[Path] | None,
-    typer.Option(
-        help="Which column is what, its unit, and loads held (YAML); repeated, one a recording."
-    ),
-]
-
-
-def mappings(paths: Sequence[Path] | None) -> "list[ColumnMapping] | None":
-    """The mappings of --columns, in their order; None without any."""
-    from deltaid.recording.mapping import load_mapping
-
-    return [load_mapping(path) for path in paths] if paths else None
 
 
 def output_file(*names: str, help: str) -> Any:
@@ -76,3 +31,91 @@ def _complete(incomplete: str) -> list[str]:
     """Files and folders that begin with what has been typed."""
     found = glob.glob(f"{glob.escape(incomplete)}*")
     return [path + "/" * os.path.isdir(path) for path in sorted(found)]
+
+
+def bounded(*names: str, help: str, limits: tuple[float, float] = (0.0, math.inf)) -> Any:
+    """An option with a number within limits; a positive one where the lower limit is its own."""
+
+    def checked(parameter: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None:
+            is_positive = limits[0] > 0 or limits[1] == math.inf
+            (positive if is_positive else within)(parameter.opts[0], value, limits)
+        return value
+
+    return typer.Option(*names, help=help, callback=checked)
+
+
+def lag_of(text: str) -> LagChoice | tuple[float, ...]:
+    """What `--lag` asks for: a word, or lags in s from milliseconds."""
+    words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
+    if text in words:
+        return words[text]
+    try:
+        lags = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise DeltaidError(
+            f"must be estimate, none, or milliseconds such as 2 or 2,2,-1.5, not {text!r}",
+            where="--lag",
+        ) from None
+    for lag in lags:
+        within("--lag", lag, (-1e3 * LARGEST_LAG, 1e3 * LARGEST_LAG))
+    return tuple(1e-3 * lag for lag in lags)
+
+
+# Of every command that takes a robot, with parameters or without.
+Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
+ModelOrRobot = Annotated[
+    str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+]
+
+# Of every command that reads torques.
+KeepAll = Annotated[
+    bool,
+    typer.Option(
+        "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
+    ),
+]
+Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
+# Of every command that takes several recordings.
+ColumnFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        help="Which column is what, its unit, and loads held (YAML); repeated, one a recording."
+    ),
+]
+
+# Of every command that fits recordings, or gathers them for a fit.
+Cutoff = Annotated[float | None, bounded(help="Low-pass cut-off in Hz. Default: by the data.")]
+Lag = Annotated[
+    Any,
+    typer.Option(
+        help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or each "
+        "(2,2,2,-1.5).",
+        metavar="LAG",
+        parser=lag_of,
+    ),
+]
+Compliance = Annotated[
+    ComplianceChoice,
+    typer.Option(
+        help="Gears that wind up: estimate where the description states no stiffness, or none."
+    ),
+]
+Events = Annotated[
+    bool,
+    typer.Option(help="Look for contacts, stops, spikes and play in gears, and leave them out."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
+
+# Of every command with a result.
+Report = Annotated[
+    Path | None, output_file(help="HTML page with figures and tables, works offline.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+
+def mappings(paths: Sequence[Path] | None) -> "list[ColumnMapping] | None":
+    """The mappings of --columns, in their order; None without any."""
+    from deltaid.recording.mapping import load_mapping
+
+    return [load_mapping(path) for path in paths] if paths else None

@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,9 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from deltaid.errors import DeltaidError, visible, within
+from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable
-from deltaid.model.options import LARGEST_LAG, LagChoice
 from deltaid.view.numbers import number as number
 from deltaid.view.numbers import percent as percent  # for the commands too
 from deltaid.view.page import Table as Finished
@@ -96,6 +95,20 @@ def print_json(value: dict[str, Any]) -> None:
     print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
+def print_written(*paths: Path | None) -> None:
+    """Names of files that have been written; None for one that was not asked for."""
+    for path in paths:
+        if path is not None:
+            console.print(f"wrote {path}")
+
+
+def print_tables(*tables: Finished) -> None:
+    """Finished tables with an empty line after each."""
+    for finished in tables:
+        console.print(shown(finished))
+        console.print()
+
+
 def shown(finished: Finished) -> Table:
     """A finished table as the terminal prints it."""
     return table(finished.title, finished.columns, finished.rows)
@@ -161,47 +174,21 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
         yield lambda text: status.update(styled(text, ""))
 
 
-def lag_of(text: str) -> LagChoice | tuple[float, ...]:
-    """What `--lag` asks for: a word, or lags in s from milliseconds."""
-    words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
-    if text in words:
-        return words[text]
-    try:
-        lags = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise DeltaidError(
-            f"must be estimate, none, or milliseconds such as 2 or 2,2,-1.5, not {text!r}",
-            where="--lag",
-        ) from None
-    for one in lags:
-        within("--lag", one, (-1e3 * LARGEST_LAG, 1e3 * LARGEST_LAG))
-    return tuple(1e-3 * one for one in lags)
-
-
-def require_report(path: Path, inputs: Sequence[Path]) -> None:
-    """Refuse before any work a report that could not be written or would replace an input."""
-    if path.suffix.lower() != ".html":
-        raise DeltaidError("must end in .html", where=f"--report {path}")
-    require_writable(path, inputs)
-
-
-def require_outputs(
-    inputs: Sequence[Path], files: Mapping[str, Path | None], report: Path | None = None
-) -> None:
+def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
     """Refuse before any work files that could not be written, would replace an input or each other.
 
     Args:
-        files: by option, such as '--output'.
+        inputs: names of files, of robots in the catalogue, or None for what is not given.
+        files: by option, such as '--output'; that of '--report' must be a page.
     """
-    for path in files.values():
-        if path is not None:
-            require_writable(path, inputs)
-    if report is not None:
-        require_report(report, inputs)
+    given = [Path(name) for name in inputs if name is not None]
     taken: dict[Path, str] = {}
-    for option, path in [*files.items(), ("--report", report)]:
+    for option, path in files.items():
         if path is None:
             continue
+        if option == "--report" and path.suffix.lower() != ".html":
+            raise DeltaidError("must end in .html", where=f"--report {path}")
+        require_writable(path, given)
         other = taken.setdefault(path.resolve(), option)
         if other != option:
             raise DeltaidError(

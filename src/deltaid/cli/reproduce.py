@@ -1,18 +1,23 @@
 """`deltaid reproduce`: the paper's examples, from excitation to figures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import typer
 
+from deltaid.cli.options import AsJson
+from deltaid.cli.output import console, print_json, progress, table
+from deltaid.files import together
+
+if TYPE_CHECKING:
+    from deltaid.progress import Progress
+    from deltaid.view.page import Page
+
 Example = Literal["surrogate", "irb360"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("reproduce")(reproduce)
+_Result = TypeVar("_Result")
 
 
 def reproduce(
@@ -32,7 +37,7 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Short motions and few steps, for a first look.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Reproduce an example of the paper with simulated data, and compare with its numbers.
 
@@ -43,35 +48,22 @@ def reproduce(
 
 
 def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
-    """Sec. VII."""
-    from deltaid.cli.output import print_json, progress
-    from deltaid.files import together
+    """Reproduce Sec. VII, and print its errors."""
+    from deltaid.reproduce import surrogate_files
     from deltaid.reproduce.surrogate import reproduce_surrogate
-    from deltaid.reproduce.surrogate_files import (
-        FILES,
-        REPORT,
-        as_dictionary,
-        require_folder,
-        write_files,
-    )
     from deltaid.reproduce.surrogate_page import (
         comparison_columns,
         comparison_rows,
         surrogate_page,
     )
     from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
-    from deltaid.view.html import write_page
 
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
-    require_folder(folder, FILES)
-    with progress(as_json) as say:
-        result = reproduce_surrogate(settings, progress=say)
-        say("writing")
-        with together():
-            write_files(result, folder)
-            write_page(surrogate_page(result), folder / REPORT)
+    result = _reproduced(
+        lambda say: reproduce_surrogate(settings, progress=say),
+        surrogate_files, surrogate_page, folder, as_json,
+    )  # fmt: skip
     if as_json:
-        print_json(as_dictionary(result))
         return
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
     _print(
@@ -87,26 +79,18 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
 
 
 def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
-    """Sec. VIII."""
-    from deltaid.cli.output import print_json, progress
-    from deltaid.files import together
+    """Reproduce Sec. VIII, and print its errors."""
+    from deltaid.reproduce import irb360_files
     from deltaid.reproduce.irb360 import reproduce_irb360
-    from deltaid.reproduce.irb360_files import FILES, as_dictionary, write_files
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
-    from deltaid.reproduce.surrogate_files import REPORT, require_folder
-    from deltaid.view.html import write_page
 
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
-    require_folder(folder, FILES)
-    with progress(as_json) as say:
-        result = reproduce_irb360(settings, progress=say)
-        say("writing")
-        with together():
-            write_files(result, folder)
-            write_page(irb360_page(result), folder / REPORT)
+    result = _reproduced(
+        lambda say: reproduce_irb360(settings, progress=say),
+        irb360_files, irb360_page, folder, as_json,
+    )  # fmt: skip
     if as_json:
-        print_json(as_dictionary(result))
         return
     _print(
         "Sec. VIII with a simulated stand-in for the machine",
@@ -117,11 +101,32 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     )
 
 
+def _reproduced(
+    run: "Callable[[Progress], _Result]",
+    files: ModuleType,
+    page: "Callable[[_Result], Page]",
+    folder: Path,
+    as_json: bool,
+) -> _Result:
+    """The result of an example, which has been written into a folder."""
+    from deltaid.reproduce.surrogate_files import REPORT, require_folder
+    from deltaid.view.html import write_page
+
+    require_folder(folder, files.FILES)
+    with progress(as_json) as say:
+        result = run(say)
+        say("writing")
+        with together():
+            files.write_files(result, folder)
+            write_page(page(result), folder / REPORT)
+    if as_json:
+        print_json(files.as_dictionary(result))
+    return result
+
+
 def _print(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], note: str, folder: Path
 ) -> None:
-    from deltaid.cli.output import console, table
-
     console.print(table(title, columns, rows))
     console.print()
     console.print(note)

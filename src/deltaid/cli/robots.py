@@ -4,20 +4,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltaid.cli.output import console, table
+
 if TYPE_CHECKING:
     from deltaid.robot.description import RobotDescription
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("robots")(robots)
 
 
 def robots(
     name: Annotated[str | None, typer.Argument(help="Print this robot's description file.")] = None,
 ) -> None:
     """List the robots that come with deltaid, or print the description of one to start from."""
-    from deltaid.cli.output import console, table
     from deltaid.robot.load import catalogue, catalogue_text, load_robot
 
     if name is not None:

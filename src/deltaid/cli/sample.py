@@ -5,7 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from deltaid.cli.simulate import AsJson
+from deltaid.cli.options import AsJson, bounded
+from deltaid.cli.output import console, print_json, print_tables, print_written, progress
+from deltaid.errors import DeltaidError
+from deltaid.files import require_new_folder, require_writable
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
 
 if TYPE_CHECKING:
@@ -14,25 +17,27 @@ if TYPE_CHECKING:
 Form = Literal["npz", "mjcf"]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("sample")(sample)
-
-
 def sample(
     model: Annotated[str, typer.Argument(help="A model saved by `deltaid identify`.")],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="File (.npz) or new folder (mjcf).", metavar="PATH"),
     ],
-    n: Annotated[int, typer.Option("-n", "--number", help="How many models.")] = 1000,
-    seed: Annotated[int, typer.Option(help="The same one gives the same models.")] = 0,
+    n: Annotated[
+        int, bounded("-n", "--number", help="How many models.", limits=SAMPLES_LIMITS)
+    ] = 1000,
+    seed: Annotated[
+        int, bounded(help="The same one gives the same models.", limits=(0.0, 2.0**63))
+    ] = 0,
     to: Annotated[
         Form, typer.Option(help="npz: all parameters in one file; mjcf: a file a model.")
     ] = "npz",
     limb_tolerance: Annotated[
         float,
-        typer.Option(help="Scatter of masses from limb to limb, as a share (one sigma)."),
+        bounded(
+            help="Scatter of masses from limb to limb, as a share (one sigma).",
+            limits=TOLERANCE_LIMITS,
+        ),
     ] = 0.0,
     as_json: AsJson = False,
 ) -> None:
@@ -41,15 +46,9 @@ def sample(
     docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
     domain randomisation that no recording contradicts.
     """
-    from deltaid.cli.output import console, print_json, progress, shown
-    from deltaid.errors import DeltaidError, within
-    from deltaid.files import require_new_folder, require_writable
     from deltaid.model.model import load
     from deltaid.view.samples import sample_sentence, sample_table
 
-    within("-n", float(n), SAMPLES_LIMITS)
-    within("--seed", float(seed), (0.0, 2.0**63))
-    within("--limb-tolerance", limb_tolerance, TOLERANCE_LIMITS)
     if to == "npz" and output.suffix.lower() != ".npz":
         raise DeltaidError("must end in .npz for --to npz", where=str(output))
     if to == "npz":
@@ -64,10 +63,9 @@ def sample(
     if as_json:
         print_json(as_dictionary(drawn, written))
         return
-    console.print(shown(sample_table(drawn)))
-    console.print()
+    print_tables(sample_table(drawn))
     console.print(sample_sentence(drawn))
-    console.print(f"wrote {written}")
+    print_written(written)
 
 
 def as_dictionary(drawn: "Samples", written: Path) -> dict[str, Any]:

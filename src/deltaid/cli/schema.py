@@ -4,12 +4,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from deltaid.cli.output import print_json
+
 Kind = Literal["robot", "columns", "model", "sensors", "fleet"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("schema")(schema)
 
 
 def schema(
@@ -21,7 +18,6 @@ def schema(
     ] = "robot",
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
-    from deltaid.cli.output import print_json
     from deltaid.fleets.manifest import Manifest
     from deltaid.model.record import IdentifiedModel
     from deltaid.recording.mapping import ColumnMapping

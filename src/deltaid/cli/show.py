@@ -7,17 +7,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltaid.cli.options import output_file
+from deltaid.cli.output import (
+    console,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+    styled,
+    table,
+)
+from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
 
 # Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
 _LOOK = 0.5
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("show")(show)
 
 
 def show(
@@ -40,13 +45,11 @@ def show(
 
     Without options it prints tables.
     """
-    from deltaid.cli.output import progress, require_report
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
     from deltaid.view.reach import require_space
 
-    if report is not None:
-        require_report(report, [Path(robot)])
+    require_outputs([robot], {"--report": report})
     if live:
         _require_live(port)
     model = load(robot)
@@ -54,15 +57,16 @@ def show(
     with progress(False) as say:
         say("compiling")
         at_rest = AtRest(model.dynamics, model.p)
-    if report is not None or not live:
+    if report is not None:
         known = "identified" if model.identified else "prior"
-        survey_of(at_rest, report, f"Robot at rest, with its {known} parameters")
+        robot_report(at_rest, report, f"Robot at rest, with its {known} parameters")
+    elif not live:
+        print_survey(at_rest)
     if live:
         _open(at_rest, port)
 
 
 def _require_live(port: int | None) -> None:
-    from deltaid.errors import DeltaidError
     from deltaid.view.live import require_port, require_viser
 
     require_viser()
@@ -72,33 +76,36 @@ def _require_live(port: int | None) -> None:
         require_port(port)
 
 
-def survey_of(robot: "AtRest", report: Path | None, origin: str) -> None:
-    """A robot at rest, as a page or as tables."""
-    from deltaid.cli.output import console, print_warnings, styled, table
-    from deltaid.view import robot_page as page
+def robot_report(robot: "AtRest", path: Path, origin: str) -> None:
+    """Write the page of a robot at rest, whose parameters are of that origin."""
     from deltaid.view.html import write_page
     from deltaid.view.reach import reach, survey
+    from deltaid.view.robot_page import robot_page
 
-    found, surveyed = reach(robot), survey(robot)
-    if report is not None:
-        write_page(page.robot_page(robot, found, surveyed, origin), report)
-        console.print(f"wrote {report}")
-        return
+    write_page(robot_page(robot, reach(robot), survey(robot), origin), path)
+    print_written(path)
+
+
+def print_survey(robot: "AtRest") -> None:
+    """Facts and tables of a robot at rest."""
+    from deltaid.view import robot_page as page
+    from deltaid.view.reach import reach, survey
+
+    reached, surveyed = reach(robot), survey(robot)
     print_warnings(page.warnings(robot, surveyed))
     console.print(styled(robot.robot.title or robot.robot.name))
-    for fact in page.facts(robot, found, surveyed):
+    for fact in page.facts(robot, reached, surveyed):
         console.print(f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else ""))
     for title, part in (
         ("Drives", page.drive_table(robot, surveyed)),
         ("Limits in the workspace", page.use_table(robot, surveyed)),
-        ("What ends ways from home", page.end_table(robot, found)),
+        ("What ends ways from home", page.end_table(robot, reached)),
     ):
         console.print()
         console.print(table(title, part.columns, part.rows))
 
 
 def _open(robot: "AtRest", port: int | None) -> None:
-    from deltaid.cli.output import console
     from deltaid.view.live import DEFAULT_PORT, LiveView
 
     live = LiveView(robot, DEFAULT_PORT if port is None else port)

@@ -7,8 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import AsJson, Columns, Report, output_file
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_origin,
+    print_problems,
+    print_tables,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+)
 from deltaid.control.options import ControllerName
+from deltaid.files import together, written_whole
 
 if TYPE_CHECKING:
     from deltaid.control.simulate import Conditions, Simulation
@@ -30,7 +42,6 @@ Encoder = Annotated[
     typer.Option(help="Encoder step, rad or m; 0 for none. Default: 2⁻²⁰ of a turn.", min=0),
 ]
 Delay = Annotated[int, typer.Option(help="Samples from reading to use.", min=0, max=1000)]
-Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
 PayloadText = Annotated[
     str | None,
     typer.Option(
@@ -50,14 +61,8 @@ ElasticGears = Annotated[
     bool,
     typer.Option("--elastic-gears", help="Gears wind up by the plant's gear_stiffness."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 DEFAULT_RATE, DEFAULT_BANDWIDTH = 1000.0, 10.0
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("simulate")(simulate)
 
 
 def simulate(
@@ -80,9 +85,7 @@ def simulate(
     output: Annotated[
         Path | None, output_file("--output", "-o", help="CSV file for motion and torques.")
     ] = None,
-    report: Annotated[
-        Path | None, output_file(help="HTML page with figures, works offline.")
-    ] = None,
+    report: Report = None,
     as_json: AsJson = False,
 ) -> None:
     """Follow a motion with a controller that knows MODEL, on a robot that may be another one.
@@ -91,19 +94,10 @@ def simulate(
     its prior. A motion that asks for more than the robot has, or that its controller does not
     follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
     """
-    from deltaid.cli.output import (
-        console,
-        print_json,
-        print_origin,
-        print_problems,
-        print_warnings,
-        progress,
-        require_outputs,
-    )
     from deltaid.control.simulate import simulate as run
-    from deltaid.files import together, written_whole
 
-    require_outputs(given(model, trajectory, plant, columns), {"--output": output}, report)
+    inputs = (model, trajectory, plant, columns)
+    require_outputs(inputs, {"--output": output, "--report": report})
     with progress(as_json) as say:
         result = run(
             model, trajectory, controller=controller, plant=plant, rate=rate, bandwidth=bandwidth,
@@ -120,24 +114,19 @@ def simulate(
     print_origin(result.conditions.model)
     print_warnings(result.conditions.warnings)
     if as_json:
-        settings = {"controller": controller, "model": model, "plant": plant or model}
-        settings |= conditions_dictionary(result.conditions)
-        settings |= payload_dictionary(result)
-        infeasible = {"infeasible": [asdict(problem) for problem in result.problems]}
-        print_json(settings | error_dictionary(result.tracking) | infeasible)
+        print_json(
+            {"controller": controller, "model": model, "plant": plant or model}
+            | conditions_dictionary(result.conditions)
+            | _payload_dictionary(result)
+            | error_dictionary(result.tracking)
+            | {"infeasible": [asdict(problem) for problem in result.problems]}
+        )
     else:
         _print(result.conditions.model.robot, result.tracking)
         for text in result.remarks:
             console.print(text)
-        for path in (output, report):
-            if path is not None:
-                console.print(f"wrote {path}")
+        print_written(output, report)
     print_problems([problem.text for problem in result.problems])
-
-
-def given(*names: str | Path | None) -> list[Path]:
-    """The input files among some arguments."""
-    return [Path(name) for name in names if name is not None]
 
 
 def conditions_dictionary(on: "Conditions") -> dict[str, Any]:
@@ -153,7 +142,7 @@ def conditions_dictionary(on: "Conditions") -> dict[str, Any]:
     }
 
 
-def payload_dictionary(result: "Simulation") -> dict[str, Any]:
+def _payload_dictionary(result: "Simulation") -> dict[str, Any]:
     """What is held, for JSON, and errors at both ends of what it may be."""
     payload = result.conditions.payload
     if payload is None:
@@ -189,12 +178,10 @@ def error_dictionary(result: "Tracking") -> dict[str, Any]:
 
 
 def _print(robot: "RobotDescription", result: "Tracking") -> None:
-    from deltaid.cli.output import console, shown
     from deltaid.view.tracking import drive_table
 
     error = result.error
-    console.print(shown(drive_table(robot, result)))
-    console.print()
+    print_tables(drive_table(robot, result))
     console.print(
         f"platform {1e3 * error.platform_rms:.3g} mm rms and {1e3 * error.platform_max:.3g} mm at "
         f"most from where it should be, over {result.time[-1]:.4g} s"

@@ -5,10 +5,7 @@ from typing import Annotated
 
 import typer
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("studio")(studio)
+from deltaid.cli.output import console
 
 
 def studio(
@@ -29,7 +26,6 @@ def studio(
 
     Everything stays in FOLDER, in the files that the other commands read and write.
     """
-    from deltaid.cli.output import console
     from deltaid.studio.server import port_for, require_nicegui, serve
 
     require_nicegui()

@@ -5,23 +5,16 @@ from typing import Annotated
 
 import typer
 
-from deltaid.cli.options import output_file
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("torque")(torque)
+from deltaid.cli.options import Columns, ModelOrRobot, output_file
+from deltaid.cli.output import console, print_origin, print_warnings, progress, require_outputs
+from deltaid.files import written_whole
 
 
 def torque(
-    model: Annotated[
-        str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
-    ],
+    model: ModelOrRobot,
     log: Annotated[Path, typer.Argument(help="A recording or a planned motion, of any kind.")],
     output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column is what, and its unit (YAML).")
-    ] = None,
+    columns: Columns = None,
 ) -> None:
     """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m (N).
 
@@ -30,20 +23,18 @@ def torque(
     Without recorded velocities and accelerations the positions are filtered and differentiated,
     and as many rows as the filter is long are missing at either end.
     """
-    from deltaid.cli.output import console, print_origin, print_warnings, progress
-    from deltaid.files import require_writable, written_whole
     from deltaid.identification.loads import as_known
     from deltaid.identification.sources import model_filtered
     from deltaid.identification.torque_error import predict, prediction_csv
     from deltaid.model.model import load
-    from deltaid.recording.mapping import load_mapping
+    from deltaid.recording.mapping import as_mapping
     from deltaid.recording.opening import open_log
 
-    require_writable(output, [Path(model), log, *([columns] if columns else [])])
+    require_outputs((model, log, columns), {"--output": output})
     known = load(model)
     dynamics = known.dynamics
     print_origin(known)
-    mapping = load_mapping(columns) if columns else None
+    mapping = as_mapping(columns)
     rows = 0
     with progress(False) as say:
         say(f"checking {log}")
