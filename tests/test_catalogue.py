@@ -19,11 +19,10 @@ from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.robot.inertia import (
     INERTIA_NAMES,
+    RigidBody,
     consistency,
     inertia_parameters,
     pseudo_inertia,
-    why_inconsistent,
-    with_thickness,
 )
 from deltaid.robot.load import catalogue, catalogue_text, load_robot
 from deltaid.robot.shapes import HollowCylinder, PointMass
@@ -140,21 +139,23 @@ def test_pseudo_inertia_is_the_matrix_of_moments_of_a_cloud_of_points(seed: int)
     upper = [Theta[0, 0], Theta[1, 1], Theta[2, 2], Theta[0, 1], Theta[1, 2], Theta[0, 2]]
     assert np.allclose(p, [m.sum(), *(m @ r), *upper])
     assert consistency(p) > 0
-    assert why_inconsistent(p) == ""
+    assert RigidBody(p).why_inconsistent == ""
 
 
 def test_inconsistent_bodies_are_told_why() -> None:
     good = np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0])
-    assert "mass" in why_inconsistent(good * np.array([-1] + [1] * 9))
-    assert "triangle" in why_inconsistent(np.array([1.0, 0, 0, 0, 1, 1, 2.5, 0, 0, 0]))
-    assert "centre of mass" in why_inconsistent(np.array([1.0, 2, 0, 0, 1, 1, 1, 0, 0, 0]))
+    assert "mass" in RigidBody(good * np.array([-1] + [1] * 9)).why_inconsistent
+    thin, far = [1.0, 0, 0, 0, 1, 1, 2.5, 0, 0, 0], [1.0, 2, 0, 0, 1, 1, 1, 0, 0, 0]
+    assert "triangle" in RigidBody(np.array(thin)).why_inconsistent
+    assert "centre of mass" in RigidBody(np.array(far)).why_inconsistent
 
 
 def test_plates_lines_and_points_become_barely_solid() -> None:
     plate = np.array([1.0, 0, 0, 0, 0.002, 0.002, 0.004, 0, 0, 0])
     assert consistency(plate) <= 1e-12
-    assert consistency(with_thickness(plate)) > 0
-    assert np.allclose(with_thickness(plate), plate, rtol=2e-6)
+    solid = RigidBody(plate).with_thickness().p
+    assert consistency(solid) > 0
+    assert np.allclose(solid, plate, rtol=2e-6)
 
 
 MACHINES = tuple(name for name in catalogue() if name not in KINDS)

@@ -25,7 +25,7 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
-from deltaid.robot.inertia import body_inertia, why_not_physical
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import catalogue_text, load_robot
 from exports import model, states, subject
 from identified import identified
@@ -85,7 +85,7 @@ def test_inertia_of_a_box_about_its_centre() -> None:
     squares, products = m * edges**2 / 3, m * np.outer(edges, edges) / 4
     tensor = [squares[1] + squares[2], squares[0] + squares[2], squares[0] + squares[1]]
     p = np.array([m, *(m * edges / 2), *tensor, *(-products[[0, 1, 0], [1, 2, 2]])])
-    box = body_inertia(p)
+    box = RigidBody(p)
     assert box.com == pytest.approx(edges / 2)
     assert box.about_com == pytest.approx(np.diag([6.5, 5.0, 2.5]), abs=1e-12)
 
@@ -113,8 +113,9 @@ def test_bodies_of_the_catalogue_can_exist(name: str) -> None:
     p = prior_parameters(robot)
     layout = Dynamics(robot).layout
     for body in layout.bodies:
-        assert why_not_physical(p[layout.body(body)]) == ""
-        a, b, c = np.linalg.eigvalsh(body_inertia(p[layout.body(body)]).about_com)
+        rigid = RigidBody(p[layout.body(body)])
+        assert rigid.why_not_physical == ""
+        a, b, c = np.linalg.eigvalsh(rigid.about_com)
         assert a > 0
         assert c < a + b
 

@@ -9,7 +9,7 @@ from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.robot.shapes import HollowCylinder, PointMass
 from deltaid.sensors.weighings import Weighing, weighings
@@ -115,7 +115,7 @@ def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Ver
         lengths = {driven: limb.upper_arm, strut: limb.strut} | lengths
     reach, mass = lengths.get(name) or size, float(p[0])
     com = float(np.linalg.norm(p[1:4]) / mass)
-    gyration = float(np.sqrt(np.trace(pseudo_inertia(p)[:3, :3]) / mass))
+    gyration = RigidBody(p).gyration
     small = bool(lengths.get(name)) and gyration < _INSIDE * reach
     if massive := _massive(f"bodies.{name}.prior.mass", name, mass, size, alone=small):
         return massive

@@ -26,7 +26,7 @@ from deltaid.robot.inertia import (
     INERTIA_UNITS,
     POSITIVE_NAMES,
     PSEUDO_INERTIA_ENTRIES,
-    body_at,
+    RigidBody,
     entry_map,
 )
 from deltaid.robot.parameter import Parameter
@@ -139,7 +139,7 @@ class LoadColumns(Addition):
     @property
     def _kilogram(self) -> Ten:
         """p of 1 kg at its centre, or in the frame's origin where that is not known."""
-        return body_at(1.0, np.array(self.load.centre or (0.0, 0.0, 0.0)), np.zeros((3, 3)))
+        return RigidBody.point(1.0, self.load.centre or (0.0, 0.0, 0.0)).p
 
     @cached_property
     def _visible(self) -> Bool[np.ndarray, " 10"]:

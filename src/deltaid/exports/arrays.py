@@ -11,7 +11,7 @@ import numpy as np
 
 from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model
-from deltaid.robot.inertia import body_inertia
+from deltaid.robot.inertia import RigidBody
 
 
 def model_arrays(subject: Model) -> dict[str, np.ndarray]:
@@ -20,7 +20,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     Limits that the description does not set are infinite.
     """
     robot, layout = subject.robot, subject.dynamics.layout
-    bodies = [body_inertia(subject.body(name)) for name in layout.bodies]
+    bodies = [RigidBody(subject.body(name)) for name in layout.bodies]
     limits = [robot.drive_limits.get(drive) for drive in robot.drives]
     ranges = [(l and l.range) or (-np.inf, np.inf) for l in limits]
     terms = robot.friction_terms

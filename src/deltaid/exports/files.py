@@ -25,7 +25,7 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
-from deltaid.robot.inertia import why_not_physical
+from deltaid.robot.inertia import RigidBody
 
 # Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
 _LOADS = (1e-6, 1e3)
@@ -290,8 +290,7 @@ def _holding(model: Model, payload: str | float) -> Model:
 def require_physical(model: Model) -> None:
     """Refuse bodies that the target's own reader would refuse."""
     for name in model.layout.bodies:
-        reason = why_not_physical(model.body(name))
-        if reason:
+        if reason := RigidBody(model.body(name)).why_not_physical:
             raise DeltaidError(
                 f"body {name} cannot be exported: {reason}",
                 where=model.source,

@@ -24,7 +24,7 @@ from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreePoi
 from deltaid.files import new_folder
 from deltaid.model.model import Model
 from deltaid.model.samples import Samples
-from deltaid.robot.inertia import body_inertia, why_not_physical
+from deltaid.robot.inertia import RigidBody
 
 # Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
 # allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.
@@ -104,7 +104,7 @@ def _body(
     MuJoCo wants the frame where the joints are at `ref`, and every axis in that frame.
     """
     R, r, axes = _at_home(body, home)
-    inertia = body_inertia(body.p)
+    inertia = RigidBody(body.p)
     T = inertia.about_com
     entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
     quat = np.roll(Rotation.from_matrix(R).as_quat(), 1)  # MuJoCo has the scalar first
@@ -277,7 +277,7 @@ def write_ensemble(samples: Samples, folder: str | Path) -> Path:
         index.writerow(["file", *samples.names])
         for i, model in enumerate(samples.models()):
             for body in model.layout.bodies:
-                if reason := why_not_physical(model.body(body)):
+                if reason := RigidBody(model.body(body)).why_not_physical:
                     raise DeltaidError(
                         f"body {body} cannot be exported: {reason}",
                         where=model.source,

@@ -25,7 +25,7 @@ from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreeStr
 from deltaid.exports.urdf_parts import colours, control, visual
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import body_inertia
+from deltaid.robot.inertia import RigidBody
 from deltaid.sensors.weighings import roll_pitch_yaw
 
 _WORLD, _BASE = "world", "base"
@@ -177,7 +177,7 @@ def _placeholders(root: ET.Element) -> list[str]:
 
 def _inertial(link: ET.Element, body: TreeBody) -> None:
     """Mass, and inertia about the centre of mass in the link's axes."""
-    inertia = body_inertia(body.p)
+    inertia = RigidBody(body.p)
     _mass_and_moments(link, inertia.com, inertia.mass, inertia.about_com)
 
 

@@ -21,10 +21,10 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
+    RigidBody,
     entry_map,
     inertia_parameters,
     pseudo_inertia,
-    with_thickness,
 )
 
 
@@ -110,7 +110,7 @@ def _entries(
     M = pseudo_inertia(reduced)
     if not free:
         return M, []
-    whole = pseudo_inertia(with_thickness(robot.bodies[body].prior_parameters()))
+    whole = pseudo_inertia(RigidBody(robot.bodies[body].prior_parameters()).with_thickness().p)
     vary = []
     for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
         hidden = not np.any(visible & (to_p[:, k] != 0))

@@ -25,7 +25,7 @@ from deltaid.model.record import IdentifiedModel, above
 from deltaid.progress import Watch, watched
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import TERMS
-from deltaid.robot.inertia import why_inconsistent, with_thickness
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import (
     catalogue,
     described,
@@ -77,10 +77,9 @@ class Model(Shown, Plotted, Tabled, Reported):
             )
         for name in self.layout.bodies:
             body = self.body(name)
-            finite = np.all(np.isfinite(body))
             reason = "its parameters are not all finite"
-            if finite:  # a plate or a line is taken as in a description
-                reason = why_inconsistent(with_thickness(body))
+            if np.all(np.isfinite(body)):  # a plate or a line is taken as in a description
+                reason = RigidBody(body).with_thickness().why_inconsistent
             if reason:
                 raise DescriptionError(
                     f"body {name} cannot exist: {reason}",

@@ -20,7 +20,7 @@ from deltaid.model.sources import Source
 from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import why_inconsistent
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import bound, parse, read_text, save_yaml
 from deltaid.robot.part import Part
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -232,8 +232,8 @@ def _why_inconsistent(
 ) -> str:
     """Which body or coefficient cannot exist, why, and how a file comes to have it."""
     if worst in layout.bodies:
-        reason = why_inconsistent(p[layout.body(worst)]) or "it lies at the edge of consistency"
-        text = f"body {worst} cannot exist: {reason}"
+        reason = RigidBody(p[layout.body(worst)]).why_inconsistent
+        text = f"body {worst} cannot exist: {reason or 'it lies at the edge of consistency'}"
     else:
         k = layout.names.index(worst)
         value, high = p[k], layout.parameters[k].high

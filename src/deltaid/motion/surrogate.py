@@ -14,7 +14,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import transformed
+from deltaid.robot.inertia import RigidBody
 from deltaid.sensors.robot_sensors import simulated_sensors
 
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
@@ -62,7 +62,7 @@ def surrogate_parameters(
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
-        p[part] = transformed(p[part], G)
+        p[part] = RigidBody(p[part]).transformed(G).p
     if _like_the_papers(robot):
         for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
             p[columns] = [values[joint] for joint in robot.friction_joints]

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from deltaid.errors import RecordingError
 from deltaid.robot.body import InertiaTensor
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import why_inconsistent, with_thickness
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Coordinate, Mass, Point, Positive
 
@@ -118,8 +118,9 @@ class Load(Part):
             raise ValueError(
                 "mass_tolerance is more than half the mass; leave the mass out to have it found"
             )
-        if self.inertia is not None and (reason := why_inconsistent(with_thickness(self._own()))):
-            raise ValueError(f"the load is not a physical body: {reason}")
+        own = None if self.inertia is None else RigidBody(self._own()).with_thickness()
+        if own is not None and own.why_inconsistent:
+            raise ValueError(f"the load is not a physical body: {own.why_inconsistent}")
         return self
 
     def _own(self) -> Float[np.ndarray, " 10"]:

@@ -11,7 +11,7 @@ import numpy as np
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.inertia import inertia_parameters, transformed
+from deltaid.robot.inertia import RigidBody, inertia_parameters
 
 # Mass [kg], first moment [kg m] and second moments ∫x², ∫y², ∫z² dm [kg m²] in the link frame.
 _BODIES = {
@@ -62,7 +62,7 @@ def regularisation(
     bodies = {}
     for body, given in nominal.bodies.items():
         G = np.diag(np.sqrt(rng.uniform(*share, 4)))
-        prior = transformed(given.prior_parameters(), G)
+        prior = RigidBody(given.prior_parameters()).transformed(G).p
         bodies[body] = given.changed(prior=ExplicitInertia.of(prior))
     friction = {
         joint: Friction(

@@ -9,10 +9,9 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.inertia import (
     PSEUDO_INERTIA_ENTRIES,
+    RigidBody,
     inertia_parameters,
     pseudo_inertia,
-    why_inconsistent,
-    with_thickness,
 )
 from deltaid.robot.measured import Measured
 from deltaid.robot.part import Part
@@ -112,8 +111,7 @@ class Body(Part):
             raise ValueError("free names an entry twice")
         if isinstance(self.prior, tuple) and not self.prior:
             raise ValueError("prior needs at least one shape")
-        reason = why_inconsistent(with_thickness(self.prior_parameters()))
-        if reason:
+        if reason := RigidBody(self.prior_parameters()).with_thickness().why_inconsistent:
             raise ValueError(f"the prior is not a physical body: {reason}")
         return self
 
@@ -124,7 +122,7 @@ class Body(Part):
     def reduced_prior(self) -> Float[np.ndarray, " 10"]:
         """The prior with the first moments and products that `free` leaves out set to zero.
 
-        Bodies without thickness are made barely solid (`inertia.with_thickness`).
+        Bodies without thickness are made barely solid (`RigidBody.with_thickness`).
         """
         return reduced_prior(self.prior, self.free)
 
@@ -132,12 +130,12 @@ class Body(Part):
 def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
     """`Body.reduced_prior` of what a body says."""
     if not free:
-        return with_thickness(_parameters(prior))
+        return RigidBody(_parameters(prior)).with_thickness().p
     M = pseudo_inertia(_parameters(prior))
     for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
         if i != j and name not in free:
             M[i, j] = M[j, i] = 0.0
-    return with_thickness(inertia_parameters(M))
+    return RigidBody(inertia_parameters(M)).with_thickness().p
 
 
 def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:

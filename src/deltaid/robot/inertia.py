@@ -19,6 +19,7 @@ MuJoCo, URDF and most CAD programs want the tensor about the centre of mass c, b
 in axes parallel to the link frame. Entries off the diagonal carry the minus sign everywhere.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,31 +73,6 @@ def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, 
     return p
 
 
-def body_at(
-    m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, " 10"]:
-    """Parameters of a mass m [kg] at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
-    M = np.empty((4, 4))
-    M[:3, :3] = Sigma_C + m * np.outer(c, c)
-    M[:3, 3] = M[3, :3] = m * c
-    M[3, 3] = m
-    return inertia_parameters(M)
-
-
-def transformed(
-    p: Float[np.ndarray, " 10"], T: Float[np.ndarray, "4 4"]
-) -> Float[np.ndarray, " 10"]:
-    """Parameters of the body whose points are (r, 1) → T (r, 1), M̄ → T M̄ Tᵀ: moved or turned with a
-    homogeneous T, stretched with a diagonal one."""
-    return inertia_parameters(T @ pseudo_inertia(p) @ T.T)
-
-
-def inertia_tensor(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "3 3"]:
-    """Θ about the link frame's origin [kg m²]."""
-    xx, yy, zz, xy, yz, xz = p[4:]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
 def entry_map() -> Float[np.ndarray, "10 10"]:
     """The linear map from the entries of M̄, in the order of PSEUDO_INERTIA_ENTRIES, to p."""
     columns = []
@@ -122,82 +98,122 @@ def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"
     return np.where(possible, np.linalg.eigvalsh(scaled)[..., 0], -np.inf)
 
 
-def with_thickness(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
-    """A body without thickness (plate, line, point) made barely solid; any other body unchanged.
-
-    Adds m (ℓ/1000)² to the three second moments, with ℓ² = tr Σ / m the body's radius of gyration
-    about the origin (at least 1 mm), which changes no moment of inertia of the size of m ℓ² by
-    more than 2e-6 of itself.
-    """
-    M = pseudo_inertia(p)
-    if p[0] <= 0 or consistency(p) > 1e-6:
-        return p
-    length = max(np.sqrt(max(np.trace(M[:3, :3]), 0.0) / p[0]), 1e-3)
-    M[:3, :3] += p[0] * (1e-3 * length) ** 2 * np.eye(3)
-    return inertia_parameters(M)
-
-
-def why_inconsistent(p: Float[np.ndarray, " 10"]) -> str:
-    """A sentence that says which physical condition is violated; empty for a consistent body."""
-    if consistency(p) > 0:
-        return ""
-    if p[0] <= 0:
-        return f"its mass is {p[0]:.4g} kg, which is not positive"
-    com = p[1:4] / p[0]
-    Sigma_C = pseudo_inertia(p)[:3, :3] - p[0] * np.outer(com, com)
-    Theta_C = np.trace(Sigma_C) * np.eye(3) - Sigma_C
-    a, b, c = np.linalg.eigvalsh(Theta_C)
-    if a <= 0:
-        return (
-            "its inertia about its centre of mass is not positive definite "
-            f"(principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m²); "
-            "is the inertia given about the centre of mass instead of the link frame?"
-        )
-    return (
-        "its principal moments of inertia about the centre of mass, "
-        f"{a:.4g}, {b:.4g}, {c:.4g} kg m², violate the triangle inequality"
-    )
-
-
-@dataclass(frozen=True)
-class BodyInertia:
-    """One body's inertia in its link frame's axes.
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A rigid body by its ten parameters about the origin of a link frame; those of parts add up.
 
     Attributes:
-        mass: [kg].
-        com: centre of mass from the link frame's origin [m].
-        about_link: tensor about the link frame's origin [kg m²].
-        about_com: tensor about the centre of mass [kg m²].
+        p: m, first moment and inertia tensor in the order above [kg, kg m, kg m²].
     """
 
-    mass: float
-    com: Float[np.ndarray, " 3"]
-    about_link: Float[np.ndarray, "3 3"]
-    about_com: Float[np.ndarray, "3 3"]
+    p: Float[np.ndarray, " 10"]
 
+    @classmethod
+    def centred(
+        cls, m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
+    ) -> "RigidBody":
+        """A mass m [kg] centred at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
+        M = np.empty((4, 4))
+        M[:3, :3] = Sigma_C + m * np.outer(c, c)
+        M[:3, 3] = M[3, :3] = m * c
+        M[3, 3] = m
+        return cls(inertia_parameters(M))
 
-def body_inertia(p: Float[np.ndarray, " 10"]) -> BodyInertia:
-    """From the ten parameters about the link frame."""
-    m, c, about_link = float(p[0]), p[1:4] / p[0], inertia_tensor(p)
-    about_com = about_link - m * (c @ c * np.eye(3) - np.outer(c, c))
-    return BodyInertia(m, c, about_link, about_com)
+    @classmethod
+    def point(cls, m: float, c: Sequence[float] | Float[np.ndarray, " 3"]) -> "RigidBody":
+        """A mass m [kg] at a point c [m]."""
+        return cls.centred(m, np.array(c), np.zeros((3, 3)))
 
+    def transformed(self, T: Float[np.ndarray, "4 4"]) -> "RigidBody":
+        """The body whose points are (r, 1) → T (r, 1), M̄ → T M̄ Tᵀ: stretched with a diagonal T."""
+        return RigidBody(inertia_parameters(T @ pseudo_inertia(self.p) @ T.T))
 
-def why_not_physical(p: Float[np.ndarray, " 10"]) -> str:
-    """Why no body has these parameters; empty for one that can exist.
+    def moved(self, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> "RigidBody":
+        """The same in axes in which its link frame stands turned by R and shifted by d [m]."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = R, d
+        return self.transformed(T)
 
-    Beside the pseudo-inertia matrix (12) the tensor about the centre of mass is looked at, as the
-    program that reads it will: positive definite, principal moments within the triangle inequality.
-    """
-    if not np.all(np.isfinite(p)):
-        return "its parameters are not all finite"
-    reason = why_inconsistent(p)
-    if reason:
-        return reason
-    a, b, c = np.linalg.eigvalsh(body_inertia(p).about_com)
-    if a > 0 and a + b > c:
-        return ""
-    return (
-        f"its principal moments of inertia about the centre of mass, {a:.4g}, {b:.4g}, {c:.4g} "
-        "kg m², are lost in rounding"
-    )
+    @property
+    def mass(self) -> float:
+        """Mass of the body [kg]."""
+        return float(self.p[0])
+
+    @property
+    def com(self) -> Float[np.ndarray, " 3"]:
+        """Centre of mass from the link frame's origin [m]."""
+        return self.p[1:4] / self.p[0]
+
+    @property
+    def about_link(self) -> Float[np.ndarray, "3 3"]:
+        """Inertia tensor Θ about the link frame's origin [kg m²]."""
+        xx, yy, zz, xy, yz, xz = self.p[4:]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def about_com(self) -> Float[np.ndarray, "3 3"]:
+        """Inertia tensor about the centre of mass, Θ − m (c·c I − c cᵀ) [kg m²]."""
+        c = self.com
+        return self.about_link - self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+
+    @property
+    def second_moments(self) -> Float[np.ndarray, "3 3"]:
+        """Second moments about the centre of mass, Σ_C = Σ − m c cᵀ [kg m²]."""
+        return pseudo_inertia(self.p)[:3, :3] - self.p[0] * np.outer(self.com, self.com)
+
+    @property
+    def gyration(self) -> float:
+        """Radius of gyration about the link frame's origin, ℓ² = tr Σ / m [m]."""
+        return float(np.sqrt(max(np.trace(pseudo_inertia(self.p)[:3, :3]), 0.0) / self.p[0]))
+
+    def with_thickness(self) -> "RigidBody":
+        """A body without thickness (plate, line, point) made barely solid; any other one unchanged.
+
+        Adds m (ℓ/1000)² to the three second moments, with ℓ its radius of gyration (at least
+        1 mm), which changes no moment of inertia of the size of m ℓ² by more than 2e-6 of itself.
+        """
+        if self.p[0] <= 0 or consistency(self.p) > 1e-6:
+            return self
+        M = pseudo_inertia(self.p)
+        M[:3, :3] += self.p[0] * (1e-3 * max(self.gyration, 1e-3)) ** 2 * np.eye(3)
+        return RigidBody(inertia_parameters(M))
+
+    @property
+    def why_inconsistent(self) -> str:
+        """Which physical condition is violated, as a sentence; empty for a consistent body."""
+        if consistency(self.p) > 0:
+            return ""
+        if self.p[0] <= 0:
+            return f"its mass is {self.p[0]:.4g} kg, which is not positive"
+        Sigma_C = self.second_moments
+        a, b, c = np.linalg.eigvalsh(np.trace(Sigma_C) * np.eye(3) - Sigma_C)
+        if a <= 0:
+            return (
+                "its inertia about its centre of mass is not positive definite "
+                f"(principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m²); "
+                "is the inertia given about the centre of mass instead of the link frame?"
+            )
+        return (
+            "its principal moments of inertia about the centre of mass, "
+            f"{a:.4g}, {b:.4g}, {c:.4g} kg m², violate the triangle inequality"
+        )
+
+    @property
+    def why_not_physical(self) -> str:
+        """Why no body has these parameters; empty for one that can exist.
+
+        Beside the pseudo-inertia matrix (12) the tensor about the centre of mass is looked at, as
+        the program that reads it will: positive definite, principal moments within the triangle
+        inequality.
+        """
+        if not np.all(np.isfinite(self.p)):
+            return "its parameters are not all finite"
+        if reason := self.why_inconsistent:
+            return reason
+        a, b, c = np.linalg.eigvalsh(self.about_com)
+        if a > 0 and a + b > c:
+            return ""
+        return (
+            f"its principal moments of inertia about the centre of mass, {a:.4g}, {b:.4g}, "
+            f"{c:.4g} kg m², are lost in rounding"
+        )

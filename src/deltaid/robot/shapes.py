@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.inertia import body_at
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Length, Mass, Point, Positive, Radius
 
@@ -47,7 +47,7 @@ class HollowCylinder(Part):
             mass = self.density * area * self.length
         second_moments = np.full(3, mass * radii / 4)  # ∫x² dm across the axis
         second_moments[_AXES[self.axis]] = mass * self.length**2 / 12
-        return body_at(mass, np.array(self.centre), np.diag(second_moments))
+        return RigidBody.centred(mass, np.array(self.centre), np.diag(second_moments)).p
 
 
 class PointMass(Part):
@@ -59,7 +59,7 @@ class PointMass(Part):
 
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""
-        return body_at(self.mass, np.array(self.centre), np.zeros((3, 3)))
+        return RigidBody.point(self.mass, self.centre).p
 
 
 Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]

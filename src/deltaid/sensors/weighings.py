@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_tensor, transformed
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
 from deltaid.robot.quantities import Vector
 
@@ -120,11 +120,12 @@ def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed,
 def _coefficients(one: Measured, placed: Placed) -> Ten:
     """Of one body's ten parameters in the measured quantity."""
     R, d = rotation(placed.turned_deg), np.array(placed.at)
-    return np.array([_quantity(one, _transformed(unit, R, d)) for unit in np.eye(10)])
+    return np.array([_quantity(one, RigidBody(unit).moved(R, d)) for unit in np.eye(10)])
 
 
-def _quantity(one: Measured, p: Ten) -> float:
-    """The measured quantity of a body with parameters p about the axes of the measurement."""
+def _quantity(one: Measured, body: RigidBody) -> float:
+    """The measured quantity of a body that is described in axes of the measurement."""
+    p = body.p
     if one.axis is None:
         return float(p[0])
     e = np.array(_AXES[one.axis] if isinstance(one.axis, str) else one.axis)
@@ -133,18 +134,8 @@ def _quantity(one: Measured, p: Ten) -> float:
         return float(e @ p[1:4])
     if one.quantity == "centre":
         return float(e @ p[1:4] - one.value * p[0])
-    about = _transformed(p, np.eye(3), -np.array(one.about))
-    return float(e @ inertia_tensor(about) @ e)
-
-
-def _transformed(p: Ten, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> Ten:
-    """The ten parameters in axes in which the link frame stands turned by R and moved by d.
-
-    The pseudo-inertia matrix becomes T M̄ Tᵀ with the homogeneous T.
-    """
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, d
-    return transformed(p, T)
+    about = body.moved(np.eye(3), -np.array(one.about))
+    return float(e @ about.about_link @ e)
 
 
 def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
-from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.inertia import RigidBody
 from deltaid.view import style
 from deltaid.view.animation import CAMERA, still_line
 from deltaid.view.model_tables import origin
@@ -48,10 +48,9 @@ def ellipsoid(
     With Σ_C = Σ − m c cᵀ = Σ λ_i v_i v_iᵀ about the centre of mass, a uniform ellipsoid of half
     axes a_i has λ_i = m a_i² / 5, so a_i = √(5 λ_i / m), and A = [a_1 v_1, a_2 v_2, a_3 v_3].
     """
-    M = pseudo_inertia(p)
-    mass, centre = M[3, 3], M[:3, 3] / M[3, 3]
-    values, vectors = np.linalg.eigh(M[:3, :3] - mass * np.outer(centre, centre))
-    return centre, vectors * np.sqrt(5 * np.maximum(values, 0) / mass)
+    body = RigidBody(p)
+    values, vectors = np.linalg.eigh(body.second_moments)
+    return body.com, vectors * np.sqrt(5 * np.maximum(values, 0) / body.mass)
 
 
 def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, body_at, inertia_parameters
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 from deltaid.sensors.planning.shared_points import Instance, Shared, move_alike, shared, turn_alike
 
@@ -70,7 +70,7 @@ def exchanges(
 
 def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
     """The ten parameters of 1 kg at a point."""
-    return body_at(1.0, r, np.zeros((3, 3)))
+    return RigidBody.point(1.0, r).p
 
 
 def _along(r: Float[np.ndarray, " 3"], e: Float[np.ndarray, " 3"]) -> tuple[Ten, Ten]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import pseudo_inertia
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.measured import Axis, Measured, Placed
 from deltaid.robot.quantities import Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
@@ -140,8 +140,7 @@ def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | No
     """An axis of the link frame; of a body as thick as long the first is its longest."""
     if axis not in (ALONG, ACROSS):
         return axis  # pyright: ignore[reportReturnType]
-    M = pseudo_inertia(p)
-    spread = np.diag(M)[:3] - M[:3, 3] ** 2 / M[3, 3]
+    spread = np.diag(RigidBody(p).second_moments)
     wanted = spread if axis == ALONG else spread.sum() - spread
     names: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     return names[int(np.argmax(wanted > (1 - 1e-9) * wanted.max()))]
