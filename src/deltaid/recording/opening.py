@@ -91,12 +91,12 @@ def open_log(
         survey.finish(clock)
     masks = () if keep_all else timed(survey.excluded(clock.rate), clock)
     if need_rest:
-        require_rest(masks, survey.samples, kinematics.robot.drives, str(table.path))
+        require_rest(masks, survey.clock.samples, kinematics.robot.drives, str(table.path))
     log = Log(
         table=table,
         columns=columns,
         sha256=digest.result(),
-        samples=survey.samples,
+        samples=survey.clock.samples,
         clock=clock,
         torque_max=survey.torque_max,
         position_noise=survey.spectrum.noise,
@@ -164,7 +164,7 @@ def _with_cutoff_between_stops(log: Log) -> Log:
 def _clock(survey: Survey) -> Clock:
     """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
     survey is begun again, now over segments."""
-    survey.require_time()
+    survey.clock.require_time()
     if survey.clock.steady:
         return survey.clock.clock
     table, columns, dof = survey.table, survey.columns, survey.kinematics.dof

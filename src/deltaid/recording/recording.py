@@ -198,21 +198,17 @@ def open_recordings(
     for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
-        _require_new(log, recordings)
+        same = [other.path for other in recordings if other.log.sha256 == log.sha256]
+        if same:
+            # It tells nothing new, but would count as twice the evidence.
+            raise RecordingError(
+                f"is the same recording as {same[0]}; a copy adds nothing new, but would narrow "
+                "every interval",
+                where=str(log.path),
+                cure="give each recording once",
+            )
         recordings.append(with_filter(log, cutoff))
     return recordings
-
-
-def _require_new(log: Log, before: Sequence[Recording]) -> None:
-    """Refuse a copy: it tells nothing new, but would count as twice the evidence."""
-    same = [other.path for other in before if other.log.sha256 == log.sha256]
-    if same:
-        raise RecordingError(
-            f"is the same recording as {same[0]}; a copy adds nothing new, but would narrow "
-            "every interval",
-            where=str(log.path),
-            cure="give each recording once",
-        )
 
 
 def with_filter(log: Log, cutoff: float | None = None) -> Recording:

@@ -51,11 +51,6 @@ class Survey:
         self.derivatives = DerivativeCheck(pairs)
 
     @property
-    def samples(self) -> int:
-        """How many rows were added so far."""
-        return self.clock.samples
-
-    @property
     def torque_max(self) -> Float[np.ndarray, " drives"]:
         """Largest |τ| of each drive [N m]."""
         return np.maximum(np.abs(self.low), np.abs(self.high))[self.columns.torque_places]
@@ -103,20 +98,6 @@ class Survey:
             self.spectrum += spectrum_of(values[:, 1 : 1 + self.kinematics.dof])
             self._compare_derivatives(values)
 
-    def require_time(self) -> None:
-        """Check that there are rows, and that time runs.
-
-        Raises:
-            RecordingError: there are too few, or it does not.
-        """
-        if self.samples < 2:
-            raise RecordingError(
-                "has fewer than two rows of data",
-                where=str(self.table.path),
-                cure="give a whole recording",
-            )
-        self.clock.require_time()
-
     def finish(self, clock: Clock) -> None:
         """Check what only the whole log shows.
 
@@ -131,10 +112,10 @@ class Survey:
             differentiated=not (self.columns.velocity and self.columns.acceleration),
         )
         self._check_constant()
-        self.sensors.require(self.low, self.high, self.samples)
+        self.sensors.require(self.low, self.high, self.clock.samples)
         self.warnings += self.derivatives.warnings(where)
-        self.warnings += self.reach.doubts(self.samples)
-        self.warnings += self.loads.doubts() + self.sensors.doubts(self.samples)
+        self.warnings += self.reach.doubts(self.clock.samples)
+        self.warnings += self.loads.doubts() + self.sensors.doubts(self.clock.samples)
         self.warnings += doubts_about_stamps(clock, self.table, self.columns.time.column)
         self.warnings += self.table.doubts
 

@@ -85,7 +85,18 @@ def si_factor(
     import pint
 
     if (parsed := _parsed(unit)) is None:
-        raise _unknown(unit, where)
+        if unit.strip() in _MASSES:
+            raise RecordingError(
+                f"unit '{unit.strip()}' is one of mass, not of force",
+                where=where,
+                cure=f"what a scale shows as weight is a force: {_MASSES[unit.strip()]}",
+            )
+        raise RecordingError(
+            f"unit '{unit[:40]}' is not known",
+            where=where,
+            cure="write it as in s, ms, rad, deg, rev, rad/s, rpm, rad/s^2, N*m, mN*m, A; a number "
+            "may stand before it, such as 0.0235 N*m for per mille of 23.5 N m",
+        )
     number, quantity = parsed
     try:
         if torque_constant is not None:
@@ -113,21 +124,6 @@ def _parsed(unit: str) -> tuple[float, Any] | None:
         return number, _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
     except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
         return None
-
-
-def _unknown(unit: str, where: str) -> RecordingError:
-    if unit.strip() in _MASSES:
-        return RecordingError(
-            f"unit '{unit.strip()}' is one of mass, not of force",
-            where=where,
-            cure=f"what a scale shows as weight is a force: {_MASSES[unit.strip()]}",
-        )
-    return RecordingError(
-        f"unit '{unit[:40]}' is not known",
-        where=where,
-        cure="write it as in s, ms, rad, deg, rev, rad/s, rpm, rad/s^2, N*m, mN*m, A; a number may "
-        "stand before it, such as 0.0235 N*m for per mille of 23.5 N m",
-    )
 
 
 def _other_kind(

@@ -239,8 +239,15 @@ class ClockCheck:
         """Refuse what is no time.
 
         Raises:
-            RecordingError: it stands still, or nearly so, goes backwards, or jumps about.
+            RecordingError: it stands still, or nearly so, goes backwards, or jumps about; or there
+                are too few rows.
         """
+        if self.samples < 2:
+            raise RecordingError(
+                "has fewer than two rows of data",
+                where=str(self.table.path),
+                cure="give a whole recording",
+            )
         where, cure = (
             str(self.table.path),
             (

@@ -42,19 +42,18 @@ class Seconds:
         return replace(rows, numbers=[found, *rows.numbers[1:]])
 
     def _numbers(self, numbers: Column, written: Column) -> Column:
-        text = isinstance(written, pl.Series) and written.dtype == pl.String
-        if isinstance(written, pl.Series) and text and len(written) and is_clock(written[0]):
-            return self._since(_nanoseconds(written), 1 / _NANO)
-        if isinstance(written, pl.Series) and text and len(written):
+        if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
+            if is_clock(written[0]):
+                return self._since(_nanoseconds(written), 1 / _NANO)
             # Text with so many digits is exact as a whole number only.
             if written.str.contains(r"^\d{16,19}$").all():
                 return self._since(written.cast(pl.Int64, strict=False), 1.0)
             return numbers
-        if isinstance(numbers, pl.Series):
-            large = numbers.dtype.is_integer() and _is_large(numbers.min(), numbers.max())
-            return self._since(numbers.cast(pl.Int64, strict=False), 1.0) if large else numbers
-        if numbers.dtype.kind in "iu" and numbers.size and _is_large(numbers.min(), numbers.max()):
-            return self._since(pl.Series(numbers).cast(pl.Int64, strict=False), 1.0)
+        ticks = numbers
+        if isinstance(ticks, np.ndarray) and ticks.dtype.kind in "iu":
+            ticks = pl.Series(ticks)
+        if isinstance(ticks, pl.Series) and ticks.dtype.is_integer() and _is_large(ticks):
+            return self._since(ticks.cast(pl.Int64, strict=False), 1.0)
         return numbers
 
     def _since(self, ticks: pl.Series, size: float) -> pl.Series:
@@ -65,8 +64,8 @@ class Seconds:
         return (ticks - self._origin).cast(pl.Float64) * size
 
 
-def _is_large(low: object, high: object) -> bool:
-    return max(abs(int(str(low or 0))), abs(int(str(high or 0)))) >= _EXACT
+def _is_large(ticks: pl.Series) -> bool:
+    return max(abs(int(str(end or 0))) for end in (ticks.min(), ticks.max())) >= _EXACT
 
 
 def _nanoseconds(texts: pl.Series) -> pl.Series:
