@@ -1,4 +1,4 @@
-"""Bags for tests: one recording of joint states in each kind of bag."""
+"""Bags for tests: one recording of joint states in each kind of bag, read or refused."""
 
 import gzip
 import sqlite3
@@ -10,9 +10,14 @@ from typing import Any
 
 import mcap.writer
 import numpy as np
+import pytest
 import zstandard
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from deltaid.errors import RecordingError
+from deltaid.recording.source import Table
+from deltaid.recording.table import open_table
 
 START = 1_700_000_000_000_000_000
 _DYNAMIC = "control_msgs/msg/DynamicJointState"
@@ -209,3 +214,36 @@ KINDS: dict[str, Callable[[Path, Iterable[State]], Path]] = {
     "mcap-plain": lambda path, messages: _mcap(path, messages, "NONE", use_chunking=False),
     "mcap-file-zstd": _zstandard,
 }
+
+
+JOINTS = ["joint_1", "joint_2", "joint_3"]
+ROWS = 500
+TIME = np.arange(ROWS) / 1000
+RNG = np.random.default_rng(5)
+COLUMNS = {key: RNG.normal(size=(ROWS, 3)) for key in ("position", "velocity", "effort")}
+MESSAGES = states(TIME, COLUMNS, JOINTS)
+NAMES = [f"{short}{i + 1}" for short in ("q", "qd", "tau") for i in range(3)]
+ALL = np.hstack([TIME[:, None], *COLUMNS.values()])
+
+
+def read(table: Table, columns: list[str]) -> np.ndarray:
+    return np.vstack([np.column_stack(rows.numbers) for rows in table.rows(columns)])
+
+
+def address(quantity: str, joint: str, topic: str = "/joint_states") -> str:
+    return f"{topic}.{quantity}[{joint}]"
+
+
+def told(path: Path) -> str:
+    """What is said of a bag that cannot be read; nothing if it can."""
+    try:
+        read(open_table(path), ["t", *NAMES])
+    except RecordingError as error:
+        return str(error)
+    return ""
+
+
+def refused(path: Path, columns: list[str]) -> str:
+    with pytest.raises(RecordingError) as caught:
+        read(open_table(path), columns)
+    return str(caught.value)

@@ -25,8 +25,8 @@ from deltaid.motion.surrogate import (
 )
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot, save_yaml
+from posteriors import stout, truth
 from sensed import sensed
-from stout_robot import stout, truth
 
 RATE, DURATION, NOISE = 500.0, 8.0, 0.02
 

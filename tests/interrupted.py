@@ -5,6 +5,7 @@ put in by hand, so the rows are known.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -16,7 +17,13 @@ from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.log import Log
+from deltaid.recording.masks.masks import Mask
+from deltaid.recording.masks.search import MaskSearch, timed
+from deltaid.recording.opening import open_log
+from deltaid.recording.time.clock import Clock
 from deltaid.robot.load import load_robot
+from logs import write
 
 
 @dataclass(frozen=True)
@@ -183,3 +190,27 @@ def cost_of_masks(name: str, rate: float, seed: int, settings: Settings | None =
         widths=masked.interval[shown] / all_rows.interval[shown],
         errors=(mass_error(one, fits[0].model.p), mass_error(one, fits[1].model.p)),
     )
+
+
+CLAVEL, IRB = "clavel-delta3", "irb360-6-1600"
+
+
+def opened(one: Interrupted, folder: Path, **options: bool) -> Log:
+    path = write(folder / "log.parquet", one.frame)
+    return open_log(path, one.dynamics.kinematics, **options)
+
+
+def searched(one: Interrupted, size: int = 1 << 16) -> tuple[Mask, ...]:
+    """Masks by rule, without the rest of the survey."""
+    search = MaskSearch(one.dynamics.dof, [np.inf] * one.dynamics.dof)
+    rows = one.frame.to_numpy()
+    for start in range(0, len(rows), size):
+        search.add(rows[start : start + size], 1 / one.rate)
+    clock = Clock(1 / one.rate, len(rows), 0.0, (len(rows) - 1) / one.rate)
+    return timed(search.runs(), clock)
+
+
+def by_hand(log: Log, *spans: tuple[tuple[int, ...], int, int]) -> Log:
+    """A log without some drives' rows."""
+    masks = (Mask("standing still", drives, a, b, 0.0, 0.0) for drives, a, b in spans)
+    return replace(log, masks=tuple(masks), keep_all=True)

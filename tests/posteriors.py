@@ -1,13 +1,17 @@
-"""The posterior of a model by the numbers of its file, without the package's sampler or density."""
+"""The posterior of a model by the numbers of its file, and a robot of which it can be drawn."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation import posterior_draws
 from deltaid.model.record import IdentifiedModel
+from deltaid.robot.body import ExplicitInertia
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import load_robot
 
 # Entries of M̄ = [[Σ, mc], [mcᵀ, m]] by the names that a description frees.
 PLACE = {"Sxx": (0, 0), "Syy": (1, 1), "Szz": (2, 2), "m": (3, 3), "Sxy": (0, 1), "Sxz": (0, 2),
@@ -110,3 +114,30 @@ def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
     trusting = {"_LARGEST_RHAT": np.inf, "_LEAST_SHARE": 0.0}
     for name, value in {**quick, **trusting}.items():
         monkeypatch.setattr(posterior_draws, name, value)
+
+
+ROBOT = "clavel-delta3"
+
+
+def stout() -> RobotDescription:
+    """The robot with bodies that are about as thick as long: of thin ones hardly any draw of a
+    normal distribution can exist, and rejection would take for ever."""
+    robot = load_robot(ROBOT)
+    shapes = {
+        "U": (1.0, (0.2, 0.0, 0.02), (0.15, 0.12, 0.1)),
+        "S": (0.2, (0.5, 0.0, 0.0), (0.3, 0.25, 0.2)),
+        "P": (1.0, (0.0, 0.0, 0.0), (0.06, 0.05, 0.04)),
+    }
+    bodies = {}
+    for name, (m, centre, radii) in shapes.items():
+        M = m * np.outer([*centre, 1.0], [*centre, 1.0]) + np.diag([*(m * np.square(radii)), 0.0])
+        bodies[name] = robot.bodies[name].changed(prior=ExplicitInertia.of(ten(M)))
+    return robot.changed(bodies=bodies)
+
+
+def truth(robot: RobotDescription) -> np.ndarray:
+    """Friction above the prior's, and hardly any in one drive."""
+    layout, p = compiled(robot).layout, prior_parameters(robot)
+    p[layout.friction] *= 1.5
+    p[layout.coulomb.start] = 5e-3
+    return p

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from command import refused, run
+from damage import apply_damages, damages
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
@@ -21,7 +22,6 @@ from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
 from identified import identified
 from logs import names, recorded, text, write
-from random_damage import apply_damages, damages
 
 ROBOT = "clavel-delta3"
 

@@ -11,7 +11,7 @@ from scipy.integrate import simpson
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError, KinematicsError
-from generic_robots import Case, case, every_case, generic_states
+from geometries import Case, case, every_case, generic_states
 from recordings import stored_oracle, stored_rows
 from support import assert_close, random_states, random_twin, slope, twin
 from test_oracle import _inward_solution_from_pi

@@ -14,8 +14,7 @@ from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import Recording, open_recordings, with_filter
 from deltaid.view.corrections import left_out_table, reversals
-from interrupted import Interrupted, cost_of_masks, interrupted, mass_error
-from masked import CLAVEL, IRB, opened
+from interrupted import CLAVEL, IRB, Interrupted, cost_of_masks, interrupted, mass_error, opened
 from sweeps import swept
 
 # p of the robot that was moved, and nothing put right beside the masks.

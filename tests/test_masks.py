@@ -14,8 +14,7 @@ from deltaid.recording.masks.runs import joined, rolling, runs_of, without
 from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.masks.stale import bridge
 from deltaid.recording.recording import with_filter
-from interrupted import interrupted
-from masked import CLAVEL, IRB, by_hand, opened, searched
+from interrupted import CLAVEL, IRB, by_hand, interrupted, opened, searched
 
 # Rules
 

@@ -13,7 +13,7 @@ from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.exports.functions import parameter_table
 from deltaid.exports.model_functions import bias
 from deltaid.model.model import Model, load
-from generic_robots import case, every_case, generic_states
+from geometries import case, every_case, generic_states
 from support import assert_close, random_twin, slope
 
 

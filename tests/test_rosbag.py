@@ -9,13 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bags import KINDS, states
+from bags import (
+    ALL,
+    COLUMNS,
+    JOINTS,
+    KINDS,
+    MESSAGES,
+    NAMES,
+    ROWS,
+    TIME,
+    address,
+    read,
+    refused,
+    states,
+)
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats.ros_messages import Decoder
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table
-from joint_states import ALL, COLUMNS, JOINTS, MESSAGES, NAMES, ROWS, TIME, address, read, refused
 
 
 @pytest.mark.parametrize("kind", KINDS)

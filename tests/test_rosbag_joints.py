@@ -9,7 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bags import KINDS, State, states
+from bags import (
+    ALL,
+    COLUMNS,
+    JOINTS,
+    KINDS,
+    MESSAGES,
+    NAMES,
+    RNG,
+    ROWS,
+    TIME,
+    State,
+    address,
+    read,
+    refused,
+    states,
+    told,
+)
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats.ros_messages import Decoder, MessageError
@@ -18,20 +34,6 @@ from deltaid.recording.mapping import load_mapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.table import open_table
-from joint_states import (
-    ALL,
-    COLUMNS,
-    JOINTS,
-    MESSAGES,
-    NAMES,
-    RNG,
-    ROWS,
-    TIME,
-    address,
-    read,
-    refused,
-    told,
-)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap-lz4"])

@@ -19,8 +19,7 @@ from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from identified import identified
-from posteriors import hasten
-from stout_robot import ROBOT
+from posteriors import ROBOT, hasten
 from test_loads import table
 
 
