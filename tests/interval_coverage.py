@@ -18,8 +18,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.additions import extended
 from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.information import Information, merge
-from deltaid.estimation.scatter import Groups, Noise, inverse
-from deltaid.identification.gathering import gather_all
+from deltaid.estimation.scatter import Noise, inverse
+from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
@@ -86,18 +86,17 @@ def estimates(
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
     wide = extended(dynamics, [Courses(np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)
-    groups = gathered.groups
     limits = np.abs(tau).max(axis=1)
     base, found = None, []
     for seed in range(seeds):
-        one = recorded(groups, seed, seeds, limits)
+        one = recorded(gathered, seed, seeds, limits)
         information = merge(one.blocks)
         base = base or base_parameters(information, dynamics.layout)
         found.append(estimate_base(base, information, groups=one))
     return base.combination() @ p, found
 
 
-def recorded(groups: Groups, seed: int, seeds: int, torque_max: np.ndarray) -> Groups:
+def recorded(groups: Gathered, seed: int, seeds: int, torque_max: np.ndarray) -> Gathered:
     """Groups of the recording with the noise of one seed: τ is the true torque plus its noise."""
     n, own = len(groups.blocks[0].columns) - 1 - seeds, groups.blocks[0].columns
     blocks = []
@@ -112,7 +111,7 @@ def recorded(groups: Groups, seed: int, seeds: int, torque_max: np.ndarray) -> G
     places[..., :n, n] += noise[..., :n]
     places[..., n, :n] = places[..., :n, n]
     places[..., n, n] += 2 * noise[..., n] + noise[..., -1]
-    return Groups(tuple(blocks), places)
+    return Gathered((tuple(blocks),), places)
 
 
 def covered(truth: np.ndarray, found: list[BaseEstimate]) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.identification.compliance import _better_than_loads, gears_turned_back
 from deltaid.identification.fit import fit
+from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study

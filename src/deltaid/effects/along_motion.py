@@ -34,6 +34,7 @@ class AlongMotion(Addition):
 
     dynamics: Dynamics
 
+    is_corrected = True
     kind: ClassVar[Kind]
     name: ClassVar[str]
     symbols: ClassVar[tuple[str, ...]]
@@ -60,10 +61,6 @@ class AlongMotion(Addition):
 
     def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
         return self.of_motion(w.z, w.qd)
-
-    @property
-    def is_corrected(self) -> bool:
-        return True
 
     def on(self, dynamics: Dynamics) -> "AlongMotion":
         return replace(self, dynamics=dynamics)

@@ -152,9 +152,7 @@ class LagColumns(TimingColumns):
 class UnknownLag(LagColumns):
     """A lag that may be none and is hardly known: the fit has none, and intervals allow for it."""
 
-    @property
-    def is_held(self) -> bool:
-        return True
+    is_held = True
 
     def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """Nothing has been corrected."""

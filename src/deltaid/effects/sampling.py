@@ -121,9 +121,7 @@ class FreeTiming:
 class UnknownFilter(TimingColumns):
     """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
 
-    @property
-    def is_held(self) -> bool:
-        return True
+    is_held = True
 
     @property
     def columns(self) -> Sequence[TimingColumn]:

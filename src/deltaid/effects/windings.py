@@ -32,17 +32,24 @@ Compliance = Float[np.ndarray, " dof"]
 Groups = Float[np.ndarray, "dof groups"]
 
 
-def motors_of(robot: RobotDescription, p: Parameters, cutoff: float, rate: float) -> Gears:
-    """Stiff gears between links and motors with the friction and rotors of p, whose low-pass over
-    what they carry does not bend that over rows, of a cut-off [Hz] and a rate [1/s]."""
+def motors_of(
+    robot: RobotDescription,
+    p: Parameters,
+    cutoff: float,
+    rate: float,
+    compliance: Sequence[float] = (),
+) -> Gears:
+    """Gears between links and motors with the friction and rotors of p, whose low-pass over what
+    they carry does not bend that over rows, of a cut-off [Hz] and a rate [1/s]; stiff, or of some
+    compliances as of `Gears`."""
     names = (parameter.name for parameter in parameter_layout(robot).parameters)
     named = dict(zip(names, p.tolist(), strict=True))
     viscous, coulomb, rotor = (
         tuple(named.get(f"{kind}.{drive}", 0.0) for drive in robot.drives)
         for kind in ("viscous", "coulomb", "rotor")
     )
-    stiff = (0.0,) * len(robot.drives)
-    return Gears(stiff, viscous, coulomb, rotor, min(_WIDER * cutoff, HIGHEST * rate))
+    soft = tuple(compliance) or (0.0,) * len(robot.drives)
+    return Gears(soft, viscous, coulomb, rotor, min(_WIDER * cutoff, HIGHEST * rate))
 
 
 @dataclass(frozen=True, eq=False)

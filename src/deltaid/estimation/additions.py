@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -36,6 +36,11 @@ class Addition(ABC):
 
     Those of other recordings are zero. Values of `Extended` are linear in their parameters.
     """
+
+    # whether the fit holds its parameters, which count as unknown in its judgement
+    is_held: ClassVar[bool] = False
+    # whether it is an effect that the fit corrects, which no study of the residual finds
+    is_corrected: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -63,16 +68,6 @@ class Addition(ABC):
             return free_coefficients(self.parameters)
         n = len(self.parameters)
         return Free((), np.zeros((n, 0)), np.zeros(n), ())
-
-    @property
-    def is_held(self) -> bool:
-        """Whether the fit holds its parameters, which count as unknown in its judgement."""
-        return False
-
-    @property
-    def is_corrected(self) -> bool:
-        """Whether it is an effect that the fit corrects, which no study of the residual finds."""
-        return False
 
     @property
     def is_absolute(self) -> bool:
@@ -131,13 +126,9 @@ class Extended:
     def dof(self) -> int:
         return self.regressor.dof
 
-    @property
+    @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every entry that is not always zero."""
-        return self._pattern
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         patterns, first = [self.regressor.regressor_pattern], self.own
         for addition in self.additions:
             drives, within = addition.pattern

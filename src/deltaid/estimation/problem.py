@@ -182,9 +182,6 @@ class LinearProblem:
         """The triangle R of [A b], RᵀR = [A b]ᵀ[A b]."""
         return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
 
-    def of_columns(self, columns: Int[np.ndarray, " _"]) -> "LinearProblem":
-        return replace(self, A=self.A[:, columns])
-
     def covariance(self, entries: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
         """Of some entries of x, by the scatter between groups and the prior."""
         influence = self.span.Q @ self.inverse[entries].T

@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.special import gammaincc, gammaln, stdtrit
 
-from deltaid.estimation.information import Chunk, Information
+from deltaid.estimation.information import Chunk
 from deltaid.recording.recording import Recording
 
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
@@ -50,25 +50,6 @@ Combinations = Float[np.ndarray, "n combinations"]
 Each = Float[np.ndarray, " combinations"]
 # [Y, τ]ᵀW[Y, τ] of each group.
 Sums = Float[np.ndarray, "groups augmented augmented"]
-
-
-@dataclass(frozen=True)
-class Groups:
-    """The same samples in consecutive stretches of time, and as [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of
-    the platform and drive (or channel) i."""
-
-    blocks: tuple[Information, ...]
-    places: Float[np.ndarray, "places rows augmented augmented"]
-
-    def weighted(self, weights: Float[np.ndarray, " rows"]) -> dict[str, Sums]:
-        """Sums of both groupings with one weight a drive or channel."""
-        factors = np.stack([block.factors for block in self.blocks])
-        factors *= np.sqrt(weights)[:, None, None]
-        stacked = factors.reshape(len(factors), -1, factors.shape[-1])
-        return {
-            "time": np.swapaxes(stacked, 1, 2) @ stacked,
-            "place": np.einsum("i,pijk->pjk", weights, self.places),
-        }
 
 
 class Places:

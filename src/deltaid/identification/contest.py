@@ -125,8 +125,10 @@ class Contest:
     def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
         """Contests that rows do not separate from a reduced one, by what was kept and what takes
         its place."""
-        others = rivals(self.shrunk, last.shrunk, SEEN)
-        return {pair: replace(self, shrunk=shrunk) for pair, shrunk in others.items()}
+        return {
+            pair: replace(self, shrunk=shrunk)
+            for pair, shrunk in rivals(self.shrunk, last.shrunk, SEEN).items()
+        }
 
     def follows(self, names: Collection[str]) -> list[Parameters]:
         """What parameters of the robot move by where effects are off as they may be, one standard
@@ -139,8 +141,8 @@ class Contest:
 
 def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
     """Parameters of the robot alone."""
-    problem = rows.problem([rows.of_trace(trace) for trace in traces])
-    return rows.parameters(problem.x)[: len(rows.dynamics.layout.names)]
+    x = rows.problem([rows.of_trace(trace) for trace in traces]).x
+    return rows.parameters(x)[: len(rows.dynamics.layout.names)]
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -174,8 +176,11 @@ def contest(
             )
         columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
         places = np.arange(first, first + width)
-        kind = {"is_candidate": unknown.is_candidate, "is_positive": unknown.is_positive}
-        groups.append(CauseColumns(unknown.name, places, deviation, mean, **kind))
+        groups.append(
+            CauseColumns(
+                unknown.name, places, deviation, mean, unknown.is_candidate, unknown.is_positive
+            )
+        )
         first += width
     blocks = [
         NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
@@ -202,28 +207,23 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     """
     now = full
     while now.candidates:
-        groups = [group for group in now.groups if group.is_candidate]
         prices = {
             group.name: now.surprise(group) if now.size(group) > POSITION_ERROR else 0.0
-            for group in groups
+            for group in now.groups
+            if group.is_candidate
         }
         cheapest = min(prices, key=lambda name: prices[name])
         if prices[cheapest] >= least:
             break
         now = now.of_candidates([name for name in prices if name != cheapest])
-    while better := _exchanges(full, now, least, 0.0):
+    while better := rivals(full, now, least, 0.0):
         now = max(better.values(), key=lambda fit: fit.evidence)
     return now
 
 
-def rivals(full: Shrunk, now: Shrunk, least: float) -> Exchanges:
-    """Fits with another candidate in the place of one of those of `now` that are so nearly as
-    probable that rows do not separate both."""
-    return _exchanges(full, now, least, -_CERTAIN)
-
-
-def _exchanges(full: Shrunk, now: Shrunk, least: float, more: float) -> Exchanges:
-    """Those whose evidence exceeds that of a fit by more than this."""
+def rivals(full: Shrunk, now: Shrunk, least: float, more: float = -_CERTAIN) -> Exchanges:
+    """Fits with another candidate in the place of one of those of `now` whose evidence is larger by
+    more than this; by default so nearly as probable that rows do not separate both."""
     dropped = [name for name in full.candidates if name not in now.candidates]
     trials = {
         (kept, other): full.of_candidates([other, *(n for n in now.candidates if n != kept)])

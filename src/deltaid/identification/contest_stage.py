@@ -16,9 +16,8 @@ from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
-from deltaid.identification.compliance import estimated_anew
 from deltaid.identification.contest import Contest, contest, start
-from deltaid.identification.lag_stage import traced, without_lags
+from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
 from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Progress, Setup
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Inseparable, Kind, cause_in_words
@@ -96,14 +95,13 @@ def _bare(setup: Setup) -> Setup:
     robot = setup.robot
     if setup.outcome is not None:
         described = setup.outcome.described
-        same = {"limbs": described.limbs, "gravity": described.gravity,
-                "tolerances": described.tolerances, "bodies": described.bodies}  # fmt: skip
-        robot = robot.model_copy(update=same)
+        robot = robot.model_copy(
+            update={"limbs": described.limbs, "gravity": described.gravity,
+                    "tolerances": described.tolerances, "bodies": described.bodies}
+        )  # fmt: skip
     kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
     bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
-    for recording in bare.recordings:
-        bare = bare.repaired(recording, readings=None)
-    return bare
+    return bare.all_repaired(readings=None)
 
 
 def _traces(setup: Setup) -> list[Trace]:
@@ -222,12 +220,12 @@ def _read(bare: Setup, outcome: ContestOutcome, largest: Coefficients, p: Parame
         falling=falling,
         largest=tuple(largest.tolist()) if falling else (),
     )
-    setup, wound = bare, np.array(outcome.coefficients(WIND_UP))
+    setup, wound = bare, outcome.coefficients(WIND_UP)
     for recording in bare.recordings:
         gears = None
-        if wound.any() and recording.low_pass is not None:
-            gears = motors_of(bare.robot, p, recording.low_pass.cutoff, recording.log.rate)
-            gears = replace(gears, compliance=tuple(wound.tolist()))
+        if any(wound) and recording.low_pass is not None:
+            cutoff, rate = recording.low_pass.cutoff, recording.log.rate
+            gears = motors_of(bare.robot, p, cutoff, rate, wound)
         setup = setup.repaired(
             recording, readings=None if readings.are_right else readings, gears=gears
         )
@@ -240,8 +238,9 @@ def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
         robot = reshaped(
             outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
         )
-        same = {"limbs": robot.limbs, "gravity": robot.gravity}
-        now = now.with_robot(now.robot.model_copy(update=same))
+        now = now.with_robot(
+            now.robot.model_copy(update={"limbs": robot.limbs, "gravity": robot.gravity})
+        )
     if Structure.name in outcome.kept:
         now = now.with_robot(opened(now.robot))
     if DriveSpring.name in outcome.kept:

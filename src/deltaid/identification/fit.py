@@ -199,7 +199,7 @@ def fit_to(
         message = f"no consistent robot moves like this: {contradiction(wrong, dynamics.robot)}"
         raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
-    estimate = estimate_base(base, information, groups=gathered.groups)
+    estimate = estimate_base(base, information, groups=gathered)
     return FittedProblem(
         dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
     )

@@ -35,7 +35,7 @@ from deltaid.identification.friction_rows import (
     shapes_of,
 )
 from deltaid.identification.gains import shown_by_torques
-from deltaid.identification.lag_stage import without_lags
+from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
 from deltaid.model.friction_record import FrictionChoice, FrictionTrial, JointTerm

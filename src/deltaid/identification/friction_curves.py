@@ -40,6 +40,7 @@ class LawConstants(Addition):
     """Changes of a robot's friction with the constants of its laws, in logarithms."""
 
     dynamics: Dynamics
+    is_held = True  # the constants are those of the law
 
     @property
     def constants(self) -> tuple[tuple[FrictionTerm, str], ...]:
@@ -73,10 +74,6 @@ class LawConstants(Addition):
 
     def on(self, dynamics: Dynamics) -> "LawConstants":
         return LawConstants(dynamics)
-
-    @property
-    def is_held(self) -> bool:
-        return True  # the constants are those of the law
 
 
 def freed(problem: FittedProblem) -> FittedProblem:

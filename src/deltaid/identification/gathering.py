@@ -25,7 +25,7 @@ from deltaid.estimation.information import (
     merge,
 )
 from deltaid.estimation.objective import noise_level
-from deltaid.estimation.scatter import Groups, Places, Visits
+from deltaid.estimation.scatter import Places, Sums, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window
@@ -47,7 +47,8 @@ class Gathered:
 
     # for each recording its consecutive blocks of equal length, whose scatter gives intervals
     parts: tuple[tuple[Information, ...], ...]
-    places: Float[np.ndarray, "places rows augmented augmented"]  # the same samples place by place
+    # the same samples by place of the platform and drive (or channel) i, as [Y_i, τ_i]ᵀ[Y_i, τ_i]
+    places: Float[np.ndarray, "places rows augmented augmented"]
     # levels, facts: as of `Information`, for everything together (`balance`)
     levels: Float[np.ndarray, " channels"] | None = None
     facts: Float[np.ndarray, "facts augmented"] | None = None
@@ -58,9 +59,15 @@ class Gathered:
     def blocks(self) -> tuple[Information, ...]:
         return tuple(block for part in self.parts for block in part)
 
-    @property
-    def groups(self) -> Groups:
-        return Groups(self.blocks, self.places)
+    def weighted(self, weights: Float[np.ndarray, " rows"]) -> dict[str, Sums]:
+        """Sums of [Y, τ]ᵀ[Y, τ] by time and by place, with one weight a drive or channel."""
+        factors = np.stack([block.factors for block in self.blocks])
+        factors *= np.sqrt(weights)[:, None, None]
+        stacked = factors.reshape(len(factors), -1, factors.shape[-1])
+        return {
+            "time": np.swapaxes(stacked, 1, 2) @ stacked,
+            "place": np.einsum("i,pijk->pjk", weights, self.places),
+        }
 
     @cached_property
     def information(self) -> Information:

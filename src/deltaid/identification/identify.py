@@ -16,7 +16,7 @@ from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.judgement import assembled, judged_parameters
-from deltaid.identification.lag_stage import without_doubtful_lags
+from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source

@@ -20,8 +20,8 @@ from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.regularizer import parameter_scale
-from deltaid.estimation.scatter import Groups, Noise, half_width, inverse, observe, quantile
-from deltaid.identification.gathering import balanced, gather_all
+from deltaid.estimation.scatter import Noise, half_width, inverse, observe, quantile
+from deltaid.identification.gathering import Gathered, balanced, gather_all
 from deltaid.identification.geometry import geometry
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.torque_error import torque_error
@@ -97,10 +97,10 @@ def identify_base(
         full = estimate_base(base, gathered.information).full
         whitening = _whitening(dynamics, recordings, full)
         white = replace(gather_all(dynamics, recordings, whitening=whitening), facts=gathered.facts)
-        estimate = estimate_base(base, white.information, "ordinary", white.groups)
+        estimate = estimate_base(base, white.information, "ordinary", white)
         estimate = replace(estimate, method=method)
     else:
-        estimate = estimate_base(base, gathered.information, method, gathered.groups)
+        estimate = estimate_base(base, gathered.information, method, gathered)
     # p nearest to the prior, by its sizes S: p_reg + S² Kᵀ (K S² Kᵀ)⁻¹ (p_B − K p_reg).
     K, prior = base.combination(), prior_parameters(dynamics.robot)
     S = np.diag(parameter_scale(dynamics.layout, prior))
@@ -113,7 +113,7 @@ def estimate_base(
     base: BaseParameters,
     information: Information,
     method: Literal["ordinary", "weighted"] = "weighted",
-    groups: Groups | None = None,
+    groups: Gathered | None = None,
 ) -> BaseEstimate:
     """Ordinary (W = I) or weighted (W = diag(τ_max)⁻²) least squares, with intervals.
 
@@ -124,8 +124,8 @@ def estimate_base(
     weights = np.ones(len(information.factors)) if ordinary else information.weights
     factor = information.weighted(weights if ordinary else None)
     columns = np.searchsorted(information.columns, base.representatives)
-    problem = LinearProblem.of_triangle(factor, information.rows).of_columns(columns)
     places = np.append(columns, len(information.columns))
+    problem = LinearProblem.of_triangle(factor[:, places], information.rows)
     sums = groups.weighted(weights) if groups else {}
     noise = observe(
         root=problem.root,

@@ -23,9 +23,9 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
-from deltaid.identification.compliance import estimated_anew
 from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gathering import gather_all
+from deltaid.identification.lags_and_gears import estimated_anew
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study, studied
 from deltaid.model.model import Model

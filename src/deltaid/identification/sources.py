@@ -80,9 +80,9 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
     recording = with_filter(log, cutoff if forced or not log.has_derivatives else None)
     gears, compliance = None, {c.subject: c.value for c in corrections if c.kind == "compliance"}
     if compliance and recording.low_pass is not None:
-        motors = motors_of(model.robot, model.p, recording.low_pass.cutoff, recording.log.rate)
-        values = (compliance.get(drive) or 0.0 for drive in model.robot.drives)
-        gears = replace(motors, compliance=tuple(values))
+        soft = [compliance.get(drive) or 0.0 for drive in model.robot.drives]
+        cutoff, rate = recording.low_pass.cutoff, recording.log.rate
+        gears = motors_of(model.robot, model.p, cutoff, rate, soft)
     filters = _mean_of(sources, "filters", model)
     dead, hold = tuple((delays_of(model, log) - filters).tolist()), ()
     if "hold" in kinds:

@@ -13,7 +13,6 @@ import numpy as np
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, of_each
-from deltaid.identification.compliance import gears_turned_back
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import without_events
 from deltaid.identification.fit import FittedProblem
@@ -21,7 +20,7 @@ from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_curves import freed
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
-from deltaid.identification.lag_stage import lags_corrected
+from deltaid.identification.lags_and_gears import gears_turned_back, lags_corrected
 from deltaid.identification.loads import declared_loads, undeclared_loads
 from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage

@@ -64,6 +64,7 @@ class Warmth(Addition):
     dynamics: Dynamics
     courses: tuple[Course, ...]  # of the change in each recording that has them
     several: bool = False  # whether the fit has others
+    is_corrected = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -99,10 +100,6 @@ class Warmth(Addition):
             if course.recording.log.sha256 == recording.log.sha256:
                 return changing * course.values(w)
         return np.zeros_like(changing)
-
-    @property
-    def is_corrected(self) -> bool:
-        return True
 
     def on(self, dynamics: Dynamics) -> "Warmth":
         return replace(self, dynamics=dynamics)

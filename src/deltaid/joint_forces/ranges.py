@@ -159,7 +159,7 @@ def evidence(
     gathered = balanced(gather_all(rows, recordings, predicted_by, progress), facts)
     information = gathered.information
     base = base_parameters(information, dynamics.layout)
-    estimate = estimate_base(base, information, groups=gathered.groups)
+    estimate = estimate_base(base, information, groups=gathered)
     shape = geometry(dynamics, recordings, base, information, model.p)
     return ForceEvidence(information, estimate, shape), Determinacy(model, base)
 
