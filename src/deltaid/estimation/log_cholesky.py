@@ -51,7 +51,6 @@ class LogCholesky:
         steps = max(0, int(np.ceil(np.log10(_STRONG / objective.gamma))))
         for k in range(steps, -1, -1):
             problem = Unconstrained(replace(objective, gamma=objective.gamma * 10.0**k), chart)
-            most = _ITERATIONS if k else _LAST_ITERATIONS
             result = optimize.minimize(
                 problem.value,
                 pi,
@@ -59,7 +58,7 @@ class LogCholesky:
                 jac=problem.gradient,
                 hess=problem.hessian,
                 callback=self.visit,
-                options={"gtol": _GRADIENT, "maxiter": most},
+                options={"gtol": _GRADIENT, "maxiter": _ITERATIONS if k else _LAST_ITERATIONS},
             )
             pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
         x = chart.x(pi)
@@ -200,8 +199,7 @@ class LogCholeskyMap:
                 cure="change its prior, or use --method conic",
             )
         U = np.zeros((4, 4))
-        C = np.linalg.cholesky(M[:known, :known])
-        U[:known] = np.linalg.solve(C, M[:known])
+        U[:known] = np.linalg.solve(np.linalg.cholesky(M[:known, :known]), M[:known])
         mass = order.index(3)
         alpha = np.log(U[mass, mass]) if (mass, mass) in free else 0.0
         U *= np.exp(-alpha)

@@ -118,8 +118,7 @@ class Density:
     rest: Callable[[Points], OfPoints] | None = None
 
     def parameters(self, y: Points) -> Float[np.ndarray, "points parameters"]:
-        x = self.mean + y @ self.root.T
-        return x @ self.reduction.A.T + self.reduction.p_0
+        return (self.mean + y @ self.root.T) @ self.reduction.A.T + self.reduction.p_0
 
     def log_factor(self, y: Points) -> OfPoints:
         """Logarithm of the factor of the normal distribution, inside the cones."""

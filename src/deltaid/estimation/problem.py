@@ -129,8 +129,7 @@ class LinearProblem:
 
     @property
     def measured(self) -> float:
-        own = self.groups != KNOWN
-        return float(own.sum()) if self.values is None else self.values
+        return float((self.groups != KNOWN).sum()) if self.values is None else self.values
 
     @cached_property
     def span(self) -> Span:
@@ -143,8 +142,7 @@ class LinearProblem:
         if self.Z is None:
             return self.span.inverse
         norms = lengths(self.A)
-        projected = self.span.Q.T @ (self.A / norms)
-        return np.linalg.pinv(projected, rcond=DEPENDENT) / norms[:, None]
+        return np.linalg.pinv(self.span.Q.T @ (self.A / norms), rcond=DEPENDENT) / norms[:, None]
 
     @cached_property
     def x(self) -> Float[np.ndarray, " columns"]:

@@ -185,8 +185,7 @@ def observe(
     U = inverse(root).T
     for name, sums in groupings:
         half = U @ sums[:, :-1]  # R⁻ᵀ [Y_gᵀY_g, Y_gᵀτ_g]
-        scores = half[:, :, -1] - half[:, :, :-1] @ values
-        scatter = Scatter(half[:, :, :-1] @ U.T, scores, sigma)
+        scatter = Scatter(half[:, :, :-1] @ U.T, half[:, :, -1] - half[:, :, :-1] @ values, sigma)
         v, _ = scatter.variances(U)
         valid = v > 0
         if not valid.any():

@@ -117,8 +117,7 @@ class Shrunk:
         cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
     ) -> "Shrunk":
         """The maximum of evidence, from scales of 1 and the noise of all columns free."""
-        sigma = np.ones(len(blocks))
-        start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), sigma)
+        start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), np.ones(len(blocks)))
         now = start._settled()
         bounded = tuple(group.held(now.x) for group in now.groups)
         if all(np.all(a.deviation == b.deviation) for a, b in zip(groups, bounded, strict=True)):
@@ -198,8 +197,7 @@ class Shrunk:
 
     def deviation(self, group: CauseColumns) -> Float[np.ndarray, " k"]:
         """Standard deviations of a group's coefficients, by scatter where that is larger."""
-        own = np.sqrt(np.diag(self.covariance)[group.columns])
-        return own * np.sqrt(self._level(group))
+        return np.sqrt(np.diag(self.covariance)[group.columns]) * np.sqrt(self._level(group))
 
     def price(self, group: CauseColumns) -> float:
         """What the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g."""

@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import LinearProblem, Rows, Span
+from deltaid.estimation.problem import Columns, LinearProblem, Rows, Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.regularizer import Metric
 from deltaid.estimation.traces import Trace
@@ -60,6 +60,12 @@ class TraceRows:
         tau = trace.torques() - fit @ self.reduction.p_0[active]
         return RecordingRows(np.concatenate([fit @ self.reduction.A[active], added], axis=2), tau)
 
+    def prior(self, width: int) -> tuple[Columns, Rows]:
+        """What is known of parameters, as rows D x = d over so many columns."""
+        known = Metric().regularizer(self.reduction).quadratic
+        D = np.pad(known.R / self.spread, ((0, 0), (0, width - self.size)))
+        return D, known.b / self.spread
+
     def problem(
         self,
         recordings: Sequence[RecordingRows],
@@ -69,9 +75,7 @@ class TraceRows:
         """Least squares over recordings with the same columns together, with the prior of the
         parameters, and mean and deviation of additional columns where known."""
         width = recordings[0].A.shape[2]
-        prior = Metric().regularizer(self.reduction).quadratic
-        D = np.zeros((len(prior.R), width))
-        D[:, : self.size], d = prior.R / self.spread, prior.b / self.spread
+        D, d = self.prior(width)
         if mean is not None and deviation is not None:
             known = np.eye(width)[self.size :] / deviation[:, None]
             D, d = np.vstack([D, known]), np.concatenate([d, mean / deviation])

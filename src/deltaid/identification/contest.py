@@ -19,7 +19,6 @@ from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.estimation.drive_rows import POSITION_ERROR, stretch_numbers
-from deltaid.estimation.problem import KNOWN
 from deltaid.estimation.shrinkage import CauseColumns, NoiseBlock, Shrunk
 from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Trace
@@ -186,9 +185,7 @@ def contest(
         NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
         for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
     ]  # fmt: skip
-    known = rows.problem([replace(part, A=A) for part, A in zip(parts, columns, strict=True)])
-    prior = known.groups == KNOWN
-    shrunk = Shrunk.of(blocks, known.A[prior], known.b[prior], groups)
+    shrunk = Shrunk.of(blocks, *rows.prior(first), groups)
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
 
 

@@ -148,8 +148,7 @@ def _outcome(before: ContestOutcome, last: Contest) -> ContestOutcome:
             values.pop(unknown.name, None)
             continue
         group = last.group(unknown.name)
-        applied = last.shrunk.x[group.columns] - group.mean
-        values[unknown.name] = unknown.possible(applied)
+        values[unknown.name] = unknown.possible(last.shrunk.x[group.columns] - group.mean)
         deviations[unknown.name] = last.shrunk.deviation(group)
     return ContestOutcome(before.described, kept, values, deviations, doubts=before.doubts)
 

@@ -182,8 +182,7 @@ def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparab
         )
     robot = problem.dynamics.robot
     if robot.telescope is not None and not absolute:
-        last = robot.drives[-1]
-        causes = f"inertia and friction that {last} turns", "its torque constant"
+        causes = f"inertia and friction that {robot.drives[-1]} turns", "its torque constant"
         yield Inseparable(causes=causes, is_counted=False)
 
 

@@ -151,8 +151,7 @@ def settled(
         problem, rounds = posed_with(load), rounds + 1
         if load is None:
             return problem, True
-        terms = problem.dynamics.robot.friction_terms
-        shares = np.flatnonzero([term.of_load for term in terms])
+        shares = np.flatnonzero([term.of_load for term in problem.dynamics.robot.friction_terms])
         shares = shares + problem.dynamics.layout.friction.start
         before, step = step, problem.p[shares] - load[shares]
         if np.all(np.abs(step) <= _LOAD_SETTLED):

@@ -71,8 +71,7 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     if rows is None:
         return setup
     robot, choice = choose_friction(rows, progress, setup.barred)
-    corrections = _corrections(setup.robot, robot, choice)
-    setup = setup.with_robot(robot).reported(corrections, "friction")
+    setup = setup.with_robot(robot).reported(_corrections(setup.robot, robot, choice), "friction")
     constants = LawConstants(setup.dynamics)
     added = (constants,) if constants.parameters else ()
     return setup.changed(friction_choice=choice, additions=(*setup.additions, *added))
@@ -167,21 +166,19 @@ def choose_friction(
     rows: FrictionRows, progress: Progress = lambda _: None, barred: Collection[JointTerm] = ()
 ) -> tuple[RobotDescription, FrictionChoice]:
     """The robot with the friction laws that its recordings ask for, and how they were chosen."""
-    robot, moved = rows.dynamics.robot, rows.moved.copy()
+    robot = rows.dynamics.robot
     steps, first = _extended(rows, barred)
-    for step in steps:
-        if step.variant.kind == "load":  # gears carry what losses were fitted with
-            moved[robot.drives.index(step.joint)] = step.variant.joint.moved
-    rows = replace(rows, moved=moved)
+    # Gears carry what losses were fitted with.
+    loaded = [step.variant.joint for step in steps if step.variant.kind == "load"]
+    rows = replace(rows, moved={joint.name: joint.moved for joint in loaded})
     kept, refit = _refined(rows, steps, progress)
-    choice = FrictionChoice(
+    return robot.changed(friction=dict(robot.friction) | refit.laws), FrictionChoice(
         folds=STRETCHES,
         plain_error=rows.share(rows.residual),
         chosen_error=rows.share(refit.residual),
         steps=tuple(step.trial(useful=step in kept) for step in steps),
         trials=tuple(step.trial(useful=step.is_useful) for step in first),
     )
-    return robot.changed(friction=dict(robot.friction) | refit.laws), choice
 
 
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:

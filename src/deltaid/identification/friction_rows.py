@@ -5,8 +5,8 @@ of the torques look alike, so next to the robot's own columns there is one free 
 of each recording: −τ̇ of the model. All columns that are searched are without what these explain.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -92,7 +92,8 @@ class FrictionRows:
     span: Span  # what parameters and `extra` explain
     tau: Rows
     p: Parameters  # by least squares; where torques leave these open, near the prior
-    moved: Float[np.ndarray, " dof"]  # of each drive, as `FrictionJoint.moved`
+    # `FrictionJoint.moved` of those drives where it is not zero
+    moved: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @cached_property
     def residual(self) -> Rows:
@@ -103,8 +104,7 @@ class FrictionRows:
     def rigid(self) -> Span:
         """What lags, additions and all parameters but those of friction explain."""
         active, friction = active_columns(self.dynamics), self.dynamics.layout.friction
-        is_friction = (friction.start <= active) & (active < friction.stop)
-        Y = np.where(is_friction, 0.0, self.Y)
+        Y = np.where((friction.start <= active) & (active < friction.stop), 0.0, self.Y)
         return Span.of(self.drive_rows.stack(Y)).with_columns(self.extra)
 
     @cached_property
@@ -146,9 +146,8 @@ class FrictionRows:
     @cached_property
     def joints(self) -> dict[str, FrictionJoint]:
         """Joints whose friction may have further terms."""
-        moved = dict(zip(self.dynamics.robot.drives, self.moved.tolist(), strict=True))
         joints = self.points[0].joints
-        return {j.name: replace(j, moved=moved.get(j.name, 0.0)) for j in joints}
+        return {j.name: replace(j, moved=self.moved.get(j.name, 0.0)) for j in joints}
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def columns(self, shapes: Sequence[tuple[FrictionJoint, Shape]]) -> Columns:
@@ -180,14 +179,13 @@ def friction_rows(
     largest = np.max([recording.log.torque_max for recording in recordings], axis=0)
     rows = DriveRows(largest, Y.shape[1]).by_misfit(Y, torques)
     span, tau = Span.of(rows.stack(Y)), rows.stack(torques)
-    off = tau - rows.stack(Y @ prior[active_columns(dynamics)])
-    p = prior + parameters_of(dynamics, span, off)
+    p = prior + parameters_of(dynamics, span, tau - rows.stack(Y @ prior[active_columns(dynamics)]))
     lags = [LagColumns(dynamics, (), p, record.recording, alone(dynamics.dof)) for record in traces]
     parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
     extra = rows.stack(np.concatenate(parts, axis=1))
-    span, still = span.with_columns(extra), np.zeros(dynamics.dof)
+    span = span.with_columns(extra)
     points = tuple(points_of([replace(record, load=p) for record in traces], p))
-    return FrictionRows(dynamics, points, largest, Y, extra, rows, span, tau, p, still)
+    return FrictionRows(dynamics, points, largest, Y, extra, rows, span, tau, p)
 
 
 def cutoff_of(recording: Recording) -> float | None:

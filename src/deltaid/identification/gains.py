@@ -78,8 +78,7 @@ class Gains(OfTorques):
         A = np.zeros((self.dynamics.dof, ratios.shape[1]))
         A[list(self.alike)] = ratios
         names = [f"ratio{k + 1}" for k in range(ratios.shape[1])]
-        variables = self._coefficients(names, -A.T @ np.log(self.gain))
-        return Free(variables, A, np.zeros(len(A)), ())
+        return Free(self._coefficients(names, -A.T @ np.log(self.gain)), A, np.zeros(len(A)), ())
 
     @property
     def determines(self) -> tuple[str, ...]:
@@ -153,8 +152,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 
     def corrected() -> Setup:
         columns = Gains(dynamics, others, values[:count], c, settings.prior_spread, alike)
-        repaired = setup.all_repaired(gain=tuple(c.tolist()))
-        return repaired.changed(additions=(*others, columns))
+        return setup.all_repaired(gain=tuple(c.tolist())).changed(additions=(*others, columns))
 
     for _ in range(_ROUNDS):
         now = corrected()

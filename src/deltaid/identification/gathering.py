@@ -71,8 +71,7 @@ class Gathered:
 
     @cached_property
     def information(self) -> Information:
-        whole = self.whole or merge(self.blocks)
-        return replace(whole, levels=self.levels, facts=self.facts)
+        return replace(self.whole or merge(self.blocks), levels=self.levels, facts=self.facts)
 
 
 def gather_all(
@@ -127,7 +126,6 @@ def gather(
         """A window's samples condensed, with the numbers of their blocks, and by place."""
         of_window = rows.filtered(window, recording, load)
         chunks = _chunks(rows, of_window, whitening)
-        cuts = _cuts(window.start // window.thinned, of_window.y.shape[1], length)
         pieces = [
             (
                 number,
@@ -137,7 +135,7 @@ def gather(
                     of_window.counted[:, part],
                 ),
             )
-            for number, part in cuts
+            for number, part in _cuts(window.start // window.thinned, of_window.y.shape[1], length)
         ]
         r = robot.task.point(window.own.z[:: window.thinned])
         return pieces, places.visits(r, chunks) if places else []
@@ -201,8 +199,7 @@ def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
         for fact in weighings
     ]
     facts = np.reshape(rows, (len(rows), len(information.columns) + 1))
-    levels = _levels(replace(information, facts=facts), sigma)
-    return replace(gathered, levels=levels, facts=facts)
+    return replace(gathered, levels=_levels(replace(information, facts=facts), sigma), facts=facts)
 
 
 def _levels(information: Information, sigma: float) -> Float[np.ndarray, " channels"]:

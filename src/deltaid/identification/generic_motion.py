@@ -86,8 +86,7 @@ def _base(
         reading = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
         entries.append(sensor.entries(z, qd, qdd, reading))
     y = np.zeros((rows.dof, _SAMPLES))
-    chunks = chunks_of_drives(rows, np.vstack(entries), y)
-    condensed = condense(chunks, y, np.ones_like(y))
+    condensed = condense(chunks_of_drives(rows, np.vstack(entries), y), y, np.ones_like(y))
     information = collect(rows, [condensed], "samples", rows.dof - dynamics.dof)
     if known:
         facts = [np.append(fact.over(information.columns), 0.0) for fact in known]

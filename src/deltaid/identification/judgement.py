@@ -64,8 +64,7 @@ def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
     base, estimate = problem.base, problem.estimate
     by_noise, _ = estimate.by_noise
     noise = (by_noise / np.where(estimate.std > 0, estimate.std, 1.0)) ** 2
-    columns = (estimate.values, estimate.std, estimate.interval, noise)
-    rows = np.stack(columns, axis=1).tolist()
+    rows = np.stack((estimate.values, estimate.std, estimate.interval, noise), axis=1).tolist()
     return tuple(
         BaseParameter(
             formula=group.formula(base.layout),

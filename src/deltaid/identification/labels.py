@@ -65,8 +65,7 @@ class Labels:
     def label(self, i: int) -> Label:
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
-            added = self._parameters[i].kind in ADDED
-            return self._of_added(i) if added else self._of_free(i)
+            return self._of_added(i) if self._parameters[i].kind in ADDED else self._of_free(i)
         if value == 0:
             return Label("structure", 0.0, value, value)
         if self._visible[i]:

@@ -171,8 +171,7 @@ def _of_motors(setup: Setup, record: Trace) -> Trace:
     recording = record.recording
     if recording.repairs.gears is None:
         return record
-    motors = recording.repaired(gears=None)
-    return traced(setup, motors, recording.cutoff, _WINDOWS) or record
+    return traced(setup, recording.repaired(gears=None), recording.cutoff, _WINDOWS) or record
 
 
 def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
@@ -252,7 +251,6 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         parts, residual = before.account.found, before.account.left
         of_loads = sum(part.gain for part in parts if part.candidate.kind == LOAD_CHANGE)
         total = float(residual @ residual) + sum(part.gain for part in parts)
-        by_gears = np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2)
-        if by_gears > 1.0 - of_loads / total:
+        if np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2) > 1.0 - of_loads / total:
             return False
     return True

@@ -94,8 +94,7 @@ def identify_base(
     gathered = balanced(gather_all(MeasuredRows(dynamics, facts), recordings), facts)
     base = base_parameters(gathered.information, dynamics.layout)
     if method == "gauss-markov":
-        full = estimate_base(base, gathered.information).full
-        whitening = _whitening(dynamics, recordings, full)
+        whitening = _whitening(dynamics, recordings, estimate_base(base, gathered.information).full)
         white = replace(gather_all(dynamics, recordings, whitening=whitening), facts=gathered.facts)
         estimate = estimate_base(base, white.information, "ordinary", white)
         estimate = replace(estimate, method=method)

@@ -152,10 +152,8 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
     information = gather_all(rows, some, prior).information
     added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(setup.robot, information.columns, added)
-    objective = pose(information, reduction, setup.settings)
-    _, gradient, hessian = objective.evaluate(reduction.prior)
-    x = reduction.prior - np.linalg.solve(hessian, gradient)
-    p = reduction.A @ x + reduction.p_0
+    _, gradient, hessian = pose(information, reduction, setup.settings).evaluate(reduction.prior)
+    p = reduction.A @ (reduction.prior - np.linalg.solve(hessian, gradient)) + reduction.p_0
     fitted = dict(of_each(additions, p[len(setup.dynamics.layout.names) :]))
     return [c.prior if c.is_fixed else np.array(fitted[c]) for c in columns]
 

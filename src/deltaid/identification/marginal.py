@@ -49,11 +49,10 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     values, V = _given(b, V, robots)
     names, rows = reduction.layout.names, K[robots, :n]
     L = np.linalg.cholesky(correlations(V)) * np.sqrt(np.diag(V))[:, None]
-    unseen = np.setdiff1d(np.arange(n), problem.information.columns)
     return PosteriorRecord(
         spread=spread,
         wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:n]) if w != 1},
-        unseen=tuple(names[i] for i in unseen),
+        unseen=tuple(names[i] for i in np.setdiff1d(np.arange(n), problem.information.columns)),
         combinations=tuple(
             {names[i]: float(row[i]) for i in np.flatnonzero(terms > _NEGLIGIBLE * terms.max())}
             for row, terms in zip(rows, np.abs(rows * scale[:n]), strict=True)
@@ -107,8 +106,7 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
 
     def curvature(lam: Float[np.ndarray, " n"]) -> Matrix:
         """Also where there is no covariance: SciPy asks for it before it rejects a step."""
-        square = covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0
-        return square + _MISSED * one
+        return (covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0) + _MISSED * one
 
     solution = minimize(
         value,
@@ -129,9 +127,7 @@ def _given(
     C, b = correlations(V), b / size
     if others.any():
         rows = np.column_stack([C[np.ix_(others, robots)], b[others]])
-        L = np.linalg.cholesky(C[np.ix_(others, others)])
-        half = solve_triangular(L, rows, lower=True)
+        half = solve_triangular(np.linalg.cholesky(C[np.ix_(others, others)]), rows, lower=True)
         C[np.ix_(robots, robots)] -= half[:, :-1].T @ half[:, :-1]
         b[robots] -= half[:, :-1].T @ half[:, -1]
-    inner = np.ix_(robots, robots)
-    return (b * size)[robots], (C * np.outer(size, size))[inner]
+    return (b * size)[robots], (C * np.outer(size, size))[np.ix_(robots, robots)]

@@ -166,8 +166,7 @@ def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
     span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
     if Y_extra.size:
         span = span.with_columns(rows.stack(Y_extra))
-    p = parameters_of(record.dynamics, span, tau)
-    return RigidFit(record, p, Y_robot, rows, span, tau)
+    return RigidFit(record, parameters_of(record.dynamics, span, tau), Y_robot, rows, span, tau)
 
 
 def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
@@ -237,8 +236,7 @@ def rests(study: Study) -> tuple[Rest, ...]:
 def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
     """Torques less those of the model over the longest stretch, unfiltered."""
     w, dynamics = longest(study), study.fit.trace.dynamics
-    residual = w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p)
-    return np.where(w.weights > 0, residual, 0.0)
+    return np.where(w.weights > 0, w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p), 0.0)
 
 
 def longest(study: Study) -> Samples:

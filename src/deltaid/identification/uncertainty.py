@@ -207,8 +207,7 @@ class ConsistentRanges:
         cost = self._map.T @ (self._reduction.A.T @ c)
         t, by_noise = self._reach(cost)
         width = (high - low) / (1.0 + 2.0 * _ACCURACY)
-        vanished = float(np.ptp(self._ends(cost, _VANISHED * t)))
-        ratio = vanished / width if width > 0 else 0.0
+        ratio = float(np.ptp(self._ends(cost, _VANISHED * t))) / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
         noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()

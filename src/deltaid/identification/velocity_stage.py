@@ -107,8 +107,7 @@ def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
     if columns.velocity:
         lags.append(_lag(qd, qd_derived, acceleration, counts))
     if columns.acceleration:
-        jerk = rate * np.gradient(acceleration, axis=0)
-        lags.append(_lag(qdd, qdd_derived, jerk, counts))
+        lags.append(_lag(qdd, qdd_derived, rate * np.gradient(acceleration, axis=0), counts))
     shown = (np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS) for lag in lags)
     return next((lag for lag, harmful in zip(lags, shown, strict=True) if harmful.any()), None)
 

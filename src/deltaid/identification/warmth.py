@@ -72,7 +72,6 @@ class Warmth(Addition):
         first, span = self.courses[0], max(abs(course.span) for course in self.courses)
         where = f"@{first.recording.path}" if self.several else ""
         per_kelvin = "/K" if first.constant is None else ""
-        changing = (self.dynamics.layout.parameters[k] for k in self._changing)
         return tuple(
             Parameter(
                 kind="temperature",
@@ -84,7 +83,7 @@ class Warmth(Addition):
                 prior=0.0,
                 scale=entry.scale / span,
             )
-            for entry in changing
+            for entry in (self.dynamics.layout.parameters[k] for k in self._changing)
         )
 
     @property

@@ -199,8 +199,7 @@ def widened(problem: FittedProblem) -> FittedProblem:
     settings = problem.settings
     if settings.gamma is not None or not (factors := evidence(problem).contradicted()):
         return problem
-    reduction = replace(problem.reduction, widened=factors)
-    objective = pose(problem.information, reduction, settings)
+    objective = pose(problem.information, replace(problem.reduction, widened=factors), settings)
     solution = minimise(objective, SOLVERS[settings.method])
     return replace(problem, objective=objective, solution=solution)
 
