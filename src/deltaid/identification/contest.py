@@ -30,12 +30,8 @@ _RIPPLES = 3
 ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
 ResidualOfRecording = Float[np.ndarray, "dof _"]
 
-Applied = dict[str, Float[np.ndarray, " coefficients"]]
-
 # Of two fits, one is certain that is a hundred times as probable as the other.
 _CERTAIN = float(np.log(100.0))
-# A fit with another candidate, by the one that was kept and the one that takes its place.
-Exchanges = dict[tuple[str, str], Shrunk]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +145,7 @@ def contest(
     rows: TraceRows,
     points: Sequence[TracePoint],
     unknowns: Sequence[UnknownEffect],
-    applied: Applied,
+    applied: dict[str, Float[np.ndarray, " coefficients"]],
 ) -> Contest:
     """One sweep.
 
@@ -218,9 +214,12 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     return now
 
 
-def rivals(full: Shrunk, now: Shrunk, least: float, more: float = -_CERTAIN) -> Exchanges:
+def rivals(
+    full: Shrunk, now: Shrunk, least: float, more: float = -_CERTAIN
+) -> dict[tuple[str, str], Shrunk]:
     """Fits with another candidate in the place of one of those of `now` whose evidence is larger by
-    more than this; by default so nearly as probable that rows do not separate both."""
+    more than this, by the one that was kept and the one that takes its place; by default so nearly
+    as probable that rows do not separate both."""
     dropped = [name for name in full.candidates if name not in now.candidates]
     trials = {
         (kept, other): full.of_candidates([other, *(n for n in now.candidates if n != kept)])

@@ -191,9 +191,6 @@ class Trend(NamedTuple):
     surprise: float  # that chance would explain as much [decades]
 
 
-_NOTHING = Trend("", 0.0, 0.0)
-
-
 class Rest(NamedTuple):
     """What neither parameters nor effects explain of a drive's torque."""
 
@@ -219,7 +216,9 @@ def rests(study: Study) -> tuple[Rest, ...]:
     first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)
     rests = list[Rest]()
     for drive, power in enumerate(np.mean(residual**2, axis=1).tolist()):
-        trend = max(_trends(study, drive), key=lambda trend: trend.share, default=_NOTHING)
+        trend = max(
+            _trends(study, drive), key=lambda trend: trend.share, default=Trend("", 0.0, 0.0)
+        )
         explained = trend.share * power
         least = max(first_order[drive], (POSITION_ERROR * largest[drive]) ** 2)
         follows = trend.surprise > SEEN and explained > least

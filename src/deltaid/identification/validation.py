@@ -19,14 +19,25 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 # than this share of its torque: friction that changes with temperature and speed stays below.
 _WORSE, _SHARE = 3.0, 0.1
 # Share of the torque beyond which the error is, how much is missed, cause and next step.
-_WRONG = "sign, unit or order of its columns are not those of the identification"
-_OTHER = "it is another robot, or its gear or torque constant is another one"
-_UNLIKE = "load, temperature or speeds are not those of the identification"
-_ALIKE = "identify from both recordings, or record under the same conditions"
 _LIKELIEST = (
-    (1.2, "worse than no model at all", _WRONG, "deltaid check finds which"),
-    (0.5, "most of it", _OTHER, "deltaid check compares them"),
-    (0.0, "a part of it", _UNLIKE, _ALIKE),
+    (
+        1.2,
+        "worse than no model at all",
+        "sign, unit or order of its columns are not those of the identification",
+        "deltaid check finds which",
+    ),
+    (
+        0.5,
+        "most of it",
+        "it is another robot, or its gear or torque constant is another one",
+        "deltaid check compares them",
+    ),
+    (
+        0.0,
+        "a part of it",
+        "load, temperature or speeds are not those of the identification",
+        "identify from both recordings, or record under the same conditions",
+    ),
 )
 
 
