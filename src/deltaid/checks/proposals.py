@@ -36,11 +36,11 @@ from deltaid.estimation.drive_rows import (
     STRETCHES,
     DriveRows,
     of_own_drives,
+    parameters_of,
     stretch_starts,
 )
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Rows, Span, lengths
-from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace
 from deltaid.model.verdict import Grade, Verdict

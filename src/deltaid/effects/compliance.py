@@ -34,9 +34,14 @@ from deltaid.effects.windings import (
     parameters,
     rows_of,
 )
-from deltaid.estimation.drive_rows import STRETCHES, OfDrives, stretch_starts
+from deltaid.estimation.drive_rows import (
+    STRETCHES,
+    OfDrives,
+    RecordingRows,
+    TraceRows,
+    stretch_starts,
+)
 from deltaid.estimation.scatter import quantile
-from deltaid.estimation.trace_rows import RecordingRows, TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction
 from deltaid.robot.description import RobotDescription

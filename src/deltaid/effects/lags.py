@@ -21,9 +21,8 @@ from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import LagGroup, chosen_groups, common_lag
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.drive_rows import STRETCHES, TraceRows
 from deltaid.estimation.scatter import quantile
-from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Delay, Trace
 
 # Lags that can be estimated [s].

@@ -27,9 +27,8 @@ from deltaid.effects.contest import SEEN
 from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import exceeded
 from deltaid.effects.sampling import FreeTiming, Timing
-from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.trace_rows import TraceRows
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.masks.runs import least_about
 from deltaid.recording.windows import Samples

@@ -11,8 +11,13 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
 from deltaid.effects.lag_columns import late
-from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
-from deltaid.estimation.trace_rows import RecordingRows, TraceRows
+from deltaid.estimation.drive_rows import (
+    ColumnsOfDrives,
+    OfDrives,
+    RecordingRows,
+    TraceRows,
+    of_own_drives,
+)
 from deltaid.estimation.traces import Trace
 from deltaid.recording.filter import HIGHEST
 from deltaid.recording.gears import Gears, convolved

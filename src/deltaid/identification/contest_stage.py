@@ -14,7 +14,7 @@ from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
-from deltaid.estimation.trace_rows import TraceRows
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags

@@ -29,11 +29,10 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows
+from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows, parameters_of
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Rows, Span, level_along
 from deltaid.estimation.scatter import surprise
-from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.friction_record import AdditionKind, JointTerm
 from deltaid.recording.recording import Recording

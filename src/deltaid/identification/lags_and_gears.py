@@ -17,7 +17,7 @@ from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import motors_of
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition, of_each
-from deltaid.estimation.trace_rows import TraceRows
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
 from deltaid.identification.setup import Progress, Setup

@@ -26,12 +26,11 @@ from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import POSITION_ERROR, ColumnsOfDrives, DriveRows
+from deltaid.estimation.drive_rows import POSITION_ERROR, ColumnsOfDrives, DriveRows, parameters_of
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Rows, Span, independent, lengths, level_along
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.spectra import white_noise
-from deltaid.estimation.trace_rows import parameters_of
 from deltaid.estimation.traces import Trace, trace
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import WINDOW, Samples
