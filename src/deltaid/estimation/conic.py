@@ -95,14 +95,14 @@ class _Program:
     def solve(self) -> Solution:
         n, size, gamma = len(self._scale), len(self._q), self._objective.gamma
         rows = [np.pad(part, ((0, 0), (0, size - part.shape[1]))) for part in self._rows]
-        solution = clarabel.DefaultSolver(
-            sparse.diags(np.repeat([0.0, 2.0, 0.0], [n, n, size - 2 * n]), format="csc"),
+        solution = interior_point(
             self._q,
-            sparse.csc_matrix(np.vstack(rows)),
+            np.vstack(rows),
             np.concatenate(self._right),
             self._cones,
-            quiet_settings(self._settings.tolerance),
-        ).solve()
+            self._settings.tolerance,
+            squares=np.repeat([0.0, 2.0, 0.0], [n, n, size - 2 * n]),
+        )
         x = np.array(solution.x)[:n] * self._scale
         value = self._objective.value(x) if np.all(np.isfinite(x)) else np.inf
         bound = gamma * (solution.obj_val_dual + self._quadratic.c + self._constant)
@@ -174,9 +174,19 @@ def definite(size: int) -> object:
     return clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
 
 
-def quiet_settings(tolerance: float) -> clarabel.DefaultSettings:
-    """Settings of Clarabel with one tolerance for gap and feasibility."""
+def interior_point(
+    q: Vector,
+    A: Float[np.ndarray, "rows n"],
+    b: Float[np.ndarray, " rows"],
+    cones: list[object],
+    tolerance: float,
+    squares: Vector | None = None,
+) -> clarabel.DefaultSolution:
+    """Clarabel's minimum of ½ uᵀ diag(squares) u + qᵀu where b − A u is in the cones, with one
+    tolerance for gap and feasibility; linear without squares."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    return settings
+    P = sparse.csc_matrix((len(q), len(q))) if squares is None else sparse.diags(squares)
+    problem = P.tocsc(), q, sparse.csc_matrix(A), b, cones, settings
+    return clarabel.DefaultSolver(*problem).solve()

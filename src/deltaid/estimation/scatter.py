@@ -26,7 +26,6 @@ from scipy.linalg import solve_triangular
 from scipy.special import gammaincc, gammaln, stdtrit
 
 from deltaid.estimation.information import Chunk
-from deltaid.recording.recording import Recording
 
 # A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
 # white level is taken with the widest t there is.
@@ -74,13 +73,6 @@ class Places:
         self._size = np.maximum(box[1] - box[0], np.finfo(float).tiny)
         self._shape = int(np.prod(parts)), drives, augmented, augmented
         self._totals: list[Visits] = []
-
-    @classmethod
-    def over(cls, recordings: Iterable[Recording], drives: int, augmented: int) -> "Places":
-        """Empty places over the range that recordings cover together."""
-        reaches = np.array([recording.log.reach for recording in recordings])
-        box = np.stack([reaches[:, 0].min(axis=0), reaches[:, 1].max(axis=0)])
-        return cls(box, drives, augmented)
 
     def visits(self, r: Float[np.ndarray, "samples 3"], drives: Iterable[Chunk]) -> list[Visits]:
         """Some samples by place: the platform point r there, and each drive's rows of [Y, τ]."""

@@ -69,10 +69,6 @@ class NoiseBlock:
     stretches: Int[np.ndarray, " rows"]
     largest: float
 
-    def over(self, A: Columns, b: Rows) -> "NoiseBlock":
-        """The same with other columns."""
-        return replace(self, A=A, b=b)
-
     @cached_property
     def normal(self) -> Float[np.ndarray, "n n"]:
         return self.A.T @ self.A
@@ -242,7 +238,8 @@ class Shrunk:
             for k in kept
         )
         blocks = tuple(
-            block.over(block.A[:, stay], block.b - block.A[:, gone] @ held) for block in self.blocks
+            replace(block, A=block.A[:, stay], b=block.b - block.A[:, gone] @ held)
+            for block in self.blocks
         )
         K, r, D = self._normal.K[stay], self._normal.r[stay], self.D[:, stay]
         given = Normal(self.sigma, K[:, stay], r - K[:, gone] @ held)
@@ -253,7 +250,7 @@ class Shrunk:
         places = np.arange(len(self.x), len(self.x) + len(deviation))
         group = CauseColumns(name, places, deviation, np.zeros(len(deviation)))
         blocks = tuple(
-            block.over(np.hstack([block.A, more]), block.b)
+            replace(block, A=np.hstack([block.A, more]))
             for block, more in zip(self.blocks, columns, strict=True)
         )
         D = np.pad(self.D, ((0, 0), (0, len(deviation))))

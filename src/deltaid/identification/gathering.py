@@ -92,7 +92,9 @@ def gather_all(
 
 def places_of(regressor: _Columns, recordings: Iterable[Recording]) -> Places:
     """Empty places over the range that recordings cover together."""
-    return Places.over(recordings, regressor.dof, len(active_columns(regressor)) + 1)
+    reaches = np.array([recording.log.reach for recording in recordings])
+    box = np.stack([reaches[:, 0].min(axis=0), reaches[:, 1].max(axis=0)])
+    return Places(box, regressor.dof, len(active_columns(regressor)) + 1)
 
 
 def gather(

@@ -7,11 +7,10 @@ from functools import cached_property
 import clarabel
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.estimation.conic import definite, quiet_settings, svec
+from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.problem import DEPENDENT
@@ -258,9 +257,7 @@ class ConsistentRanges:
     ) -> clarabel.DefaultSolution:
         right = self._right.copy()
         right[0] = radius
-        nothing, settings = sparse.csc_matrix((len(cost), len(cost))), quiet_settings(_TOLERANCE)
-        matrix, cones = sparse.csc_matrix(rows), list(self._cones)
-        return clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
+        return interior_point(cost, rows, right, list(self._cones), _TOLERANCE)
 
     def _cone(
         self, block: Block, determined: Bool[np.ndarray, " n"]

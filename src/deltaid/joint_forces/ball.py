@@ -5,11 +5,10 @@ from functools import cached_property
 import clarabel
 import numpy as np
 from jaxtyping import Float
-from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.conic import definite, quiet_settings, svec
+from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import NORMAL
 from deltaid.joint_forces.unknowns import ForceUnknowns
@@ -74,15 +73,7 @@ class ConsistentBall:
             right.append(svec(block.matrix(self._u)))
             cones.append(definite(len(block.constant)))
         q = np.append(np.zeros(n), 1.0) if cost is None else np.append(cost, 0.0)
-        solver = clarabel.DefaultSolver(
-            sparse.csc_matrix((n + 1, n + 1)),
-            q,
-            sparse.csc_matrix(np.vstack(rows)),
-            np.concatenate(right),
-            cones,
-            quiet_settings(_TOLERANCE),
-        )
-        solution = solver.solve()
+        solution = interior_point(q, np.vstack(rows), np.concatenate(right), cones, _TOLERANCE)
         if str(solution.status) not in ("Solved", "AlmostSolved"):
             raise IdentificationError(
                 f"the range of a force was not found: the solver ended with {solution.status}",
