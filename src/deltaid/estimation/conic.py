@@ -49,10 +49,7 @@ class Conic:
         quadratic = _stacked(objective)
         if spectral is None:
             x = _unconstrained(quadratic)
-            if x is not None and all(
-                np.linalg.eigvalsh(block.normalised_at(x))[0] > INTERIOR
-                for block in objective.reduction.blocks
-            ):
+            if x is not None and all(_interior(block, x) for block in objective.reduction.blocks):
                 value = objective.value(x)
                 return Solution(x, value, value, 0, "interior optimum")
         return _Program(objective, quadratic, self).solve()
@@ -71,6 +68,10 @@ def _unconstrained(quadratic: Quadratic) -> Vector | None:
     if np.min(np.abs(np.diag(quadratic.R))) == 0:
         return None
     return solve_triangular(quadratic.R, quadratic.b)
+
+
+def _interior(block: Block, x: Vector) -> bool:
+    return bool(np.linalg.eigvalsh(block.normalised_at(x))[0] > INTERIOR)
 
 
 class _Program:
