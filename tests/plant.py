@@ -68,9 +68,7 @@ class Plant:
 
     def run(self, **options) -> FleetRun:
         """A call on this machine, with one worker."""
-        return run_fleet(
-            self.manifest, self.output, **{"settings": SETTINGS, "workers": 1, **options}
-        )
+        return run_fleet(self.manifest, self.output, settings=SETTINGS, workers=1, **options)
 
     def table(self, name: str = "parameters.parquet") -> pl.DataFrame:
         """One of its tables, without what depends on where files lie."""

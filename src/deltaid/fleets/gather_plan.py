@@ -62,9 +62,7 @@ class How:
         Raises:
             RecordingError: its mapping says as well what is held.
         """
-        if mass is None:
-            return self
-        if self.mapping is not None and self.mapping.load is not None:
+        if mass is not None and self.mapping is not None and self.mapping.load is not None:
             raise RecordingError(
                 "its mapping and the manifest both say what it holds",
                 where=where,
@@ -175,9 +173,7 @@ def with_cutoffs(
         return plan
     known = _decided(place)
     wrong, cutoffs = dict(plan.wrong), dict(known)
-    for kind in plan.robots:
-        if kind in cutoffs:
-            continue
+    for kind in (kind for kind in plan.robots if kind not in known):
         jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
         asked = (client().submit(suggested_cutoff, job, pure=False) for job in jobs)
         cutoff = next((x for future in asked if (x := future.result()) is not None), None)

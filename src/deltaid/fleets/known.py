@@ -110,22 +110,15 @@ class EarlierCalls:
             {key: k for k, key in enumerate(used["key"])},
             {} if retry else _refused(place),
             {  # what another version has written is made again
-                name: frame
+                name: pl.DataFrame(schema=schemas[name])
+                if frame is None or frame.schema != pl.Schema(schemas[name])
+                else frame
                 for name, frame in tables.items()
-                if frame is not None and frame.schema == pl.Schema(schemas[name])
             },
         )
 
-    def keys(self, name: str) -> frozenset[str]:
-        """What rows of a table follow from."""
-        return frozenset(self.tables[name]["key"]) if name in self.tables else frozenset()
-
     def with_new(
-        self,
-        name: str,
-        schema: Mapping[str, Any],
-        keys: Sequence[str],
-        new: Mapping[str, pl.DataFrame],
+        self, name: str, keys: Sequence[str], new: Mapping[str, pl.DataFrame]
     ) -> pl.DataFrame:
         """A table of rows that follow from some keys, in the order of these.
 
@@ -133,10 +126,12 @@ class EarlierCalls:
             new: rows that this call has found, by key; all others are of earlier calls.
         """
         order = pl.DataFrame({"key": list(dict.fromkeys(keys))}, schema={"key": pl.String})
-        old = self.tables.get(name, pl.DataFrame(schema=schema))
+        old = self.tables[name]
         kept = old.filter(~pl.col("key").is_in(list(new)))
         rows = pl.concat([kept, *(new[key] for key in keys if key in new)])
-        return order.join(rows, on="key", how="inner", maintain_order="left_right").select(*schema)
+        return order.join(rows, on="key", how="inner", maintain_order="left_right").select(
+            old.columns
+        )
 
     def gathered(self, job: GatherJob, listing: Mapping[str, int]) -> GatherResult | None:
         """What became of a recording in an earlier call, if its factors are still there whole."""

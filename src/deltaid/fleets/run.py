@@ -196,9 +196,9 @@ def _write(
     place, tables = call.place, dict[str, pl.DataFrame]()
     for step, own in results.items():
         keys = [result.job.key for result in own]
-        for name, schema in step.tables.items():
+        for name in step.tables:
             new = {result.job.key: result.tables[name] for result in own if name in result.tables}
-            tables[name] = call.known.with_new(name, schema, keys, new)
+            tables[name] = call.known.with_new(name, keys, new)
             place.save(f"{name}.parquet", tables[name])
     tables |= {
         "recordings": recordings_table(run.outcomes),

@@ -149,7 +149,7 @@ class FleetStep:
     def run(self, call: Call, jobs: Sequence[FleetJob]) -> tuple[list[JobResult], int]:
         """What became of all jobs, in their order, and how many were done now."""
         results = dict[str, JobResult]()
-        keys = [call.known.keys(name) for name in self.tables]
+        keys = [frozenset(call.known.tables[name]["key"]) for name in self.tables]
         absent = {self.file(job) for job in jobs} - {""}
         for folder in {file.partition("/")[0] for file in absent}:
             absent.difference_update(call.place.listing(folder))

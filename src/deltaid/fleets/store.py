@@ -31,10 +31,6 @@ class StoreError(DeltaidError):
     """A store cannot be reached, or has changed meanwhile: another call may find it well."""
 
 
-class _IncompleteError(OSError):
-    """A file is not what was listed; a moment later it may be."""
-
-
 def is_address(path: str) -> bool:
     """Whether a name is an address such as s3://bucket/key and no path."""
     return "://" in path
@@ -214,7 +210,8 @@ def _fetch(path: str, copy: Path, stamp: str) -> None:
     after = system.info(path)
     _require_stamp(path, stamp, _stamp(after))
     if after.get("size") is not None and copy.stat().st_size != after["size"]:
-        raise _IncompleteError(f"came incomplete: {copy.stat().st_size} of {after['size']} bytes")
+        # A moment later it may be whole.
+        raise OSError(f"came incomplete: {copy.stat().st_size} of {after['size']} bytes")
 
 
 def _require_stamp(path: str, stamp: str, now: str) -> None:
@@ -265,8 +262,7 @@ def _asked(ask: Callable[[], _Result], path: str) -> _Result:
             raise
         except _failures() as error:
             said = re.sub(r"\s+", " ", str(error))[:300] or type(error).__name__
-            refused = isinstance(error, PermissionError)
-            if k == _TRIES - 1 or refused:
+            if k == _TRIES - 1 or isinstance(error, PermissionError):
                 raise StoreError(
                     f"the store fails: {said}", where=path, cure="check address, rights and network"
                 ) from None
