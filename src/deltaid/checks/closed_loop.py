@@ -62,7 +62,7 @@ class Shake:
 def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     """Verdict on encoder noise that a controller feeds back to the drives; none if undetectable."""
     recording, fitted = evidence.surveyed, evidence.fitted
-    if not isinstance(recording, Recording) or not isinstance(fitted, FittedProblem):
+    if recording is None or not isinstance(fitted, FittedProblem):
         return
     shake = shaken(evidence.rows, recording, fitted)
     if shake is None or not shake.speed.any():

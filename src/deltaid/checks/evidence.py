@@ -117,15 +117,14 @@ class Evidence:
             return error
 
     @cached_property
-    def surveyed(self) -> Recording | RecordingError:
-        """The recording as identification uses it, or the error that prevents it."""
-        setup = self.setup
-        return setup if isinstance(setup, RecordingError) else setup.recordings[0]
+    def surveyed(self) -> Recording | None:
+        """The recording as identification uses it; None where an error prevents it."""
+        return None if isinstance(self.setup, RecordingError) else self.setup.recordings[0]
 
     @cached_property
     def study(self) -> Study | None:
         """Study of this recording's residual; None without a survey."""
-        if isinstance(self.surveyed, RecordingError):
+        if self.surveyed is None:
             return None
         if self.problem is None:
             return studied(self.dynamics, self.surveyed)

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from deltaid.checks.evidence import Evidence
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import DeltaidError, IdentificationError, KinematicsError
+from deltaid.errors import IdentificationError, KinematicsError
 from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import Information, gather_samples, merge
@@ -92,7 +92,7 @@ def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
 
 def information_of(evidence: Evidence) -> Information | None:
     """Information of a recording, fitted or not; None if it cannot be used."""
-    if isinstance(evidence.surveyed, DeltaidError):
+    if evidence.surveyed is None:
         return None
     if isinstance(evidence.fitted, FittedProblem):
         return evidence.fitted.information
@@ -121,8 +121,7 @@ def judged_information(
         )
         return (unknown,)
     certainty = _assess(dynamics, information.of_drives, motions)
-    rests = np.max(moved, axis=0) < _RESTING * ranges
-    still = np.array(dynamics.robot.drives)[rests].tolist()
+    still = np.array(dynamics.robot.drives)[np.max(moved, axis=0) < _RESTING * ranges].tolist()
     return _parameters(certainty), _excitation(certainty, still)
 
 

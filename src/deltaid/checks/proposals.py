@@ -247,7 +247,6 @@ def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
             return held_out(record)
         proposed = Verdicts(verdicts, record.robot, [record.source], [record.mapping])
         mapping = proposed.cured_columns() if "mapping" in files_of(verdicts) else record.mapping
-        robot = proposed.cured_robot()
-        return held_out(evidence(robot, record.source, mapping, record.settings))
+        return held_out(evidence(proposed.cured_robot(), record.source, mapping, record.settings))
     except DeltaidError:
         return None

@@ -16,7 +16,6 @@ from deltaid.checks.evidence import Evidence
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import UnknownLag
-from deltaid.errors import RecordingError
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
@@ -69,7 +68,7 @@ _REST = Fault(
 def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     """Lags, and causes of the residual."""
     study, recording = evidence.study, evidence.surveyed
-    if study is None or isinstance(recording, RecordingError):
+    if study is None or recording is None:
         return
     added = () if evidence.problem is None else evidence.problem.additions
     unknown = any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added)

@@ -126,7 +126,7 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     An error of survey or fit is reported as it is where no check explains it.
     """
     judged = [*wiring, *checked_signals(record)]
-    if worst(judged) is not Grade.WRONG and not isinstance(record.surveyed, DeltaidError):
+    if worst(judged) is not Grade.WRONG and record.surveyed is not None:
         judged += checked_sensors(record)
         judged += () if several else checked_information(record)
     if worst(judged) is Grade.WRONG:  # what rests on it would only repeat it

@@ -11,7 +11,6 @@ from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
-from deltaid.recording.recording import Recording
 
 # Samples per period of the motion's bandwidth: fewer are doubtful, or wrong. Differentiated signals
 # need more, because the filter keeps six hundredths of the rate.
@@ -87,7 +86,7 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
         return
     if not evidence.columns.velocity:  # positions are differentiated
         yield from _encoder(evidence)
-    if isinstance(recording, Recording):
+    if recording is not None:
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
         yield _standing(recording.log)
@@ -152,7 +151,7 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
     """The filter of the recording, or one for its motion where it has none."""
-    if isinstance(evidence.surveyed, Recording):
+    if evidence.surveyed is not None:
         return evidence.surveyed.low_pass
     rate = 1.0 / evidence.rows.step
     fastest = bandwidth(evidence.rows.q, rate)

@@ -129,8 +129,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         """
         if not (proposed := changes(self, "robot")):
             return self._described
-        text = yaml_text(mended(as_written(self._described), proposed))
-        return described_in(text, "cured robot")
+        return described_in(yaml_text(mended(as_written(self._described), proposed)), "cured robot")
 
     @property
     def _described(self) -> RobotDescription:

@@ -61,8 +61,7 @@ class AtPlatform(AlongMotion):
         T, home = self.dynamics.kinematics.platform_jacobian(z), self.dynamics.kinematics.home
         x = self.dynamics.robot.task.point(z) - self.dynamics.robot.task.point(home)
         along = np.ascontiguousarray(T.transpose(1, 2, 0))
-        v = np.sum(along * qd.T, axis=1).T
-        forces = self.forces(x, v).transpose(0, 2, 1)
+        forces = self.forces(x, np.sum(along * qd.T, axis=1).T).transpose(0, 2, 1)
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
 

@@ -68,8 +68,7 @@ class LoadChange(DescribedEffect):
         a load is declared already."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
-        missing = np.diff(time, prepend=start, append=end)
-        if log.columns.loads or missing.max() > _GONE:
+        if log.columns.loads or np.diff(time, prepend=start, append=end).max() > _GONE:
             return None
         is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)

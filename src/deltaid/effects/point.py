@@ -170,7 +170,6 @@ class RigidFit(TracePoint):
 def points_of(traces: Sequence[Trace], p: Parameters) -> list[TracePoint]:
     """Recordings at the same parameters, with the largest speeds and torques of all."""
     points = [TracePoint(trace, p) for trace in traces]
-    names = points[0].speeds
-    fastest = {name: max(point.speeds[name] for point in points) for name in names}
+    fastest = {name: max(point.speeds[name] for point in points) for name in points[0].speeds}
     highest = np.max([trace.recording.log.torque_max for trace in traces], axis=0)
     return [replace(point, fastest=fastest, highest=tuple(highest.tolist())) for point in points]

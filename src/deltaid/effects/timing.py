@@ -208,8 +208,7 @@ def _seen(timing: Timing, some: Drives) -> Drives:
 
 def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
     """Whether lags that grow are beyond chance, and those of all drives grow alike."""
-    variance = timing.covariance[-1:, -1:]
-    if not exceeded(np.array([timing.rate]), variance, 10**-SEEN):
+    if not exceeded(np.array([timing.rate]), timing.covariance[-1:, -1:], 10**-SEEN):
         return False
     corrected, dof = timing.beside(trace), len(timing.lags)
     late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)

@@ -160,8 +160,7 @@ def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
         RecordingRows(part.A[..., free], part.tau, tuple(Z[..., free] for Z in part.instruments))
         for part in parts
     ]
-    p = rows.parameters(rows.problem(plain).x)
-    return p[: len(rows.dynamics.layout.names)]
+    return rows.parameters(rows.problem(plain).x)[: len(rows.dynamics.layout.names)]
 
 
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:

@@ -82,8 +82,7 @@ class RowsAbout(SensorRows):
             """What some columns add, of what is seen."""
             total = np.zeros_like(seen)
             if of.any():
-                own = self.rows.entries(z, qd, qdd, seen)[of]
-                np.add.at(total, channels[of], own * values[of])
+                np.add.at(total, channels[of], self.rows.entries(z, qd, qdd, seen)[of] * values[of])
             return total
 
         position, rotation = self._of("position"), self._of("rotation")

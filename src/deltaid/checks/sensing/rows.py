@@ -78,8 +78,7 @@ class SensedRows:
         noise, counted = np.maximum(size, 1e-12), np.minimum(_COUNTED / samples, 1.0)
 
         def weighted() -> LinearProblem:
-            rows = torques.weighted(counted / noise**2)
-            problem = LinearProblem.of_triangle(rows, torques.rows)
+            problem = LinearProblem.of_triangle(torques.weighted(counted / noise**2), torques.rows)
             return problem.with_known(np.diag(1 / std), prior / std)
 
         for _ in range(2):  # the residual sets each drive's weight

@@ -14,7 +14,6 @@ from deltaid.checks.sensing.guesses import Guess, best_guess
 from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of
 from deltaid.checks.sensing.rows import SensedRows, SensorSignal, sensed_rows
 from deltaid.checks.sensing.wording import mapped, verdict_of
-from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
@@ -37,9 +36,7 @@ _NOISY = 3.0
 def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on each sensor of a recording, good ones too; none of one without."""
     recording = evidence.surveyed
-    rows = (
-        None if isinstance(recording, RecordingError) else sensed_rows(evidence.dynamics, recording)
-    )
+    rows = None if recording is None else sensed_rows(evidence.dynamics, recording)
     if rows is None:
         return ()
     return tuple(verdict for signal in rows.signals for verdict in _of_signal(rows, signal))

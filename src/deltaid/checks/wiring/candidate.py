@@ -114,8 +114,7 @@ class WiringHypothesis:
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        fit = self.posed.fit
-        near = self._goes_along(_ALONG, _ALONG_LOOSE) and fit.distance < _NEAR
+        near = self._goes_along(_ALONG, _ALONG_LOOSE) and self.posed.fit.distance < _NEAR
         return near and self.closes and self.left < LITTLE
 
     @property

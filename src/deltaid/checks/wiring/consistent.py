@@ -80,14 +80,12 @@ class Posed:
             constant = 1 - 1 / np.sqrt(1 + self.rows.shape[1] * (OFFSET / noise) ** 2)
             data = Quadratic.of(self._without_constant(constant) / noise)
             try:
-                objective = Objective(self.reduction, data, self.regularizer, _GAMMA)
-                solution = _SOLVER.solve(objective)
+                solution = _SOLVER.solve(Objective(self.reduction, data, self.regularizer, _GAMMA))
             except IdentificationError:
                 return IMPOSSIBLE
             misfit, before = data.evaluate(solution.x)[0], noise
             distance, noise = solution.objective - misfit, self._level(misfit * noise**2)
-            score = float(-self._size * np.log(noise) - 0.5 * distance)
-            best = Consistent(score, noise, distance)
+            best = Consistent(float(-self._size * np.log(noise) - 0.5 * distance), noise, distance)
             if abs(np.log(noise / before)) < _SETTLED:
                 break
         return best

@@ -174,8 +174,7 @@ def overall(ratios: Float[np.ndarray, "..."]) -> float:
     usual = float(np.median(_logs(ratios)))
     if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
         return float(np.exp(usual))
-    least = min(logs, key=abs)
-    return float(np.exp(least)) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
+    return float(np.exp(min(logs, key=abs))) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
 
 
 def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:

@@ -119,8 +119,7 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
         for first, last in runs_of(speed < _STILL * speed.max()):
             if last + 1 - first > _REST * rate:
                 asleep[first : last + 1] = 1.0
-    window = np.ones(len(low_pass.smooth))
-    awake = apply(window, asleep[None], low_pass.decimation)[0, :count] < 0.5
+    awake = apply(np.ones(len(low_pass.smooth)), asleep[None], low_pass.decimation)[0, :count] < 0.5
     return awake if awake.sum() > _AWAKE else np.ones(count, bool)
 
 

@@ -98,13 +98,12 @@ def _causes(shift: Shifts) -> list[list[int]]:
 def _shown(shift: Shifts) -> list[int]:
     """Drives whose zero error is small enough for slopes and well determined: a weak column, as of
     a telescope's drive, would take any value to explain the residual."""
-    return [i for i in range(shift.drives) if _is_shown(shift, i)]
-
-
-def _is_shown(shift: Shifts, drive: int) -> bool:
-    (value,), ((variance,),) = shift.estimate([drive])
-    known = abs(value) < _FARTHEST and variance < _VAGUE**2
-    return bool(known and shift.certainty([drive]) > 0)
+    shown = list[int]()
+    for drive in range(shift.drives):
+        (value,), ((variance,),) = shift.estimate([drive])
+        if abs(value) < _FARTHEST and variance < _VAGUE**2 and shift.certainty([drive]) > 0:
+            shown.append(drive)
+    return shown
 
 
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:
@@ -168,8 +167,7 @@ def _verdict(
         share, number, text, rival = shift.gain([rivals[0]]), way[0], of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
         entries = Entries(evidence)
-        shifted = {rivals[0]: entries.shifted(rivals[0], way[0])}
-        proposals = entries.proposal({"position": shifted})
+        proposals = entries.proposal({"position": {rivals[0]: entries.shifted(rivals[0], way[0])}})
     else:
         share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
         cause = f"a tilted base: {of_tilt}"
@@ -213,8 +211,7 @@ def _gravity(evidence: Evidence, shift: Shifts, *, is_written: bool) -> tuple[Pr
     turn, _ = shift.estimate(shift.tilt)
     gravity = g + np.cross(turn @ across(g)[[i - shift.drives for i in shift.tilt]], g)
     gravity *= np.linalg.norm(g) / np.linalg.norm(gravity)
-    changes = (("gravity", [float(f"{x:.5g}") for x in gravity]),)
-    return (Proposal("robot", changes, is_written),)
+    return (Proposal("robot", (("gravity", [float(f"{x:.5g}") for x in gravity]),), is_written),)
 
 
 def _good(shift: Shifts) -> Verdict:

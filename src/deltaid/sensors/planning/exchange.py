@@ -145,8 +145,7 @@ def _alike(
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a.name)] += inertia_parameters(S)
         direction[layout.body(b.name)] -= inertia_parameters(T) * a.count / b.count
-        words = f"the second moment {name} {_passes(a.name, b.name)}"
-        yield Exchange(words, direction)
+        yield Exchange(f"the second moment {name} {_passes(a.name, b.name)}", direction)
 
 
 def _resting(
@@ -212,8 +211,7 @@ def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
         yield changing({"HP.mcz": -1.0, "EE.mcz": 2.0}, "first moment along z", "HP")
         return
     name, count = ("R", 2) if isinstance(platform, Par4Platform) else ("MB", 1)
-    turning = {f"{name}.Izz": platform.ratio**2 / count, "EE.Izz": -1.0}
-    yield changing(turning, "inertia", name)
+    yield changing({f"{name}.Izz": platform.ratio**2 / count, "EE.Izz": -1.0}, "inertia", name)
 
 
 def _passes(a: str, b: str) -> str:

@@ -114,8 +114,7 @@ def null_space(
         direction = np.zeros(len(scale))
         direction[seen] = d * to_p
         chosen.append(_open("", direction, seen, layout))
-    names = np.array(layout.names)
-    invisible = tuple(names[~seen].tolist())
+    invisible = tuple(np.array(layout.names)[~seen].tolist())
     return NullSpace(int(seen.sum()), rank, tuple(chosen), invisible, seen, scale)
 
 

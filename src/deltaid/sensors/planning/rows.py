@@ -166,8 +166,7 @@ def _is_open(parameter: Parameter, sensor: SensorRows) -> bool:
     Known are tolerances, and offsets whose standard deviation is stated.
     """
     described: Sensor | None = getattr(sensor, "sensor", None)
-    kind = parameter.symbol.rpartition("_")[2]
-    if kind != "bias":
+    if parameter.symbol.rpartition("_")[2] != "bias":
         return not parameter.symbol.startswith(("position_", "rotation_", "gain"))
     if isinstance(described, BaseWrench):
         moment = parameter.symbol.startswith("m")

@@ -110,8 +110,7 @@ def turn_alike(a: Instance, b: Instance) -> Float[np.ndarray, "3 3"] | None:
     """R_BA where two bodies turn alike, and turn at all; else None."""
     R = b.R.swapaxes(1, 2) @ a.R
     constant = np.abs(R - R[0]).max() < _APART
-    turns = np.abs(a.R - a.R[0]).max() > _APART
-    return R[0] if constant and turns else None
+    return R[0] if constant and np.abs(a.R - a.R[0]).max() > _APART else None
 
 
 def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:

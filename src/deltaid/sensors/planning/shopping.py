@@ -84,8 +84,7 @@ def _forces(unknowns: Unknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
     forces, motion = ConstraintForces(scene.dynamics.robot), scene.motion
     at = np.linspace(0, len(motion.z) - 1, _INSTANTS).astype(int)
     C = forces.coefficients(motion.z[at], motion.qd[at], motion.qdd[at])
-    wanted = [k for k, unit in enumerate(forces.units) if unit == "N"]
-    C = C[:, wanted]
+    C = C[:, [k for k, unit in enumerate(forces.units) if unit == "N"]]
     largest = np.abs(C @ scene.p).max()
     return (C / largest).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
 
