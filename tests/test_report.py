@@ -16,7 +16,7 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.robot.load import load_robot, save_yaml
-from deltaid.view.comparison import Comparison, compare
+from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.friction import law
 from deltaid.view.html import render
@@ -43,7 +43,7 @@ def result(folder: Path) -> Identification:
 
 
 @pytest.fixture(scope="module")
-def comparison(result: Identification) -> Comparison:
+def comparison(result: Identification) -> TorqueComparison:
     dynamics = compiled(result.model.robot)
     return compare(dynamics, result.model.p, result.recordings[0])
 
@@ -130,7 +130,7 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
             assert decided.startswith(("prior", "fixed", "consistency"))
 
 
-def test_what_is_drawn_is_the_torque_error(result: Identification, comparison: Comparison) -> None:
+def test_torque_errors_are_drawn(result: Identification, comparison: TorqueComparison) -> None:
     recording = result.recordings[0]
     error = torque_error(compiled(result.model.robot), result.model.p, recording)
     drawn = comparison.measured - comparison.predicted

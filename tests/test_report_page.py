@@ -23,8 +23,8 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.shapes import HollowCylinder
 from deltaid.view.bodies import ellipsoid
 from deltaid.view.check import check_page, page_table, short_table
-from deltaid.view.comparison import Comparison, compare
-from deltaid.view.corrected import corrected
+from deltaid.view.comparison import TorqueComparison, compare
+from deltaid.view.corrections import corrected
 from deltaid.view.excitation import excitation_page
 from deltaid.view.html import render
 from deltaid.view.numbers import number, percent, span
@@ -115,7 +115,7 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
     time = 1.7e9 + 0.001 * np.arange(n)
     torque = rng.normal(size=(n, 2))
     frequency = np.arange(1.0, 20.0)
-    c = Comparison(
+    c = TorqueComparison(
         time=time,
         measured=torque,
         predicted=np.zeros((n, 2)),

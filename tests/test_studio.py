@@ -11,10 +11,10 @@ from command import refused, run
 from deltaid.errors import DeltaidError
 from deltaid.model.record import Settings
 from deltaid.robot.load import catalogue_text, load_robot
-from deltaid.studio.decimate import MinMax
 from deltaid.studio.edits import difference, own_copy, robot_cured
 from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
+from deltaid.studio.look import MinMax
 from deltaid.studio.plan import FILE, Checked, Plan, Store, Used, digest
 from deltaid.studio.runs import new_run, next_run, runs
 from deltaid.studio.steps import check_step, fit_step

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -12,17 +12,15 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.model.model import Model, load
 from deltaid.recording.mapping import load_mapping
-from deltaid.studio.decimate import MinMax
 from deltaid.studio.folder import Folder, stamp
+from deltaid.studio.look import POINTS, MinMax
 from deltaid.studio.runs import Run, output
 from deltaid.view.numbers import number, percent
 
 if TYPE_CHECKING:
-    from deltaid.view.comparison import Comparison
+    from deltaid.view.comparison import TorqueComparison
 
 
-# Points of a curve at most; a screen has hardly more columns.
-_POINTS = 1600
 # Comparisons that are kept, such as of two models with a few recordings.
 _KEPT = 12
 
@@ -78,11 +76,9 @@ def torques(
     changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
     found = [_compared(path, mapping, model, changed) for model in models]
     robot = load(models[0]).robot
-    lines: list[Line] = []
+    lines = _lines(None, found[0][0].time, found[0][0].measured, span)
     errors: list[Line] = []
     for k, (seen, _) in enumerate(found):
-        if k == 0:
-            lines += _lines(None, seen.time, seen.measured, span)
         lines += _lines(k, seen.time, seen.predicted, span)
         errors += _lines(k, seen.time, seen.predicted - seen.measured, span)
     return Beside(
@@ -97,7 +93,7 @@ def torques(
 @lru_cache(_KEPT)
 def _compared(
     path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
-) -> "tuple[Comparison, Float[np.ndarray, ' drives']]":
+) -> "tuple[TorqueComparison, Float[np.ndarray, ' drives']]":
     # The server knows this module and need not wait for those.
     from deltaid.identification.loads import as_known
     from deltaid.identification.sources import model_filtered
@@ -105,12 +101,11 @@ def _compared(
     from deltaid.recording.opening import open_log
     from deltaid.view.comparison import compare
 
-    given = load_mapping(mapping) if mapping else None
     model: Model = load(name)
-    log = open_log(path, model.dynamics.kinematics, given)
+    log = open_log(path, model.dynamics.kinematics, load_mapping(mapping) if mapping else None)
     recording = as_known(model_filtered(model, log), model)
-    found = compare(model.dynamics, model.p, recording)
-    return found, torque_error(model.dynamics, model.p, recording).nrmse
+    seen = compare(model.dynamics, model.p, recording)
+    return seen, torque_error(model.dynamics, model.p, recording).nrmse
 
 
 def _lines(
@@ -119,7 +114,7 @@ def _lines(
     values: Float[np.ndarray, "samples drives"],
     span: tuple[float, float] | None,
 ) -> list[Line]:
-    thin = MinMax(values.shape[1], _POINTS, span)
+    thin = MinMax(values.shape[1], POINTS, span)
     thin.add(time, values)
     return [Line(k, model, *thin.curve(k)) for k in range(values.shape[1])]
 
@@ -144,9 +139,12 @@ def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in found)),
         ("robot", *(str(result.get("robot", "")) for result in found)),
-        ("recordings", *(", ".join(_logs(run)) for run in pair)),
+        ("recordings", *(_logs(run) for run in pair)),
         ("error on them", *(_share(result.get("nrmse")) for result in found)),
-        ("error on an unseen motion", *(_share(_verify(result).get("nrmse")) for result in found)),
+        (
+            "error on an unseen motion",
+            *(_share((result.get("verify") or {}).get("nrmse")) for result in found),
+        ),
         ("torque noise", *(percent(result["noise_level"]) for result in found)),
         ("base parameters", *(str(result["base_parameters"]) for result in found)),
         ("corrections", *(str(len(result["corrections"])) for result in found)),
@@ -160,17 +158,15 @@ def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
         models = [load(folder.root / run.file("model.yaml")).identified for run in pair]
     except DeltaidError:
         return []
-    if len(models) != 2 or models[0] is None or models[1] is None:
+    known = [{p.name: p for p in model.parameters} for model in models if model]
+    if len(known) != 2 or len(pair) != 2:
         return []
-    left, right = (
-        {parameter.name: parameter for parameter in model.parameters} for model in models if model
-    )
+    left, right = known
     shared = [name for name in left if name in right and left[name].value != right[name].value]
 
     def apart(name: str) -> float:
-        a, b = left[name], right[name]
-        scale = a.std + b.std
-        return -abs(a.value - b.value) / scale if scale else 0.0
+        scale = left[name].std + right[name].std
+        return -abs(left[name].value - right[name].value) / scale if scale else 0.0
 
     return [
         (
@@ -182,12 +178,9 @@ def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def _logs(run: Run) -> list[str]:
-    return [read.file for read in run.record.inputs if not read.file.endswith((".yaml", ".yml"))]
-
-
-def _verify(found: dict[str, Any]) -> dict[str, Any]:
-    return found.get("verify") or {}
+def _logs(run: Run) -> str:
+    files = (read.file for read in run.record.inputs)
+    return ", ".join(file for file in files if not file.endswith((".yaml", ".yml")))
 
 
 def _share(values: Sequence[float] | None) -> str:

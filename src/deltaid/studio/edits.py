@@ -62,7 +62,8 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
     """One entry a drive; empty ones if the quantity is not mapped."""
     given = data.get(quantity)
     if isinstance(given, dict):
-        listed = AllDrives.model_validate(_tuples(given)).entries(dof, quantity)
+        tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
+        listed = AllDrives.model_validate(tuples).entries(dof, quantity)
         return [entry.model_dump(mode="json", exclude_unset=True) for entry in listed]
     found = [dict(entry) for entry in given or ()]
     return found + [{} for _ in range(dof - len(found))]
@@ -92,11 +93,7 @@ def with_value(
             entry.pop(key, None)
         else:
             entry[key] = value
-    if not any("column" in entry for entry in listed):
-        data.pop(quantity, None)
-    else:
-        data[quantity] = listed
-    return data
+    return _with_entries(data, quantity, listed if any("column" in e for e in listed) else [])
 
 
 def with_columns(data: Data, quantity: Quantity, columns: Sequence[str | None], unit: str) -> Data:
@@ -108,25 +105,23 @@ def with_columns(data: Data, quantity: Quantity, columns: Sequence[str | None], 
             continue
         entry["column"] = column
         entry.setdefault("unit", unit)
-    if any(listed):
-        data[quantity] = listed
-    else:
-        data.pop(quantity, None)
-    return data
+    return _with_entries(data, quantity, listed if any(listed) else [])
+
+
+def _with_entries(data: Data, quantity: Quantity, listed: list[Data]) -> Data:
+    others = {key: value for key, value in data.items() if key != quantity or listed}
+    return others | ({quantity: listed} if listed else {})
 
 
 def with_time(data: Data, column: str | None, unit: str | None, rate: float | None) -> Data:
     """The data with a time column, or with a rate in its place."""
-    given: Data = {}
-    if column:
-        given["column"] = column
+    given: Data = {"column": column} if column else {}
     if rate is not None:
         given["rate"] = rate
     elif unit and column:
         given["unit"] = unit
-    data = copy.deepcopy(data)
-    data.pop("time", None)
-    return {"time": given} | data if given else data
+    others = {key: value for key, value in copy.deepcopy(data).items() if key != "time"}
+    return {"time": given} | others if given else others
 
 
 def incomplete(data: Data, dof: int) -> str:
@@ -134,15 +129,10 @@ def incomplete(data: Data, dof: int) -> str:
     for quantity in UNITS:
         listed = entries(data, quantity, dof) if quantity in data else []
         for k, entry in enumerate(listed, 1):
-            if "column" not in entry:
-                return f"{quantity}: drive {k} has no column yet"
-            if "unit" not in entry:
-                return f"{quantity}: drive {k} has no unit yet"
+            for key in ("column", "unit"):
+                if key not in entry:
+                    return f"{quantity}: drive {k} has no {key} yet"
     return ""
-
-
-def _tuples(given: Data) -> Data:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
 
 
 def difference(name: str, before: str, after: str) -> str:

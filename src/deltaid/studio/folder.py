@@ -1,6 +1,7 @@
 """The folder that a studio works in: what lies there, and names that cannot lead out of it."""
 
 import hashlib
+import itertools
 import re
 import tempfile
 from collections.abc import Generator
@@ -107,7 +108,9 @@ class Folder:
         """
         path = self.path(name)
         before = self.text(name) if path.exists() else None
-        if before != instead_of and before != text:
+        if before == text:
+            return
+        if before != instead_of:
             raise ConflictError(
                 "has been changed meanwhile, in another tab or by another program"
                 if before is not None and instead_of is not None
@@ -117,9 +120,8 @@ class Folder:
                 where=name,
                 cure="look at it as it is now, and make the change again",
             )
-        if before != text:
-            with written_whole(path) as file:
-                file.write(text)
+        with written_whole(path) as file:
+            file.write(text)
 
     def free_name(self, wanted: str) -> str:
         """A name like the one wanted that is safe and not taken."""
@@ -129,17 +131,12 @@ class Folder:
         stem, dot, suffix = name.partition(".")
         stem, suffix = stem[:_LONGEST], suffix[-_LONGEST:]
         name = f"{stem}{dot}{suffix}"
-        found, number = name, 2
-        while (self.root / found).exists():
-            found, number = f"{stem}-{number}{dot}{suffix}", number + 1
-        return found
+        names = (f"{stem}-{number}{dot}{suffix}" for number in itertools.count(2))
+        return next(n for n in itertools.chain([name], names) if not (self.root / n).exists())
 
     def files(self) -> list[Path]:
         """Files at the top of the folder, without hidden ones; none if it has been removed."""
-        if not self.is_there:
-            return []
-        found = (path for path in self.root.iterdir() if path.is_file())
-        return sorted(path for path in found if not path.name.startswith("."))
+        return sorted(p for p in self.root.glob("*") if p.is_file() and not p.name.startswith("."))
 
     @property
     def is_there(self) -> bool:
@@ -148,8 +145,8 @@ class Folder:
 
     def robots(self) -> list[str]:
         """Files that describe a robot."""
-        found = ((name, text) for name, text in self._texts() if _ROBOT.search(text))
-        return [name for name, text in found if not holds_a_model(text)]
+        texts = self._texts()
+        return [n for n, text in texts if _ROBOT.search(text) and not holds_a_model(text)]
 
     def mappings(self) -> list[str]:
         """Files that say which column is what."""
@@ -158,7 +155,7 @@ class Folder:
     def recordings(self) -> list[str]:
         """Files that may be recordings, by their names."""
         endings = {suffix for form in FORMATS for suffix in form.suffixes} | {".csv", ".txt"}
-        packed = tuple(f"{ending}{pack}" for ending in endings for pack in _PACKED)
+        packed = (f"{ending}{pack}" for ending in endings for pack in _PACKED)
         kinds = (*(endings - set(_TEXT)), *packed)
         return [path.name for path in self.files() if path.name.lower().endswith(kinds)]
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
-from deltaid.studio.runs import Run, inputs_of, keep_inputs, write_record
+from deltaid.studio.runs import Run, did_its_work, inputs_of, keep_inputs, write_record
 from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -59,11 +59,9 @@ class Job:
     @property
     def error(self) -> str:
         """Its message if it failed: what, where and how to mend it."""
-        if self.state == "cancelled":
-            return "cancelled"
-        if self.state != "failed":
-            return ""
-        return error_in(self.said)
+        if self.state == "failed":
+            return error_in(self.said)
+        return "cancelled" if self.state == "cancelled" else ""
 
     def fail(self, error: DeltaidError) -> None:
         """End with an error of the studio's own."""
@@ -100,8 +98,7 @@ class Job:
         self.out = (await reading).decode("utf-8", "replace")
         code = await self._process.wait()
         if self.state != "cancelled":
-            right = code == 0 or (self.step.kind == "check" and code in (3, 4))
-            self.state = "done" if right else "failed"
+            self.state = "done" if did_its_work(self.step.kind, code) else "failed"
         self.run = await asyncio.to_thread(
             write_record, self.folder, self.place, self.step, inputs,
             began=self.began, code=code, out=self.out, messages=self.said, of=self.of,
@@ -113,12 +110,11 @@ class Job:
         if self.state != "running":
             return
         self.state = "cancelled"
-        process = self._process
-        if process is None:
+        if self._process is None:
             return
         self._tell(signal.SIGTERM)
         try:
-            await asyncio.wait_for(process.wait(), _GRACE)
+            await asyncio.wait_for(self._process.wait(), _GRACE)
         except TimeoutError:
             self._tell(signal.SIGTERM if _WINDOWS else signal.SIGKILL)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mended
@@ -21,10 +21,12 @@ from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
 from deltaid.robot.load import described, parse, yaml_text
-from deltaid.studio.decimate import MinMax
 
 # Points of a curve at most; a screen has hardly more columns.
 POINTS = 1600
+
+# Rows of a block of which two are kept at first; a picture has fewer points than blocks.
+_BLOCK = 128
 
 _Asked = ParamSpec("_Asked")
 _Found = TypeVar("_Found")
@@ -124,14 +126,16 @@ def preview(
     seen = MinMax(len(curves), points, span)
     for rows in table.rows(asked):
         numbers = np.column_stack([np.asarray(column, dtype=float) for column in rows.numbers])
-        counted = np.arange(seen.rows, seen.rows + len(numbers), dtype=float)
-        own = counted if columns.time.is_absent else numbers[:, 0]
-        seen.add(_si(columns.time, own), numbers[:, 0 if columns.time.is_absent else 1 :])
+        own, values = numbers[:, 0], numbers[:, 1:]
+        if columns.time.is_absent:
+            own, values = np.arange(seen.rows, seen.rows + len(numbers), dtype=float), numbers
+        seen.add(_si(columns.time, own), values)
     drawn: list[Curve] = []
     for k, (quantity, drive, channel) in enumerate(curves):
         units = description.units(description.drives[drive])
         time, values = seen.curve(k)
-        scale, unit = _shown(quantity, units.per_shown, units.shown, units.force)
+        scale = 1.0 if quantity == "torque" else units.per_shown
+        unit = {"torque": units.force, "position": units.shown}.get(quantity, f"{units.shown}/s")
         values = scale * _si(channel, values)
         drawn.append(Curve(channel.column, quantity, drive, unit, time, values))
     return Preview(tuple(drawn), seen.rows, seen.seconds)
@@ -145,8 +149,7 @@ def mapping_cured(
     Raises:
         DeltaidError: robot, recording or mapping cannot be read.
     """
-    given = load_mapping(mapping) if mapping else None
-    record = evidence(described(robot), Path(path), given)
+    record = evidence(described(robot), Path(path), load_mapping(mapping) if mapping else None)
     return yaml_text(mended(record.written_mapping, dict(wanted)))
 
 
@@ -154,7 +157,67 @@ def _si(channel: Channel, values: np.ndarray) -> np.ndarray:
     return channel.scale * (values - channel.zero)
 
 
-def _shown(quantity: str, per_shown: float, shown: str, force: str) -> tuple[float, str]:
-    if quantity == "torque":
-        return 1.0, force
-    return per_shown, shown if quantity == "position" else f"{shown}/s"
+class MinMax:
+    """Curves of any length, of which two points a stretch are kept: its smallest and its largest.
+
+    Rows come in pieces; memory is a sixty-fourth of what has come, or all of short curves.
+
+    Args:
+        curves: how many.
+        points: at most so many are left of each.
+        span: first and last time that count; None for all.
+    """
+
+    def __init__(self, curves: int, points: int, span: Any = None) -> None:
+        self.rows, self._taken = 0, 0
+        self._points, self._span = max(4, points), span
+        self._values: list[list[np.ndarray]] = [[] for _ in range(curves)]
+        self._places: list[list[np.ndarray]] = [[] for _ in range(curves)]
+        self._first, self._last = np.inf, -np.inf
+
+    @property
+    def seconds(self) -> float:
+        """From the first to the last time."""
+        return float(max(self._last - self._first, 0.0))
+
+    def add(self, time: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows _"]) -> None:
+        """Take a piece of rows."""
+        self.rows += len(time)
+        if len(time):
+            self._first = min(self._first, float(time[0]))
+            self._last = max(self._last, float(time[-1]))
+        if self._span is not None:
+            inside = (time >= self._span[0]) & (time <= self._span[1])
+            time, values = time[inside], values[inside]
+        self._taken += len(time)
+        for k, column in enumerate(values.T):
+            kept = _ends(column, _BLOCK) if self._taken > 8 * self._points else np.arange(len(time))
+            self._places[k].append(time[kept])
+            self._values[k].append(column[kept])
+
+    def curve(self, k: int) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+        """Times and values of one curve."""
+        if not self._values[k]:
+            return np.empty(0), np.empty(0)
+        time, values = np.concatenate(self._places[k]), np.concatenate(self._values[k])
+        if len(time) > self._points:
+            kept = _ends(values, int(np.ceil(2 * len(time) / self._points)))
+            time, values = time[kept], values[kept]
+        return time, values
+
+
+def _ends(values: Float[np.ndarray, " rows"], block: int) -> Int[np.ndarray, " kept"]:
+    """Where the smallest and the largest value of each block stand, in order."""
+    whole = len(values) // block * block
+    rest = _extremes(values[whole:].reshape(1, -1)) + whole if len(values) > whole else []
+    return np.concatenate([_extremes(values[:whole].reshape(-1, block)), rest]).astype(int)
+
+
+def _extremes(rows: Float[np.ndarray, "blocks width"]) -> Int[np.ndarray, " kept"]:
+    """The same of the rows of an array, as places in all of it; NaN counts as neither."""
+    if not rows.size:
+        return np.empty(0, dtype=int)
+    low = np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1)
+    high = np.argmax(np.where(np.isnan(rows), -np.inf, rows), axis=1)
+    both = np.sort(np.stack([low, high], axis=1), axis=1)
+    return (both + rows.shape[1] * np.arange(len(rows))[:, None]).ravel()

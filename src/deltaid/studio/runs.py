@@ -1,5 +1,6 @@
 """Runs of a studio: one folder each below `runs/`, with what it made and where it comes from."""
 
+import contextlib
 import json
 import re
 import shutil
@@ -64,12 +65,17 @@ class Run:
 
     @property
     def succeeded(self) -> bool:
-        """Whether it did what it was asked for; checks end with what they found."""
-        return self.record.exit == 0 or (self.record.kind == "check" and self.record.exit in (3, 4))
+        """Whether it did what it was asked for."""
+        return did_its_work(self.record.kind, self.record.exit)
 
     def file(self, name: str) -> str:
         """One of its files by a name inside the studio's folder."""
         return f"{self.folder}/{name}"
+
+
+def did_its_work(kind: Kind, code: int) -> bool:
+    """Whether a command that ended with a code did it; checks end with what they found."""
+    return code == 0 or (kind == "check" and code in (3, 4))
 
 
 def new_run(folder: Folder, kind: str) -> str:
@@ -78,17 +84,14 @@ def new_run(folder: Folder, kind: str) -> str:
     Raises:
         DeltaidError: it cannot be made.
     """
-    number = _last(folder) + 1
     with refusing(RUNS):
         (folder.root / RUNS).mkdir(exist_ok=True)
         while True:
-            name = f"{RUNS}/{number:04d}-{kind}"
-            try:
+            name = next_run(folder, kind)
+            # Another server may work in the same folder.
+            with contextlib.suppress(FileExistsError):
                 (folder.root / name).mkdir()
-            except FileExistsError:  # another server works in the same folder
-                number += 1
-                continue
-            return name
+                return name
 
 
 def next_run(folder: Folder, kind: str) -> str:
@@ -97,9 +100,8 @@ def next_run(folder: Folder, kind: str) -> str:
 
 
 def _last(folder: Folder) -> int:
-    runs = folder.root / RUNS
-    names = [path.name for path in runs.iterdir()] if runs.is_dir() else []
-    return max((int(match[1]) for name in names if (match := _NAME.fullmatch(name))), default=0)
+    names = (_NAME.fullmatch(path.name) for path in (folder.root / RUNS).glob("*"))
+    return max((int(name[1]) for name in names if name), default=0)
 
 
 def inputs_of(folder: Folder, step: Step) -> tuple[Input, ...]:
@@ -123,8 +125,7 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> None:
     """
     for name in step.reads:
         if folder.has(name) and name.endswith((".yaml", ".yml")) and "/" not in name:
-            path = folder.path(name)
-            kept = folder.root / run / "inputs" / name
+            path, kept = folder.path(name), folder.root / run / "inputs" / name
             with refusing(name):
                 if path.stat().st_size <= _KEPT:
                     kept.parent.mkdir(exist_ok=True)
@@ -168,14 +169,11 @@ def write_record(
 
 def runs(folder: Folder) -> list[Run]:
     """All runs that came to their end, the last one first."""
-    base = folder.root / RUNS
     found: list[Run] = []
-    for path in base.iterdir() if base.is_dir() else ():
-        if not _NAME.fullmatch(path.name) or not (path / RECORD).is_file():
-            continue
-        record = _record(path / RECORD, (path / RECORD).stat().st_mtime_ns)
-        if record is not None:
-            found.append(Run(f"{RUNS}/{path.name}", record))
+    for path in (folder.root / RUNS).glob(f"*/{RECORD}"):
+        record = _record(path, path.stat().st_mtime_ns) if path.is_file() else None
+        if record is not None and _NAME.fullmatch(path.parent.name):
+            found.append(Run(f"{RUNS}/{path.parent.name}", record))
     return sorted(found, key=lambda run: run.folder, reverse=True)
 
 
@@ -193,8 +191,7 @@ def output(folder: Folder, run: Run) -> dict[str, Any]:
     path = folder.root / run.folder / OUTPUT
     if not path.is_file():
         return {}
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def messages(folder: Folder, run: Run) -> str:

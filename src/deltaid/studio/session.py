@@ -2,7 +2,6 @@
 
 import asyncio
 import multiprocessing
-import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -23,13 +22,14 @@ from deltaid.studio.steps import Step, show_step
 _Found = TypeVar("_Found")
 
 STAGES = ("robot", "recording", "check", "fit", "result", "use")
-VIEW = "runs/robot.html"
+# The robot's page, and where its record goes.
+VIEW, _DRAWN = f"{RUNS}/robot.html", f"{RUNS}/robot"
 # Looks that are remembered.
 _REMEMBERED = 40
 
 
 @dataclass(frozen=True)
-class Draft:
+class FileEdit:
     """A file as it is being edited: what it held when that began, and what it shall hold."""
 
     before: str
@@ -54,7 +54,7 @@ class Session:
         self.job: Job | None = None
         self.view: Job | None = None
         self.dark: bool | None = None
-        self.drafts: dict[str, Draft] = {}
+        self.drafts: dict[str, FileEdit] = {}
         self.choices: dict[str, Any] = {}
         self.poses: dict[tuple[str, str], tuple[float, ...]] = {}
         self._robots: dict[tuple[str, str], RobotDescription | Problem] = {}
@@ -79,10 +79,12 @@ class Session:
             return None
         key = (name, self.stamped(name))
         if key not in self._robots:
-            found = try_look(described, self.place(name))
-            inside = found.inside(self.folder.root) if isinstance(found, Problem) else found
-            self._robots = {key: inside}
+            self._robots = {key: self._inside(try_look(described, self.place(name)))}
         return self._robots[key]
+
+    def _inside(self, found: _Found | Problem) -> _Found | Problem:
+        """The same with files called by their names in the folder."""
+        return found.inside(self.folder.root) if isinstance(found, Problem) else found
 
     def place(self, robot: str) -> str:
         """A robot's or model's name for functions: catalogue names stay, files get their path."""
@@ -114,7 +116,7 @@ class Session:
         """Draw the robot's page.
 
         Raises:
-            DeltaidError: none is picked, or another one is being drawn.
+            DeltaidError: none is picked, another one is being drawn, or no folder can be made.
         """
         robot = self.plan.robot
         if robot is None:
@@ -123,9 +125,10 @@ class Session:
             raise DeltaidError(
                 "cannot be drawn while another robot is", where=robot, cure="wait for its end"
             )
-        place = new_view(self.folder)
-        self.view = Job(show_step(robot, VIEW), self.folder, place, of=self._robot_now())
-        self._start(self._draw(self.view))
+        with refusing(RUNS):
+            (self.folder.root / _DRAWN).mkdir(parents=True, exist_ok=True)
+        self.view = Job(show_step(robot, VIEW), self.folder, _DRAWN, of=self._robot_now())
+        self._start(self._run(self.view))
         self.store.tell()
 
     def _robot_now(self) -> str:
@@ -149,30 +152,27 @@ class Session:
 
     async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found | Problem:
         """The same, not remembered."""
-        loop = asyncio.get_running_loop()
-        pool = self.warm()
+        pool, asked = self.warm(), partial(try_look, function, *given)
         try:
-            found: Any = await loop.run_in_executor(pool, partial(try_look, function, *given))
+            found: Any = await asyncio.get_running_loop().run_in_executor(pool, asked)
         except BrokenProcessPool:  # killed from outside, such as for want of memory
             if self._pool is pool:
                 self._pool = None
             what = "the process that reads files was ended, perhaps for want of memory"
             return Problem(what, cure="load the page again", passes=True)
-        return found.inside(self.folder.root) if isinstance(found, Problem) else found
+        return self._inside(found)
 
     def warm(self) -> ProcessPoolExecutor:
         """The process that looks at files, begun now if there is none."""
         if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, mp_context=context)
+            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
             self._pool.submit(try_look, ready)
         return self._pool
 
     async def close(self) -> None:
         """End all that still runs."""
-        for job in (self.job, self.view):
-            if job is not None:
-                await job.cancel()
+        for job in filter(None, (self.job, self.view)):
+            await job.cancel()
         if self._tasks:
             await asyncio.wait(self._tasks, timeout=5)
         if self._pool is not None:
@@ -198,6 +198,7 @@ class Session:
                 self.store.tell()
 
     async def _run(self, job: Job) -> None:
+        """Run a job, and keep what a check or a fit has come to."""
         await self._go(job)
         if job.step.kind == "check" and job.run is not None and job.state == "done":
             grade = str(output(self.folder, job.run).get("grade", ""))
@@ -208,27 +209,12 @@ class Session:
             self.store.change(lambda plan: plan.changed(model=model))
         self.store.tell()
 
-    async def _draw(self, job: Job) -> None:
-        await self._go(job)
-        self.store.tell()
-
     def stamped(self, name: str) -> str:
         """What a file is now; empty for what is no file of the folder."""
         path = self.folder.root / name
         if name in catalogue() or not path.is_file():
             return ""
         return f"{name} {stamp(path)}"
-
-
-def new_view(folder: Folder) -> str:
-    """Where the record of the robot's page goes.
-
-    Raises:
-        DeltaidError: it cannot be made.
-    """
-    with refusing(RUNS):
-        (folder.root / RUNS / "robot").mkdir(parents=True, exist_ok=True)
-    return f"{RUNS}/robot"
 
 
 def standing(session: Session) -> dict[str, str]:
@@ -241,8 +227,7 @@ def standing(session: Session) -> dict[str, str]:
     mapped = bool(plan.fitted) and not unmapped(session)
     found["recording"] = "done" if mapped else "open"
     if mapped:
-        checked = plan.checked if session.store.is_checked else None
-        grade = checked.grade if checked else ""
+        grade = plan.checked.grade if plan.checked and session.store.is_checked else ""
         found["check"] = "wrong" if grade == "wrong" else "done" if grade else "open"
         found["fit"] = "open" if grade else "later"
     if plan.model is not None and session.folder.has(plan.model):
@@ -265,8 +250,7 @@ def mapping_name(session: Session, file: str) -> str:
     """What a new mapping file for a recording is called."""
     if not session.folder.has("mapping.yaml"):
         return "mapping.yaml"
-    stem = re.sub(r"\..*", "", file)
-    return session.folder.free_name(f"mapping-{stem}.yaml")
+    return session.folder.free_name(f"mapping-{file.partition('.')[0]}.yaml")
 
 
 def fit_runs(found: list[Run]) -> list[Run]:

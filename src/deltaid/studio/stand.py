@@ -9,15 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import load
-from deltaid.view.robot_shape import members, outline
+from deltaid.view.robot_shape import members, outline_points, outline_segments
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.mechanism.skeleton import Skeleton
     from deltaid.view.at_pose import View
 
-# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
-_THICK = 0.0013
 # How far beyond its workspace a robot may be asked to go, as a share of that.
 _BEYOND = 0.3
 
@@ -81,18 +79,15 @@ def stage(robot: str, changed: str) -> Stage:
         DeltaidError: it cannot be read, cannot stand in its workspace, or moves in a plane only.
     """
     rest, skeleton = _built(robot, changed)
-    segments = skeleton.evaluate(rest.home[None])[0]
-    size = float(np.ptp(segments.reshape(-1, 3), axis=0).max())
+    size = float(np.ptp(skeleton.evaluate(rest.home[None]).reshape(-1, 3), axis=0).max())
     known = members(skeleton.bodies)
-    lines = outline(rest.robot.workspace)
-    pairs = np.stack([lines[:-1], lines[1:]], axis=1)
     shown = [known[segment.body] for segment in skeleton.segments]
     return Stage(
-        axes=_axes(rest, lines),
+        axes=_axes(rest),
         colors=tuple(member.color for member in shown),
-        radii=tuple(_THICK * size * member.width for member in shown),
+        radii=tuple(member.radius(size) for member in shown),
         legend={member.label: member.color for member in known.values()},
-        edges=pairs[~np.isnan(pairs).any(axis=(1, 2))],
+        edges=outline_segments(rest.robot.workspace),
         size=size,
         home=tuple((rest.home * _units(rest)).tolist()),
     )
@@ -142,13 +137,12 @@ def _units(rest: "AtRest") -> Float[np.ndarray, " dof"]:
     return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
 
 
-def _axes(rest: "AtRest", lines: Float[np.ndarray, "points 3"]) -> tuple[Axis, ...]:
-    low, high = np.nanmin(lines, axis=0), np.nanmax(lines, axis=0)
+def _axes(rest: "AtRest") -> tuple[Axis, ...]:
+    edges = outline_points(rest.robot.workspace)
+    low, high = edges.min(axis=0), edges.max(axis=0)
     beyond = _BEYOND * (high - low)
-    axes = [
-        Axis(name, "m", float(a), float(b))
-        for name, a, b in zip("xyz", low - beyond, high + beyond, strict=True)
-    ]
+    ends = zip("xyz", (low - beyond).tolist(), (high + beyond).tolist(), strict=True)
+    axes = [Axis(name, "m", *span) for name, *span in ends]
     if rest.dynamics.dof > 3:
         turn = rest.robot.turn
         axes.append(Axis("ψ", "deg", float(np.rad2deg(turn.low)), float(np.rad2deg(turn.high))))

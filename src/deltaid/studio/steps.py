@@ -40,125 +40,126 @@ class Step:
 
 def show_step(robot: str, report: str) -> Step:
     """The robot to look at, with what it reaches and its limits."""
-    python = f"""\
-import deltaid
-
-deltaid.load({robot!r}).robot.report({report!r})
-"""
-    return Step("show", ("show", robot, "--report", report), python, (robot,), (report,))
+    python = f"deltaid.load({robot!r}).robot.report({report!r})\n"
+    return _step("show", (robot,), {}, {"report": report}, python)
 
 
 def check_step(plan: Plan, folder: str) -> Step:
     """All checks of the robot and of the recordings that are fitted and tested on."""
-    robot, used, report = _robot(plan), plan.used, f"{folder}/check.html"
-    asked = _given(Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all))
-    files = [recording.file for recording in used]
-    arguments = ("check", robot, *files, *_columns(used), *_options(asked), "--report", report)
+    robot, files = _robot(plan), [recording.file for recording in plan.used]
+    asked = {"columns": _mappings(plan.used)}
+    asked |= _given(Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all))
     logs = (repr(files),) if files else ()
     python = f"""\
-import deltaid
-
-verdicts = {_call("deltaid.check", repr(robot), *logs, columns=_mappings(used), **asked)}
+verdicts = {_call("deltaid.check", repr(robot), *logs, **asked)}
 for verdict in verdicts:
     print(verdict.grade, verdict.key, verdict.sentence)
 """
-    return Step("check", arguments, python, _reads(plan, used), (report,))
+    made = {"report": f"{folder}/check.html"}
+    return _step("check", (robot, *files), asked, made, python, _reads(plan))
 
 
 def fit_step(plan: Plan, folder: str) -> Step:
     """A model from the recordings, tested on the one that verifies."""
     robot, used, verify = _robot(plan), plan.fitted, plan.verified
-    model, report = f"{folder}/model.yaml", f"{folder}/report.html"
-    asked, files = _given(plan.settings), [recording.file for recording in used]
-    options = {"verify": verify.file if verify else None, **asked, "force": plan.force}
-    arguments = (
-        "identify", robot, *files, *_columns(plan.used), *_options(options),
-        "--output", model, "--report", report,
-    )  # fmt: skip
-    asked |= {"columns": _mappings(used), "force": plan.force or None}
+    model, files = f"{folder}/model.yaml", [recording.file for recording in used]
+    settings = _given(plan.settings)
+    shared = {"columns": _mappings(plan.used), "verify": verify.file if verify else None}
+    asked = shared | settings | {"force": plan.force}
+    named = settings | {"columns": _mappings(used), "force": plan.force or None}
     python = f"""\
-import deltaid
-
-result = {_call("deltaid.identify", repr(robot), repr(files), **asked)}
+result = {_call("deltaid.identify", repr(robot), repr(files), **named)}
 result.model.save({model!r})
 """
     if verify is not None:
         python += "\n" + _test("result.model", verify)
-    return Step("fit", arguments, python, _reads(plan, plan.used), (model, report))
+    return _step("fit", (robot, *files), asked, _made(folder, model), python, _reads(plan))
 
 
 def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False) -> Step:
     """A model beside a recording."""
-    report, kept = f"{folder}/report.html", {"keep_all": True} if keep_all else {}
-    columns = _options({"columns": used.mapping})
-    arguments = ("validate", model, used.file, *columns, *_options(kept), "--report", report)
-    python = "import deltaid\n\n" + _test(repr(model), used, **kept)
-    return Step("validate", arguments, python, _present(model, used.file, used.mapping), (report,))
+    asked = {"columns": used.mapping, "keep_all": keep_all}
+    made = {"report": f"{folder}/report.html"}
+    python = _test(repr(model), used, keep_all=keep_all or None)
+    return _step("validate", (model, used.file), asked, made, python)
 
 
 def excite_step(
     robot: str, motion: str, folder: str, *, duration: float = 10.0, starts: int = 4, seed: int = 0
 ) -> Step:
-    """A motion that makes parameters visible."""
-    report, asked = f"{folder}/report.html", {"duration": duration, "starts": starts, "seed": seed}
-    arguments = ("excite", robot, *_options(asked), "--output", motion, "--report", report)
+    """A motion to record next."""
+    asked = {"duration": duration, "starts": starts, "seed": seed}
     python = f"""\
-import deltaid
-
 result = {_call("deltaid.excite", repr(robot), **asked)}
 result.save({motion!r})
 """
-    return Step("excite", arguments, python, (robot,), (motion, report))
+    return _step("excite", (robot,), asked, _made(folder, motion), python)
 
 
 def simulate_step(
     model: str, motion: str, mapping: str | None, folder: str, controller: str = "computed-torque"
 ) -> Step:
     """A controller that knows a model, along a motion."""
-    report, output = f"{folder}/report.html", f"{folder}/simulated.csv"
+    output = f"{folder}/simulated.csv"
     asked = {"controller": controller, "columns": mapping}
-    arguments = (
-        "simulate", model, motion, *_options(asked), "--output", output, "--report", report,
-    )  # fmt: skip
     python = f"""\
-import deltaid
-
 result = {_call("deltaid.simulate", repr(model), repr(motion), **asked)}
 print("platform error rms [m]:", result.error.platform_rms)
 result.table().write_csv({output!r})
 """
-    reads = _present(model, motion, mapping)
-    return Step("simulate", arguments, python, reads, (output, report))
+    return _step("simulate", (model, motion), asked, _made(folder, output), python)
 
 
 def forces_step(
     model: str, motion: str, mapping: str | None, folder: str, spacing: float | None = None
 ) -> Step:
     """What struts, joints and bearings carry along a motion."""
-    report, output = f"{folder}/report.html", f"{folder}/forces.csv"
+    output = f"{folder}/forces.csv"
     asked = {"columns": mapping, "strut_spacing": spacing}
-    arguments = ("forces", model, motion, *_options(asked), "--output", output, "--report", report)
     python = f"""\
-import deltaid
-
 result = {_call("deltaid.forces", repr(model), repr(motion), **asked)}
 for finding in result.findings:
     print(finding)
 result.save({output!r})
 """
-    return Step("forces", arguments, python, _present(model, motion, mapping), (output, report))
+    return _step("forces", (model, motion), asked, _made(folder, output), python)
 
 
 def export_step(model: str, to: str, output: str) -> Step:
     """A model in a form that another program runs; `output` is a file or a folder with a slash."""
-    arguments = ("export", model, "--to", to, "--output", output)
     python = f"""\
-import deltaid
-
 written = {_call("deltaid.export", repr(model), repr(to), repr(output))}
 print(written.paths)
 """
-    return Step("export", arguments, python, (model,), (output,))
+    return _step("export", (model,), {"to": to}, {"output": output}, python)
+
+
+def _made(folder: str, output: str) -> dict[str, str]:
+    return {"output": output, "report": f"{folder}/report.html"}
+
+
+def _step(
+    kind: Kind,
+    given: tuple[str, ...],
+    asked: dict[str, Any],
+    made: dict[str, str],
+    python: str,
+    reads: tuple[str, ...] = (),
+) -> Step:
+    """A step by the parts of its command.
+
+    Args:
+        kind: what it is.
+        given: what stands behind the command, files and robots.
+        asked: values of options by their names in Python.
+        made: files that it makes, by the options that name them.
+        python: what does the same, without the import.
+        reads: files that go into it, if they are more than those given and one mapping.
+    """
+    command = "identify" if kind == "fit" else kind
+    arguments = (command, *given, *(word for o in (asked | made).items() for word in _option(*o)))
+    files = reads or tuple(name for name in (*given, asked.get("columns")) if name)
+    return Step(kind, arguments, f"import deltaid\n\n{python}", files, tuple(made.values()))
 
 
 def _test(model: str, used: Used, **asked: object) -> str:
@@ -197,22 +198,9 @@ def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
     return names if len(set(names)) > 1 else names[0] if names else None
 
 
-def _columns(used: Sequence[Used]) -> list[str]:
-    """Mappings as the command takes them: none, one for all, or one each."""
-    names = _mappings(used)
-    each = names if isinstance(names, list) else [names] if names else []
-    return [word for name in each for word in ("--columns", str(name))]
-
-
-def _present(*names: str | None) -> tuple[str, ...]:
-    return tuple(name for name in names if name)
-
-
-def _reads(plan: Plan, used: Sequence[Used]) -> tuple[str, ...]:
-    names = _present(
-        _robot(plan), *(name for recording in used for name in (recording.file, recording.mapping))
-    )
-    return tuple(dict.fromkeys(names))
+def _reads(plan: Plan) -> tuple[str, ...]:
+    names = [name for recording in plan.used for name in (recording.file, recording.mapping)]
+    return tuple(dict.fromkeys(name for name in (_robot(plan), *names) if name))
 
 
 def _given(settings: Settings) -> dict[str, Any]:
@@ -221,17 +209,15 @@ def _given(settings: Settings) -> dict[str, Any]:
     return {key: value for key, value in plain.items() if value != default[key]}
 
 
-def _options(asked: dict[str, Any]) -> list[str]:
-    """Options of the command line; those that are None or False are left out."""
-    return [word for key, value in asked.items() for word in _option(key, value)]
-
-
 def _option(key: str, value: Any) -> list[str]:
+    """An option of the command line; nothing where it is None or False."""
     name = "--" + key.replace("_", "-")
     if key == "events":
         return ["--events" if value else "--no-events"]
     if value is None or isinstance(value, bool):
         return [name] if value else []
+    if isinstance(value, list):
+        return [word for each in value for word in (name, str(each))]
     if key == "lag" and isinstance(value, tuple):
         return [f"{name}={','.join(f'{1e3 * x:.10g}' for x in value)}"]
     return [name, f"{value:.10g}" if isinstance(value, float) else str(value)]

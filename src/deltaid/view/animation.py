@@ -49,20 +49,18 @@ def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figu
     """The robot along the stretch of a few seconds in which its platform travels farthest."""
     path = kinematics.robot.task.point(motion.z)
     seen = _liveliest(motion.time, path)
-    every = np.linspace(seen.start, seen.stop - 1, min(_FRAMES, seen.stop - seen.start))
-    chosen = every.astype(int)
+    frames = min(_FRAMES, seen.stop - seen.start)
+    chosen = np.linspace(seen.start, seen.stop - 1, frames).astype(int)
     skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
     shapes = skeleton.evaluate(motion.z[chosen])
     moving = [name for name in skeleton.bodies if name != "base"]
     lines = robot_lines(skeleton, shapes[0])
-    base = [lines[name] for name in skeleton.bodies if name == "base"]
-    traces = [*base, *_still(kinematics, path, seen)]
-    first = len(traces)
-    traces += [lines[name] for name in moving]
+    still = [lines[name] for name in skeleton.bodies if name == "base"]
+    still += _still(kinematics, path, seen)
     frames = [
         go.Frame(
             name=str(k),
-            traces=list(range(first, len(traces))),
+            traces=list(range(len(still), len(still) + len(moving))),
             data=[
                 go.Scatter3d(dict(zip("xyz", _body_line(skeleton, shape, name), strict=True)))
                 for name in moving
@@ -70,20 +68,18 @@ def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figu
         )
         for k, shape in zip(chosen, shapes, strict=True)
     ]
-    figure = go.Figure(traces, frames=frames)
+    figure = go.Figure([*still, *(lines[name] for name in moving)], frames=frames)
     span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
     # From which the page makes a player: times of the frames [s], and from one to the next [ms].
     pause = 1000 * span / max(len(chosen) - 1, 1)
     figure.update_layout(meta={"times": motion.time[chosen].tolist(), "pause": pause})
-    drawn = (shapes.reshape(-1, 3), path, outline_points(kinematics.robot.workspace))
-    fix_scene(figure, np.concatenate(drawn))
+    fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(kinematics.robot.workspace))
     return Figure(figure, caption)
 
 
 def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
     """Samples of the stretch in which the platform point travels farthest."""
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    travelled = np.append(0.0, np.cumsum(steps))
+    travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     interval = (time[-1] - time[0]) / max(len(time) - 1, 1)
     length = min(len(time), int(_SECONDS / interval) + 1) if interval > 0 else 1
     start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
@@ -95,10 +91,9 @@ def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d
     every = max(1, len(path) // _PATH)
     edges = workspace_line(kinematics.robot.workspace, {"color": style.PRIOR, "width": 1})
     edges.showlegend = False
-    dotted = {"color": style.PRIOR, "width": 2, "dash": "dot"}
     return [
         edges,
-        still_line("path", path[::every], dotted),
+        still_line("path", path[::every], {"color": style.PRIOR, "width": 2, "dash": "dot"}),
         still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
 
@@ -121,13 +116,17 @@ def still_line(
     )
 
 
+def with_gaps(ends: Float[np.ndarray, "segments 2 3"]) -> Float[np.ndarray, "points 3"]:
+    """Points of a line through all segments, with gaps (NaN) between them."""
+    return np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+
+
 def _body_line(
     skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
 ) -> Float[np.ndarray, "3 points"]:
-    """One line through all segments of a body, with gaps (NaN) between them."""
+    """One line through all segments of a body, with gaps between them."""
     own = [i for i, segment in enumerate(skeleton.segments) if segment.body == body]
-    ends = np.concatenate([shape[own], np.full((len(own), 1, 3), np.nan)], axis=1)
-    return ends.reshape(-1, 3).T.astype(np.float32)
+    return with_gaps(shape[own]).T.astype(np.float32)
 
 
 def robot_lines(
@@ -147,9 +146,10 @@ def robot_lines(
 
 
 def fix_scene(
-    figure: go.Figure, points: Float[np.ndarray, "points 3"], height: int = 640, below: int = 20
+    figure: go.Figure, *drawn: Float[np.ndarray, "points 3"], height: int = 640, below: int = 20
 ) -> None:
     """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
+    points = np.concatenate(drawn)
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.05 * float((high - low).max())
     axes = {

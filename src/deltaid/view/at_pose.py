@@ -1,6 +1,6 @@
 """A robot at a pose that is asked for, and its readings as a small table; no window in here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
@@ -83,24 +83,21 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
 
 
 def _staying(view: View, wanted: Float[np.ndarray, " dof"], why: str) -> View:
-    message = f"{why}; the robot stays where it was"
-    return View(view.z, wanted, view.drives, view.condition, view.limits, message)
+    return replace(view, wanted=wanted, message=f"{why}; the robot stays where it was")
 
 
 def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
     poses, described = robot(z[None]), robot.robot
-    drives = []
-    for i, name in enumerate(described.drives):
-        units = described.units(name)
-        drives.append(
-            DriveReading(
-                name=name,
-                position=units.per_shown * float(poses.q[0, i]),
-                position_unit=units.shown,
-                torque=float(poses.torque[0, i]),
-                torque_unit=units.force,
-            )
+    drives = [
+        DriveReading(
+            name=name,
+            position=units.per_shown * float(poses.q[0, i]),
+            position_unit=units.shown,
+            torque=float(poses.torque[0, i]),
+            torque_unit=units.force,
         )
+        for i, (name, units) in enumerate(described.drive_units.items())
+    ]
     uses = [_limit(n, float(s)) for n, s in zip(robot.limits, poses.shares[0], strict=True)]
     over = [use.name for use in uses if use.state == "over"]
     return View(

@@ -12,7 +12,7 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import RigidBody
 from deltaid.view import style
-from deltaid.view.animation import CAMERA, still_line
+from deltaid.view.animation import CAMERA, still_line, with_gaps
 from deltaid.view.model_tables import origin
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
@@ -56,17 +56,18 @@ def ellipsoid(
 def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
     home = model.robot.within(0.0)[0][None]
     prior = np.array([parameter.prior for parameter in model.parameters])
-    figure = go.Figure(_lines(Skeleton(model.robot, kinematics.mechanism), home))
-    figure.add_trace(_outlines(model, kinematics, home, prior))
-    figure.add_trace(_mesh(model, kinematics, home, model.p))
+    lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
-    figure.update_layout(
-        height=600,
-        margin={"l": 0, "r": 0, "t": 50, "b": 0},
-        scene={
-            **axes,
-            "aspectmode": "data",
-            "camera": CAMERA,
+    figure = go.Figure(
+        [
+            still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
+            _outlines(model, kinematics, home, prior),
+            _mesh(model, kinematics, home, model.p),
+        ],
+        {
+            "height": 600,
+            "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
+            "scene": axes | {"aspectmode": "data", "camera": CAMERA},
         },
     )
     return Figure(
@@ -89,8 +90,7 @@ def _mesh(
     for k, (name, placed) in enumerate(_placed(model, kinematics, z, p, ball)):
         points.append(placed)
         corners.append(faces + k * len(ball))
-        mass = p[model.layout.body(name)][0]
-        labels += [f"{style.label(name)}: {mass:.4g} kg"] * len(ball)
+        labels += [f"{style.label(name)}: {p[model.layout.body(name)][0]:.4g} kg"] * len(ball)
     vertices = np.concatenate(points).astype(np.float32)
     i, j, k = np.concatenate(corners).astype(np.int32).T
     return go.Mesh3d(
@@ -114,8 +114,8 @@ def _outlines(
     """The three principal ellipses of every body's ellipsoid, as one line with gaps."""
     angle = np.linspace(0, 2 * np.pi, 61)
     flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-    gap = np.full((1, 3), np.nan)
-    circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
+    flat = np.append(flat, np.full((1, 3), np.nan), axis=0)
+    circles = np.concatenate([np.roll(flat, k, axis=1) for k in range(3)])
     lines = [placed for _, placed in _placed(model, kinematics, z, p, circles)]
     return still_line("prior", np.concatenate(lines), {"color": style.PRIOR, "width": 3})
 
@@ -150,20 +150,12 @@ def _ball() -> Float[np.ndarray, "points 3"]:
     return np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), z])
 
 
-def _lines(skeleton: Skeleton, z: Float[np.ndarray, "1 dof"]) -> go.Scatter3d:
-    ends = skeleton.evaluate(z)[0]
-    gaps = np.full((len(ends), 1, 3), np.nan)
-    points = np.concatenate([ends, gaps], axis=1).reshape(-1, 3)
-    return still_line("robot", points, {"color": style.SERIES[5], "width": 2})
-
-
 def _masses(model: IdentifiedModel) -> Table:
     by_name = {parameter.name: parameter for parameter in model.parameters}
     rows = []
     for body in model.layout.bodies:
-        mass, own = by_name[f"{body}.m"], model.p[model.layout.body(body)]
-        centre, A = ellipsoid(own)
-        axes = np.linalg.norm(A, axis=0)[::-1]
+        mass = by_name[f"{body}.m"]
+        centre, A = ellipsoid(model.p[model.layout.body(body)])
         rows.append(
             (
                 body,
@@ -171,30 +163,29 @@ def _masses(model: IdentifiedModel) -> Table:
                 number(mass.value),
                 origin(mass),
                 ", ".join(f"{1000 * value:.1f}" for value in centre),
-                " × ".join(number(1000 * value, 3) for value in axes),
+                " × ".join(number(1000 * value, 3) for value in np.linalg.norm(A, axis=0)[::-1]),
             )
         )
-    columns = ("body", "prior mass [kg]", "mass [kg]", "mass from")
     return Table(
-        (*columns, "centre of mass [mm]", "half axes of the ellipsoid [mm]"),
+        ("body", "prior mass [kg]", "mass [kg]", "mass from", "centre of mass [mm]",
+         "half axes of the ellipsoid [mm]"),
         tuple(rows),
         "Centre of mass in the body's link frame, and half axes of its equivalent ellipsoid, "
         "identified.",
-    )
+    )  # fmt: skip
 
 
 def _eigenvalues(model: IdentifiedModel) -> Table:
-    rows = tuple(
-        (
-            body.body,
-            *(number(value) for value in body.eigenvalues),
-            "yes" if body.eigenvalues[0] > 0 else "no",
-        )
-        for body in model.consistency
-    )
     return Table(
         ("body", "smallest", "second", "third", "largest", "consistent"),
-        rows,
+        tuple(
+            (
+                body.body,
+                *(number(value) for value in body.eigenvalues),
+                "yes" if body.eigenvalues[0] > 0 else "no",
+            )
+            for body in model.consistency
+        ),
         "Eigenvalues of each body's pseudo-inertia matrix. A body exists physically if and only "
         "if all four are positive.",
     )

@@ -65,7 +65,10 @@ def text(card: Card) -> str:
     facts = [f"{name} {value}" for name, value in card.facts]
     short = [
         card.title,
-        *(_short(line) for line in (*card.lines, *card.told)),
+        *(
+            textwrap.shorten(line, 2 * _LINE, placeholder=" …")
+            for line in (*card.lines, *card.told)
+        ),
         *([f"  {fact}" for fact in facts] if card.apart else [", ".join(facts)] if facts else []),
     ]
     folded = list[str]()
@@ -92,8 +95,7 @@ def html(card: Card) -> str:
     if card.table is not None:
         parts.append(_table(card.table, _ROWS))
     elif card.facts:
-        rows = tuple(card.facts)
-        parts.append(_table(Table(("", ""), rows), _ROWS))
+        parts.append(_table(Table(("", ""), card.facts), _ROWS))
     for title, inside in card.more:
         body = _table(inside, _FOLDED_ROWS) if isinstance(inside, Table) else _lines(inside)
         parts.append(
@@ -101,14 +103,9 @@ def html(card: Card) -> str:
             f"</summary>{body}</details>"
         )
     if card.methods:
-        told = "&nbsp; ".join(_safe(method) for method in card.methods)
-        parts.append(f'<div style="{_NEXT}">→ {told}</div>')
+        methods = "&nbsp; ".join(_safe(method) for method in card.methods)
+        parts.append(f'<div style="{_NEXT}">→ {methods}</div>')
     return "".join([*parts, "</div>"])
-
-
-def _short(line: str) -> str:
-    """A line of text, cut at the end of a word."""
-    return textwrap.shorten(line, 2 * _LINE, placeholder=" …")
 
 
 def _without(sentence: str, grade: str) -> str:
@@ -125,11 +122,11 @@ def _lines(inside: str) -> str:
 
 def _table(table: Table, most: int) -> str:
     """Rows and head; of more rows than `most` the first ones, and how many there are besides."""
-    numeric = [
-        all(_is_number(row[k]) for row in table.rows) and any(row[k] for row in table.rows)
-        for k in range(len(table.columns))
+    columns = [[row[k] for row in table.rows] for k in range(len(table.columns))]
+    side = [
+        "right" if any(cells) and all(set(cell) <= _NUMBERS for cell in cells) else "left"
+        for cells in columns
     ]
-    side = ["right" if is_number else "left" for is_number in numeric]
     head = "".join(
         f'<th style="{_CELL};text-align:{side[k]};font-weight:600;opacity:.75">{_safe(name)}</th>'
         for k, name in enumerate(table.columns)
@@ -137,7 +134,8 @@ def _table(table: Table, most: int) -> str:
     rows = [
         f'<tr style="background:none{";opacity:.6" if i in table.muted else ""}">'
         + "".join(
-            f'<td style="{_CELL};text-align:{side[k]}{_whole(cell)}">{_safe(cell)}</td>'
+            f'<td style="{_CELL};text-align:{side[k]}'
+            f'{";white-space:nowrap" if len(cell) < _WHOLE else ""}">{_safe(cell)}</td>'
             for k, cell in enumerate(row)
         )
         + "</tr>"
@@ -153,28 +151,15 @@ def _table(table: Table, most: int) -> str:
     )
 
 
-def _whole(cell: str) -> str:
-    """Short cells stay on a line of their own."""
-    return ";white-space:nowrap" if len(cell) < _WHOLE else ""
-
-
-def _is_number(cell: str) -> bool:
-    return set(cell) <= _NUMBERS
-
-
 def _safe(value: object) -> str:
     return escape(visible(str(value)))
 
 
 def fields_card(value: Any) -> Card:
     """Every field of a data class, or of a part of a description."""
-    names = (
-        [field.name for field in fields(value)]
-        if is_dataclass(value)
-        else [*type(value).model_fields]
-    )
+    names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
     facts = [(name, _said(getattr(value, name))) for name in names if not name.startswith("_")]
-    return Card(type(value).__name__, (), "", tuple(facts), apart=True)
+    return Card(type(value).__name__, facts=tuple(facts), apart=True)
 
 
 def _said(value: object) -> str:

@@ -1,6 +1,7 @@
 """What checks say: tables for terminal and pages, the page of `deltaid check`, cards."""
 
 from collections.abc import Mapping, Sequence
+from itertools import compress
 
 import polars as pl
 
@@ -9,10 +10,9 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.card import Card
-from deltaid.view.corrected import in_words
 from deltaid.view.drawing import drawing
+from deltaid.view.numbers import in_words
 from deltaid.view.page import (
-    Block,
     Drawing,
     Fact,
     Lines,
@@ -50,19 +50,15 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
 def page_table(verdicts: Sequence[Verdict]) -> Table:
     """The same for a page, whose width the columns of a terminal's table would not fit."""
     table = verdict_table(verdicts)
-    rows = [
-        (grade, key, seen if about in seen else f"{about}: {seen}", _step(cause, cure))
+    rows = [  # what is good has neither cause nor cure
+        (grade, key, seen if about in seen else f"{about}: {seen}",
+         f"{cause} → {cure}" if cause or cure else "")
         for grade, key, about, seen, cause, cure in table.rows
-    ]
+    ]  # fmt: skip
     columns = ("verdict", "check", "seen", "likeliest cause → next step")
     if all(grade == Grade.GOOD for grade, *_ in rows):  # which have neither
         rows, columns = [row[:3] for row in rows], columns[:3]
     return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
-
-
-def _step(cause: str, cure: str) -> str:
-    """Nothing of what is good, which has neither."""
-    return f"{cause} → {cure}" if cause or cure else ""
 
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
@@ -71,11 +67,10 @@ def short_table(verdicts: Sequence[Verdict]) -> Table:
     rows = list(table.rows)
     good = [verdict.key for verdict in verdicts if verdict.grade is Grade.GOOD]
     if good:
-        keys = ", ".join(dict.fromkeys(good))
-        last = (Grade.GOOD, f"all {'others' if rows else 'checks'} ({len(good)})", keys, "")
-        rows.append(last[: len(table.columns)])
-    said = "What the checks say of description, recordings and fit."
-    return Table(table.columns, tuple(rows), said, marked=table.marked)
+        count = f"all {'others' if rows else 'checks'} ({len(good)})"
+        rows.append((Grade.GOOD, count, ", ".join(dict.fromkeys(good)), "")[: len(table.columns)])
+    caption = "What the checks say of description, recordings and fit."
+    return Table(table.columns, tuple(rows), caption, marked=table.marked)
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:
@@ -101,15 +96,14 @@ def check_page(
     """
     poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
     good = [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
-    blocks: list[Block] = [page_table(poor)] if poor else [Text("All that was looked at is good.")]
-    sections = [Section("To be mended" if poor else "Verdict", tuple(blocks), unfolded=True)]
-    if lines:
-        pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
-        sections.append(Section("Lines to paste", pasted, "what mends it, as text", unfolded=True))
-    if good:
-        sections.append(
-            Section("Good", (page_table(good),), "what was looked at and is as it should be")
-        )
+    first = page_table(poor) if poor else Text("All that was looked at is good.")
+    pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
+    sections = (
+        Section("To be mended" if poor else "Verdict", (first,), unfolded=True),
+        Section("Lines to paste", pasted, "what mends it, as text", unfolded=True),
+        Section("Good", (page_table(good),), "what was looked at and is as it should be"),
+    )
+    shown = (True, bool(pasted), bool(good))
     grades = [verdict.grade for verdict in verdicts]
     return Page(
         title=title,
@@ -117,7 +111,7 @@ def check_page(
         verdict=_summary(grades),
         drawing=picture,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(Grade)),
-        sections=tuple(sections),
+        sections=tuple(compress(sections, shown)),
     )
 
 
@@ -125,19 +119,20 @@ def _summary(grades: Sequence[Grade]) -> Summary:
     """In one sentence whether one may go on to an identification."""
     worst = max(grades, key=list(Grade).index, default=Grade.GOOD)
     many = grades.count(worst)
-    count, several = in_words(many), "s" if many > 1 else ""
-    match worst:
-        case Grade.WRONG:
-            said = f"Wrong: {count} thing{several} to be mended before an identification."
-            return Summary(Trust.POOR, said)
-        case Grade.DOUBTFUL:
-            said = f"Doubtful: {count} thing{several} to be looked at before an identification."
-            return Summary(Trust.FAIR, said)
-        case Grade.CANNOT_TELL:
-            said = f"Good as far as one can tell: {count} thing{several} could not be looked at."
-            return Summary(Trust.GOOD, said)
-        case Grade.GOOD:
-            return Summary(Trust.GOOD, "Good: nothing is in the way of an identification.")
+    things = f"{in_words(many)} thing{'s' if many > 1 else ''}"
+    trust, sentence = {
+        Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be mended before an identification."),
+        Grade.DOUBTFUL: (
+            Trust.FAIR,
+            f"Doubtful: {things} to be looked at before an identification.",
+        ),
+        Grade.CANNOT_TELL: (
+            Trust.GOOD,
+            f"Good as far as one can tell: {things} could not be looked at.",
+        ),
+        Grade.GOOD: (Trust.GOOD, "Good: nothing is in the way of an identification."),
+    }[worst]
+    return Summary(trust, sentence)
 
 
 def verdicts_card(value: Verdicts | Verdict) -> Card:
@@ -166,8 +161,8 @@ def verdicts_frame(value: Verdicts) -> pl.DataFrame:
     rows = [
         (str(v.grade), v.key, v.subject, v.seen, v.cause, v.cure, v.number, v.unit) for v in value
     ]
-    names = ("grade", "key", "subject", "seen", "cause", "cure", "number", "unit")
-    schema = {name: pl.Float64 if name == "number" else pl.String for name in names}
+    texts = ("grade", "key", "subject", "seen", "cause", "cure")
+    schema = dict.fromkeys(texts, pl.String) | {"number": pl.Float64, "unit": pl.String}
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
@@ -191,9 +186,7 @@ def _name(source: object) -> str:
 
 def _can_be_cured(value: Verdicts) -> bool:
     """Whether lines are proposed that can be written out: of several mappings they cannot."""
-    if not files_of(value):
-        return False
     try:
-        return bool(value.cures)
+        return bool(files_of(value) and value.cures)
     except DeltaidError:
         return False

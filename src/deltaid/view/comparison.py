@@ -24,7 +24,7 @@ _MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
-class Comparison:
+class TorqueComparison:
     """Torques over time, residuals to count, and mean spectra of one recording.
 
     Attributes:
@@ -52,7 +52,7 @@ class Comparison:
     events: Float[np.ndarray, "events 2"]
 
 
-def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparison:
+def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueComparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
     log, thinned = recording.log, recording.thinned
     stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
@@ -61,12 +61,11 @@ def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> Comparis
     shown, counted = [], []
     for rows in _stretches(_thinned(dynamics, p, recording, spectrum), stretch):
         residual = np.abs(np.nan_to_num(rows[:, :, 1] - rows[:, :, 2])) / scale
-        worst = residual.max(axis=2).argmax(axis=1)
-        shown.append(rows[np.arange(len(rows)), worst])
+        shown.append(rows[np.arange(len(rows)), residual.max(axis=2).argmax(axis=1)])
         counted.append(rows[:, 0])
     shown, counted = np.concatenate(shown), np.concatenate(counted)
     frequency, measured, residual = spectrum.densities()
-    return Comparison(
+    return TorqueComparison(
         time=shown[:, 0, 0],
         measured=shown[:, 1],
         predicted=shown[:, 2],
@@ -92,9 +91,8 @@ def _thinned(
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
         gain = np.where(part.counted > _MOSTLY, part.gain, np.nan)
-        filtered = (part.filtered_measured / gain, part.filtered_predicted / gain)
-        shown = [rows[:: step // apart] for rows in filtered]
-        yield np.stack([time[::step], *shown, part.speed[::step]], axis=1)
+        filtered = np.stack([part.filtered_measured, part.filtered_predicted]) / gain
+        yield np.stack([time[::step], *filtered[:, :: step // apart], part.speed[::step]], axis=1)
 
 
 def _stretches(
@@ -127,8 +125,7 @@ class _Spectrum:
             self._length = min(_SEGMENT, samples)
         if samples < self._length:
             return
-        residual = part.weights * (part.measured - part.predicted)
-        both = np.stack([part.weights * part.measured, residual])
+        both = part.weights * np.stack([part.measured, part.measured - part.predicted])
         _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
         segments = 2 * samples // self._length - 1  # they overlap by a half
         total = self._segments + segments

@@ -1,20 +1,24 @@
-"""What an identification put right, found and left out, as tables and as a chapter."""
+"""What an identification put right, found and left out: a sentence, tables, a chapter."""
 
+import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 import numpy as np
 
-from deltaid.model.corrections import Correction, FittedSensor
+from deltaid.model.corrections import NAMES, Correction, FittedSensor, Kind
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.sources import Event, LeftOut, Span
+from deltaid.robot.body import body_in_words
 from deltaid.view.model_tables import MEASURED, origin, value_and_width
-from deltaid.view.numbers import number, percent, with_uncertainty
+from deltaid.view.numbers import in_words, number, percent, with_uncertainty
 from deltaid.view.page import Section, Table
 
 # Units that are shown by a thousandth, with what they then are called.
 _SMALLER = {"s": (1e3, "ms")}
+# Longer rows of drives are told by their ends.
+_LONG = 2
 # What of a load is shown, where a torque shows it or it was declared.
 _SHOWN_OF_LOADS = ("data", "fixed")
 _EVENT_COLUMNS = (
@@ -31,6 +35,44 @@ _SPANS = 3
 _EVENTS = 200
 
 
+def corrected(corrections: Sequence[Correction]) -> str:
+    """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
+    if not corrections:
+        return "Nothing had to be put right."
+    subjects: dict[Kind, dict[str, None]] = {}
+    for correction in corrections:
+        subjects.setdefault(correction.kind, {})[correction.subject] = None
+    names = {kind: _short([name for name in of if name not in ("", kind)]) for kind, of in
+             subjects.items()}  # fmt: skip
+    things = ", ".join(
+        NAMES[kind] + (f" ({', '.join(own)})" if own else "") for kind, own in names.items()
+    )
+    if len(subjects) == 1:
+        return f"One correction was made: {things}."
+    return f"{in_words(len(subjects)).capitalize()} corrections were made: {things}."
+
+
+def _short(subjects: Sequence[str]) -> list[str]:
+    """Bodies by what they are; three or more drives in a row by the first and the last."""
+    runs: list[list[str]] = []
+    for subject in subjects:
+        if runs and _next(runs[-1][-1]) == subject:
+            runs[-1].append(subject)
+        else:
+            runs.append([subject])
+    said = []
+    for run in runs:
+        words = [body_in_words(name) for name in run]
+        said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
+    return said
+
+
+def _next(name: str) -> str:
+    """drive3 after drive2; nothing after a name without a number."""
+    numbered = re.fullmatch(r"(.*?)(\d+)", name)
+    return f"{numbered[1]}{int(numbered[2]) + 1}" if numbered else ""
+
+
 def correction_table(corrections: Sequence[Correction]) -> Table | None:
     """All corrections in the order in which they were made; None if there are none.
 
@@ -40,19 +82,19 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
         return None
     several = len({correction.log for correction in corrections if correction.log}) > 1
     alike = groupby(corrections, key=lambda each: (each.kind, each.log, _size(each), each.text))
-    rows = tuple(
-        (
-            kind,
-            ", ".join(correction.subject for correction in group if correction.subject) or "all",
-            *((log or "all",) if several else ()),
-            size,
-            text,
-        )
-        for (kind, log, size, text), group in alike
-    )
     return Table(
         ("corrected", "of", *(("recording",) if several else ()), "by (95 %)", "why"),
-        rows,
+        tuple(
+            (
+                kind,
+                ", ".join(correction.subject for correction in group if correction.subject)
+                or "all",
+                *((log or "all",) if several else ()),
+                size,
+                text,
+            )
+            for (kind, log, size, text), group in alike
+        ),
         "What was put right before and in the fit. Intervals of the parameters hold with these "
         "corrections; each can be turned off.",
         title="corrections",
@@ -63,10 +105,9 @@ def _size(correction: Correction) -> str:
     """Value, interval and unit."""
     if correction.value is None:
         return ""
-    small = abs(correction.value) < 1
-    scale, unit = (
-        _SMALLER.get(correction.unit, (1.0, correction.unit)) if small else (1.0, correction.unit)
-    )
+    scale, unit = 1.0, correction.unit
+    if abs(correction.value) < 1:
+        scale, unit = _SMALLER.get(unit, (scale, unit))
     if correction.low is None or correction.high is None:
         return f"{number(scale * correction.value)} {unit}".rstrip()
     value, half = with_uncertainty(
@@ -79,22 +120,21 @@ def load_table(loads: Sequence[HeldLoad]) -> Table | None:
     """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
     if not loads:
         return None
-    rows = tuple(
-        (
-            parameter.name,
-            *value_and_width(parameter),
-            parameter.unit,
-            "declared" if parameter.determined_by == "fixed" else "data",
-            load.body,
-            ", ".join(load.logs),
-        )
-        for load in loads
-        for parameter in load.parameters
-        if parameter.determined_by in _SHOWN_OF_LOADS and parameter.value
-    )
     return Table(
         ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
-        rows,
+        tuple(
+            (
+                parameter.name,
+                *value_and_width(parameter),
+                parameter.unit,
+                "declared" if parameter.determined_by == "fixed" else "data",
+                load.body,
+                ", ".join(load.logs),
+            )
+            for load in loads
+            for parameter in load.parameters
+            if parameter.determined_by in _SHOWN_OF_LOADS and parameter.value
+        ),
         "Moments and inertia are about the origin of the body that holds the load. The model is of "
         "the robot without it.",
         title="loads",
@@ -123,7 +163,9 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
         title="sensors",
     )
     found = [parameter for sensor in sensors for parameter in sensor.parameters]
-    unknown = Table(
+    if not found:
+        return (channels,)
+    return channels, Table(
         ("of the sensor", "value", "± (95 %)", "unit", "from"),
         tuple(
             (parameter.name, *value_and_width(parameter), parameter.unit, origin(parameter))
@@ -133,7 +175,6 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
         frozenset(i for i, p in enumerate(found) if p.determined_by not in MEASURED),
         "unknowns of sensors",
     )
-    return (channels, unknown) if found else (channels,)
 
 
 def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
@@ -149,17 +190,16 @@ def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table
     all_of_them = [(name, event) for name, events in logs for event in events]
     if not all_of_them:
         return None
-    size = np.array([_force_size(event) for _, event in all_of_them])
-    shown = np.sort(np.argsort(-size, kind="stable")[:most])
+    sizes = [-_force_size(event) for _, event in all_of_them]
+    shown = np.sort(np.argsort(sizes, kind="stable")[:most])
     several = len({name for name, _ in all_of_them}) > 1
     rows = tuple(
         (*((all_of_them[k][0],) if several else ()), *_event_cells(all_of_them[k][1]))
         for k in shown
     )
-    fewer = len(all_of_them) - len(shown)
     which = (
         f" The {len(shown)} largest of {len(all_of_them)}; --json and the model file have all."
-        if fewer
+        if len(shown) < len(all_of_them)
         else ""
     )
     return Table(
@@ -196,7 +236,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
         (
             *((name,) if several else ()),
             part.reason,
-            _named(part.drives),
+            ", ".join(drive.removeprefix("drive") for drive in part.drives),
             percent(part.share),
             _when(part.spans, part.more),
         )
@@ -214,11 +254,6 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
         f"wrong. {words[0].upper()}{words[1:]}. --keep-all (keep_all of the settings) goes without "
         "all of this.",
     )
-
-
-def _named(drives: Sequence[str]) -> str:
-    numbers = [drive.removeprefix("drive") for drive in drives]
-    return ", ".join(numbers)
 
 
 def _when(spans: Sequence[Span], more: int) -> str:
@@ -250,8 +285,5 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
     """The chapter of a page on it; none where nothing was put right."""
     tables = put_right_tables(model, _EVENTS) if model else ()
-    return (
-        (Section("Corrections", tables, "what was found, put right and left out"),)
-        if tables
-        else ()
-    )
+    chapter = Section("Corrections", tables, "what was found, put right and left out")
+    return (chapter,) if tables else ()

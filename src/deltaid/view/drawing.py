@@ -67,8 +67,7 @@ def _seen(
     flat = np.stack([points @ right, -points @ np.cross(_EYE, right)], axis=-1)
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
     scale = np.min(np.array([_WIDE, _HIGH]) / np.maximum(high - low, 1e-9))
-    placed = scale * (flat - low) + np.array([_NAMES, _TOP])
-    return placed, -np.mean(points @ _EYE, axis=1)
+    return scale * (flat - low) + np.array([_NAMES, _TOP]), -np.mean(points @ _EYE, axis=1)
 
 
 def _labels(bodies: tuple[str, ...], flat: Float[np.ndarray, "segments 2 2"]) -> list[_Label]:
@@ -78,8 +77,7 @@ def _labels(bodies: tuple[str, ...], flat: Float[np.ndarray, "segments 2 2"]) ->
         own = flat[[i for i, name in enumerate(bodies) if name == body]]
         lengths = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
         middles = own.mean(axis=1)[lengths >= 0.5 * lengths.max()]
-        lefts = sum(label.left for label in labels)
-        left = 2 * lefts <= len(labels)
+        left = 2 * sum(label.left for label in labels) <= len(labels)
         at = middles[np.argmin(middles[:, 0]) if left else np.argmax(middles[:, 0])]
         labels.append(_Label(body, at, left))
     return labels
@@ -94,24 +92,21 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
         )
         edge, anchor = (_NAMES - 16, "end") if left else (width - _NAMES + 16, "start")
         for label, y in zip(own, _apart([label.at[1] for label in own], height), strict=True):
-            short, words = label.body, body_in_words(label.body)
             start = edge + (5 if left else -5)
             parts.append(
                 Markup('<line class="lead" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'
                        '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
                 .format(start, y, *label.at, *label.at)
             )  # fmt: skip
-            parts.append(_name(edge, y, anchor, short, words))
+            parts.append(_name(edge, y, anchor, label.body, body_in_words(label.body)))
     return parts
 
 
 def _name(x: float, y: float, anchor: str, short: str, words: str) -> Markup:
     """A short name, with what it stands for below it."""
-    second = Markup("")
-    if words != short:
-        second = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>').format(
-            x, visible(words)
-        )
+    second = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>').format(x, visible(words))
+    if words == short:
+        second = Markup("")
     return Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}{}</text>').format(
         x, y + 4 - (4 if second else 0), anchor, visible(short), second
     )

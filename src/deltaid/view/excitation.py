@@ -140,9 +140,12 @@ def _over_time(result: Excitation) -> Figure:
                 secondary_y=bool(right[i]),
             )
             if right[i]:
-                own_title = f"{name} {title.format(units[name])}" if foreign[i] else name
-                own = {"title_text": own_title, "color": color, "showgrid": False}
-                own["tickmode"] = "auto"
+                own = {
+                    "title_text": f"{name} {title.format(units[name])}" if foreign[i] else name,
+                    "color": color,
+                    "showgrid": False,
+                    "tickmode": "auto",
+                }
                 figure.update_yaxes(own, row=row, col=1, secondary_y=True)
         figure.update_yaxes(title_text=title.format(first), row=row, col=1, secondary_y=False)
     for edge in (run.ramp, run.duration - run.ramp):
@@ -166,30 +169,33 @@ def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.nda
 
 
 def _limits(result: Excitation) -> Figure:
-    names = [style.label(limit.name) for limit in result.limits]
-    figure = go.Figure()
-    figure.add_bar(
-        x=[100 * limit.share for limit in result.limits],
-        y=names,
-        orientation="h",
-        marker={"color": style.SERIES[0]},
-        hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
+    figure = go.Figure(
+        go.Bar(
+            x=[100 * limit.share for limit in result.limits],
+            y=[style.label(limit.name) for limit in result.limits],
+            orientation="h",
+            marker={"color": style.SERIES[0]},
+            hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
+        ),
+        {
+            "yaxis": style.DOWNWARDS,
+            "xaxis": {"title": "largest use over the whole run [%]", "rangemode": "tozero"},
+            "height": 22 * len(result.limits) + 100,
+            "margin": {"t": 20},
+            "bargap": 0.35,
+        },
     )
     figure.add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
-    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
-    figure.update_xaxes(title_text="largest use over the whole run [%]", rangemode="tozero")
-    figure.update_layout(height=22 * len(names) + 100, margin={"t": 20}, bargap=0.35)
     return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
 
 
 def _predictions(result: Excitation) -> tuple[Text, Table]:
     settings = result.exciter.settings
-    noise = percent(settings.torque_noise)
     return (
         Text(
             f"Standard deviations that least squares will reach on this motion when the torque "
-            f"noise is {noise} of each drive's largest torque and samples come at "
-            f"{settings.rate:g} Hz, if the robot is what the prior says."
+            f"noise is {percent(settings.torque_noise)} of each drive's largest torque and samples "
+            f"come at {settings.rate:g} Hz, if the robot is what the prior says."
         ),
         prediction_table(result),
     )
@@ -197,16 +203,18 @@ def _predictions(result: Excitation) -> tuple[Text, Table]:
 
 def _settings(result: Excitation) -> Table:
     s = result.exciter.settings
-    rows = (
-        ("criterion", s.criterion),
-        ("harmonics", str(s.harmonics)),
-        ("longest period [s]", number(s.duration)),
-        ("repeats", str(s.repeats)),
-        ("weight of speed", number(s.velocity_weight)),
-        ("weighed by the prior", "yes" if s.weigh_prior else "no"),
-        ("torque noise, share of the largest torque", percent(s.torque_noise)),
-        ("rate [Hz]", number(s.rate)),
-        ("starts", str(s.starts)),
-        ("seed", str(s.seed)),
+    return Table(
+        ("setting", "value"),
+        (
+            ("criterion", s.criterion),
+            ("harmonics", str(s.harmonics)),
+            ("longest period [s]", number(s.duration)),
+            ("repeats", str(s.repeats)),
+            ("weight of speed", number(s.velocity_weight)),
+            ("weighed by the prior", "yes" if s.weigh_prior else "no"),
+            ("torque noise, share of the largest torque", percent(s.torque_noise)),
+            ("rate [Hz]", number(s.rate)),
+            ("starts", str(s.starts)),
+            ("seed", str(s.seed)),
+        ),
     )
-    return Table(("setting", "value"), rows)

@@ -89,8 +89,11 @@ def _verdict(study: Forces) -> Summary:
     socket_force = study.constraint_forces.socket_force
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
     if socket_force is None:
-        line = "No springs of ball joints are described, so nothing is said of their margins."
-        return Summary(Trust.UNTESTED, f"{said[0].upper()}{said[1:]}.", (line,))
+        return Summary(
+            Trust.UNTESTED,
+            f"{said[0].upper()}{said[1:]}.",
+            ("No springs of ball joints are described, so nothing is said of their margins.",),
+        )
     margin = min(f.worst.value for f in study.findings if f.worst.kind == "socket") + socket_force
     if margin <= 0:
         return Summary(Trust.POOR, f"Poor: a ball joint comes apart; {said}.")
@@ -103,7 +106,7 @@ def _facts(study: Forces) -> tuple[Fact, ...]:
     socket_force = study.constraint_forces.socket_force
 
     def fact(label: str, kind: str, offset: float = 0.0, *, most: bool = False) -> Fact:
-        every = [f.worst for f in study.findings if f.worst.kind == kind]
+        every = (finding.worst for finding in _findings(study, kind))
         worst = (max if most else min)(every, key=lambda w: w.value)
         return Fact(
             label,
@@ -127,8 +130,7 @@ def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
     length = max(1, -(-study.recording.log.samples // _STRETCHES))
     for motion, values in study.over_time():
         starts = np.arange(0, len(motion.time), length)
-        along = values[:, channels]
-        ends = [f.reduceat(along, starts, axis=0) for f in (np.minimum, np.maximum)]
+        ends = [f.reduceat(values[:, channels], starts) for f in (np.minimum, np.maximum)]
         times.append(np.repeat(motion.time[starts], 2))
         pairs.append(np.stack(ends, axis=1).reshape(-1, len(channels)))
     return np.concatenate(times), np.concatenate(pairs)
@@ -167,10 +169,9 @@ def _over_time(study: Forces) -> Figure:
 
 def tables(study: Forces) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
-    found, socket_force = [_struts(study)], study.constraint_forces.socket_force
-    if socket_force is not None:
-        found.append(_sockets(study, socket_force))
-    return (*found, _loads(study))
+    socket_force = study.constraint_forces.socket_force
+    sockets = () if socket_force is None else (_sockets(study, socket_force),)
+    return (_struts(study), *sockets, _loads(study))
 
 
 def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
@@ -178,21 +179,18 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
 
 
 def _struts(study: Forces) -> Table:
-    tension, compression = _findings(study, "tension"), _findings(study, "compression")
-    rows = [
-        (most.worst.part, *_cells(most), *_cells(least))
-        for most, least in zip(tension, compression, strict=True)
-    ]
+    pairs = zip(_findings(study, "tension"), _findings(study, "compression"), strict=True)
+    rows = [(most.worst.part, *_cells(most), *_cells(least)) for most, least in pairs]
     how = _heading(study)
     columns = ("strut", "largest", how, "at, s", "least", how, "at, s")
     return _titled("force along the struts, N; tension is positive", columns, rows)
 
 
 def _sockets(study: Forces, socket_force: float) -> Table:
-    rows = []
-    for finding in _findings(study, "socket"):
-        end = finding.worst.channel.split(".")[1]
-        rows.append((finding.worst.part, end, *_cells(finding, socket_force)))
+    rows = [
+        (finding.worst.part, finding.worst.channel.split(".")[1], *_cells(finding, socket_force))
+        for finding in _findings(study, "socket")
+    ]
     columns = ("strut", "at the", "least margin", _heading(study), "at, s")
     title = f"margin of the ball joints, N; springs hold them with {number(socket_force)} N"
     return _titled(title, columns, rows)
@@ -206,8 +204,7 @@ def _loads(study: Forces) -> Table:
 
 def places(study: Forces) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
-    kinds = ("tension", "compression", "socket")
-    found = [finding.worst for kind in kinds for finding in _findings(study, kind)]
+    found = [finding.worst for kind in _WORDS for finding in _findings(study, kind)]
     coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
     rows = [
         (
@@ -219,8 +216,7 @@ def places(study: Forces) -> Table:
         )
         for w in found
     ]
-    columns = ("strut", "worst", "at, s", *coordinates)
-    return _titled("where the platform is then", columns, rows)
+    return _titled("where the platform is then", ("strut", "worst", "at, s", *coordinates), rows)
 
 
 def open_entries(study: Forces) -> tuple[str, ...]:
@@ -232,9 +228,8 @@ def open_entries(study: Forces) -> tuple[str, ...]:
 def what_is_open(study: Forces) -> str:
     """A sentence on what the second column of each value means."""
     entries = open_entries(study)
-    names = ", ".join(entries[:_NAMED]) or "nothing"
-    if len(entries) > _NAMED:
-        names += f" and {len(entries) - _NAMED} more"
+    more = f" and {len(entries) - _NAMED} more" if len(entries) > _NAMED else ""
+    names = (", ".join(entries[:_NAMED]) or "nothing") + more
     if any(f.range for f in study.findings):
         return (
             "range: what agrees with the recordings (95 %), and with the prior in what torques "
@@ -258,7 +253,7 @@ def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:
     """Value, range or openness, time."""
     value, time = finding.worst.value + offset, f"{finding.worst.at.time:.3f}"
     if finding.range is not None:
-        known = span(finding.range.low + offset, finding.range.high + offset)
-        return number(value), known, time
+        ends = span(finding.range.low + offset, finding.range.high + offset)
+        return number(value), ends, time
     shown, half = with_uncertainty(value, finding.openness.half_width)
     return shown, half or "0", time

@@ -4,7 +4,6 @@ import casadi as ca
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float
-from plotly.subplots import make_subplots
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.kernel.batch import BatchKernel
@@ -12,16 +11,17 @@ from deltaid.model.friction_record import FrictionChoice, FrictionCurve, Frictio
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.comparison import Comparison
+from deltaid.view.comparison import TorqueComparison
 from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
+from deltaid.view.torques import grid
 
 # Points of a law at either sign of the speed, and dots of recordings that do not hide it.
 _POINTS, _DOTS = 200, 1500
 
 
-def friction_section(model: ModelLike, comparisons: tuple[Comparison, ...]) -> Section:
+def friction_section(model: ModelLike, comparisons: tuple[TorqueComparison, ...]) -> Section:
     """The law of every joint, with what the recordings say about those of the drives."""
     model = load(model)
     if not model.robot.friction_joints:
@@ -46,16 +46,9 @@ def law(
     return BatchKernel(v, total)(speed[None])[0]
 
 
-def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
+def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
     joints = model.robot.friction_joints
-    rows = -(-len(joints) // 2)
-    figure = make_subplots(
-        rows=rows,
-        cols=2,
-        subplot_titles=joints,
-        horizontal_spacing=0.12,
-        vertical_spacing=0.3 / rows,
-    )
+    figure = grid(joints, 270)
     prior = prior_parameters(model.robot)
     named = set()
     for i, joint in enumerate(joints):
@@ -69,34 +62,35 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
             fastest = float(np.abs(speed).max()) or 1.0
             every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
             traces.append(
-                _dots(
-                    speed[every], residual[every] + law(model.robot, joint, speed, model.p)[every]
+                go.Scatter(
+                    x=speed[every],
+                    y=residual[every] + law(model.robot, joint, speed, model.p)[every],
+                    name="measured, less all else",
+                    mode="markers",
+                    marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
                 )
             )
         positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
-        grid = np.concatenate([-positive[::-1], positive])
-        traces.append(
-            _line("prior", grid, law(model.robot, joint, grid, prior), style.PRIOR, "dash")
-        )
+        speeds = np.concatenate([-positive[::-1], positive])
+        assumed = law(model.robot, joint, speeds, prior)
+        traces.append(_line("prior", speeds, assumed, style.PRIOR, "dash"))
         if model.identified is not None:
-            found = law(model.robot, joint, grid, model.p)
-            known = [curve for curve in model.identified.friction_curves if curve.joint == joint]
-            traces += [_band(curve) for curve in known]
-            traces.append(_line("identified", grid, found, style.IDENTIFIED, "solid"))
+            curves = model.identified.friction_curves
+            traces += [_band(curve) for curve in curves if curve.joint == joint]
+            found = law(model.robot, joint, speeds, model.p)
+            traces.append(_line("identified", speeds, found, style.IDENTIFIED, "solid"))
         units = model.robot.units(joint)
         for trace in traces:
-            trace.update(x=units.per_shown * np.asarray(trace.x, np.float32))
-            trace.update(legendgroup=trace.name, showlegend=trace.name not in named)
+            trace.update(
+                x=units.per_shown * np.asarray(trace.x, np.float32),
+                y=np.asarray(trace.y, np.float32),
+                legendgroup=trace.name,
+                showlegend=trace.name not in named,
+            )
             named.add(trace.name)
             figure.add_trace(trace, row=row, col=col)
         figure.update_xaxes(title_text=f"speed [{units.shown}/s]", row=row, col=col)
         figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", row=row, col=col)
-    figure.update_annotations(font_size=13)
-    figure.update_layout(
-        height=270 * rows + 100,
-        margin={"t": 75},
-        legend={"y": 1.0, "yanchor": "top", "yref": "container"},
-    )
     return Figure(
         figure,
         "Friction over speed, prior and identified. The dots are what the recordings leave for a "
@@ -106,22 +100,12 @@ def _laws(model: Model, comparisons: tuple[Comparison, ...]) -> Figure:
     )
 
 
-def _dots(speed: Float[np.ndarray, " dots"], torque: Float[np.ndarray, " dots"]) -> go.Scatter:
-    return go.Scatter(
-        x=speed.astype(np.float32),
-        y=torque.astype(np.float32),
-        name="measured, less all else",
-        mode="markers",
-        marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
-    )
-
-
 def _band(curve: FrictionCurve) -> go.Scatter:
     speed = np.array(curve.speed)
     low, high = curve.band(speed)
     return go.Scatter(
-        x=np.concatenate([speed, speed[::-1]]).astype(np.float32),
-        y=np.concatenate([low, high[::-1]]).astype(np.float32),
+        x=np.concatenate([speed, speed[::-1]]),
+        y=np.concatenate([low, high[::-1]]),
         name="its 95 % interval",
         mode="lines",
         line={"width": 0},
@@ -140,8 +124,8 @@ def _line(
     dash: str,
 ) -> go.Scatter:
     return go.Scatter(
-        x=speed.astype(np.float32),
-        y=torque.astype(np.float32),
+        x=speed,
+        y=torque,
         name=name,
         mode="lines",
         line={"color": color, "width": 2, "dash": dash},
@@ -169,17 +153,19 @@ def _choice(choice: FrictionChoice, robot: RobotDescription) -> tuple[Text | Tab
 
 
 def _trials(trials: tuple[FrictionTrial, ...], caption: str) -> Table:
-    rows = tuple(
-        (
-            trial.joint,
-            ADDITIONS[trial.addition],
-            percent(trial.error),
-            percent(trial.gain),
-            number(trial.significance, 3),
-            "yes" if trial.useful else "no",
-        )
-        for trial in trials
+    return Table(
+        ("joint", "addition", "torque error", "gain", "significance", "useful"),
+        tuple(
+            (
+                trial.joint,
+                ADDITIONS[trial.addition],
+                percent(trial.error),
+                percent(trial.gain),
+                number(trial.significance, 3),
+                "yes" if trial.useful else "no",
+            )
+            for trial in trials
+        ),
+        caption,
+        frozenset(i for i, trial in enumerate(trials) if not trial.useful),
     )
-    columns = ("joint", "addition", "torque error", "gain", "significance", "useful")
-    muted = frozenset(i for i, trial in enumerate(trials) if not trial.useful)
-    return Table(columns, rows, caption, muted)

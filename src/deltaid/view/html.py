@@ -32,9 +32,8 @@ def write_page(page: Page, path: Path) -> None:
     Raises:
         DeltaidError: the file cannot be written.
     """
-    text = render(page)
     with written_whole(path) as file:
-        file.write(text)
+        file.write(render(page))
 
 
 def render(page: Page) -> str:
@@ -63,7 +62,8 @@ def environment(room: str = "view") -> Environment:
     environment = Environment(
         loader=ChoiceLoader([PackageLoader("deltaid", name) for name in (room, "view")]),
         autoescape=True,
-        finalize=_printed,
+        # No control characters, but in markup of the page's own.
+        finalize=lambda value: visible(value) if type(value) is str else value,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -84,11 +84,6 @@ def environment(room: str = "view") -> Environment:
         }
     )
     return environment
-
-
-def _printed(value: object) -> object:
-    """What a page prints of a value that is not markup of its own: no control characters."""
-    return visible(value) if type(value) is str else value
 
 
 def _is(kind: type) -> object:
@@ -112,12 +107,10 @@ def _embedded(value: dict[str, Any]) -> Markup:
 
     Plotly's own encoder escapes the same character, but does not promise to.
     """
-    text = plotly.io.json.to_json_plotly(value)
-    return Markup(text.replace("<", "\\u003c"))
+    return Markup(plotly.io.json.to_json_plotly(value).replace("<", "\\u003c"))
 
 
 @cache
 def _plotly() -> Markup:
     """Plotly's script, packed: unpacked by the browser, it makes a page half as large."""
-    packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
-    return Markup(base64.b64encode(packed).decode())
+    return Markup(base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode())

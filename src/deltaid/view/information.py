@@ -40,25 +40,29 @@ def _scaled_factor(result: Identification) -> Float[np.ndarray, "base base"]:
     """Triangular factor of the weighted base regressor, columns of unit length."""
     information = result.problem.information
     columns = [group.representative for group in result.problem.base.groups]
-    at = np.searchsorted(information.columns, columns)
-    Y = information.weighted()[:, at]
+    Y = information.weighted()[:, np.searchsorted(information.columns, columns)]
     return triangle(Y / np.linalg.norm(Y, axis=0))
 
 
 def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
     values = np.linalg.svd(R, compute_uv=False)
-    figure = go.Figure()
-    figure.add_scatter(
-        x=np.arange(1, len(values) + 1),
-        y=values,
-        mode="lines+markers",
-        line={"color": style.SERIES[0], "width": 1},
-        marker={"size": 6},
-        hovertemplate="singular value %{x}: %{y:.3g}<extra></extra>",
-    )
-    figure.update_yaxes(type="log", dtick=1, exponentformat="power", title_text="singular value")
-    figure.update_xaxes(title_text="number")
-    figure.update_layout(height=330, margin={"t": 20})
+    figure = go.Figure(
+        go.Scatter(
+            x=np.arange(1, len(values) + 1),
+            y=values,
+            mode="lines+markers",
+            line={"color": style.SERIES[0], "width": 1},
+            marker={"size": 6},
+            hovertemplate="singular value %{x}: %{y:.3g}<extra></extra>",
+        ),
+        {
+            "yaxis": {"type": "log", "dtick": 1, "exponentformat": "power",
+                      "title": "singular value"},
+            "xaxis": {"title": "number"},
+            "height": 330,
+            "margin": {"t": 20},
+        },
+    )  # fmt: skip
     return Figure(
         figure,
         "Singular values of the base regressor, rows weighted by the drives' largest torques and "
@@ -85,11 +89,14 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
             colorscale="RdBu",
             colorbar={"thickness": 10, "len": 0.9, "outlinewidth": 0},
             hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
-        )
+        ),
+        {
+            "yaxis": style.DOWNWARDS | {"tickfont": {"size": 9}},
+            "xaxis": {"tickangle": -90, "tickfont": {"size": 9}},
+            "height": 16 * len(names) + 150,
+            "margin": {"t": 10},
+        },
     )
-    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1, tickfont={"size": 9})
-    figure.update_xaxes(tickangle=-90, tickfont={"size": 9})
-    figure.update_layout(height=16 * len(names) + 150, margin={"t": 10})
     return Figure(
         figure,
         "Correlation of the base parameters' estimates, each named by its first term. Deep colours "

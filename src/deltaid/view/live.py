@@ -21,15 +21,13 @@ from deltaid.view.at_pose import View, home_view, moved, panel
 from deltaid.view.own_page import answering_own_page_only
 from deltaid.view.reach import reach
 from deltaid.view.reach_figures import limit_kinds, patches
-from deltaid.view.robot_shape import DrawnBody, members, outline
+from deltaid.view.robot_shape import members, outline_segments
 from deltaid.view.shapes import along, cylinder
 
 # Only this machine can open the view.
 HOST = "127.0.0.1"
 # The usual port of a local server.
 DEFAULT_PORT = 8080
-# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
-_THICK = 0.0013
 # Share of a colour's brightness that is left under the lamps.
 _SHADE = 0.7
 
@@ -111,7 +109,7 @@ class LiveView:
         with self.server.atomic():
             shapes = self._shapes()
             for body, bars in self._bars.items():
-                placed = along(shapes[self._of(body)], self._radius(members((body,))[body]))
+                placed = along(shapes[self._of(body)], members((body,))[body].radius(self._size))
                 bars.batched_positions = placed.positions.astype(np.float32)
                 bars.batched_wxyzs = placed.wxyz.astype(np.float32)
                 bars.batched_scales = placed.scales.astype(np.float32)
@@ -134,14 +132,11 @@ class LiveView:
         points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
         return float(np.ptp(points, axis=0).max())
 
-    def _radius(self, member: DrawnBody) -> float:
-        return _THICK * self._size * member.width
-
     def _add_robot(self) -> dict[str, Any]:
         """One batch of cylinders for each body."""
         mesh, shapes, bars = cylinder(), self._shapes(), {}
         for body, member in members(self._skeleton.bodies).items():
-            placed = along(shapes[self._of(body)], self._radius(member))
+            placed = along(shapes[self._of(body)], member.radius(self._size))
             bars[body] = self.server.scene.add_batched_meshes_simple(
                 f"/robot/{body}",
                 mesh.corners.astype(np.float32),
@@ -157,12 +152,9 @@ class LiveView:
     def _add_surroundings(self) -> None:
         """Workspace, reachable region, floor, camera."""
         scene, found = self.server.scene, reach(self.robot)
-        edges = outline(self.robot.robot.workspace)
-        pairs = np.stack([edges[:-1], edges[1:]], axis=1)
-        pairs = pairs[~np.isnan(pairs).any(axis=(1, 2))]
         scene.add_line_segments(
             "/workspace",
-            pairs.astype(np.float32),
+            outline_segments(self.robot.robot.workspace).astype(np.float32),
             _rgb(style.MEASURED),
             thickness=2.0,
             thickness_units="screen",
@@ -219,7 +211,11 @@ class LiveView:
         if self.robot.dynamics.dof > 3:
             low, high = (round(float(np.rad2deg(a)), 1) for a in (turn.low, turn.high))
             inputs["turn"] = gui.add_slider(
-                "tool ψ [deg]", low, high, step=(high - low) / 720, initial_value=_home_turn(self)
+                "tool ψ [deg]",
+                low,
+                high,
+                step=(high - low) / 720,
+                initial_value=float(np.rad2deg(self.robot.home[3])),
             )
         for handle in inputs.values():
             handle.on_update(self._typed)
@@ -236,10 +232,6 @@ class LiveView:
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
     """viser greets and says goodbye on standard output."""
     return contextlib.redirect_stdout(io.StringIO())
-
-
-def _home_turn(live: LiveView) -> float:
-    return float(np.rad2deg(live.robot.home[3]))
 
 
 def _paint(color: str) -> tuple[int, int, int]:

@@ -1,6 +1,6 @@
 """Pages of a model: as it was identified, compared with a recording, and by itself."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +13,12 @@ from deltaid.identification.validation import Validation
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
-from deltaid.recording.log import Log
 from deltaid.recording.recording import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.view.animation import animation, recorded_motion
 from deltaid.view.bodies import body_section
 from deltaid.view.check import page_table, short_table, tally
-from deltaid.view.comparison import Comparison, compare
+from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import left_out_table, put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.friction import friction_section
@@ -51,8 +50,8 @@ def identification_page(result: Identification, verification: Validation | None 
     recordings = result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
     # What the checks say stands in their table, beneath the verdict.
-    told = {verdict.sentence for verdict in verdicts}
-    warnings = [text for text in model.warnings if text not in told]
+    sentences = {verdict.sentence for verdict in verdicts}
+    warnings = [text for text in model.warnings if text not in sentences]
     log, error, unseen = None, None, None
     if verification is not None:
         error, log = verification
@@ -63,7 +62,7 @@ def identification_page(result: Identification, verification: Validation | None 
         torque_section(
             model.robot,
             comparison,
-            _title(recording.log, len(recordings)),
+            "Torques" if len(recordings) == 1 else f"Torques: {recording.path.name}",
             front=comparison is seen,
         )
         for comparison, recording in zip(comparisons, recordings, strict=True)
@@ -99,20 +98,18 @@ def identification_page(result: Identification, verification: Validation | None 
 
 def check_sections(verdicts: Sequence[Verdict]) -> tuple[Section, ...]:
     """All verdicts of the checks; nothing where none were asked."""
-    if not verdicts:
-        return ()
-    return (Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}"),)
+    chapter = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
+    return (chapter,) if verdicts else ()
 
 
 def torque_section(
-    robot: RobotDescription, comparison: Comparison, title: str, *, front: bool
+    robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
 ) -> Section:
     """All figures of torques along one recording; without that which the page's front shows."""
-    if front:
-        blocks = residual_blocks(comparison, robot.drive_units)
-        return Section(title, blocks, "what is left, over speed, in size and in frequency")
-    blocks = torque_blocks(comparison, robot.drive_units)
-    return Section(title, blocks, "measured and predicted over time, and what is left")
+    blocks, about = residual_blocks, "what is left, over speed, in size and in frequency"
+    if not front:
+        blocks, about = torque_blocks, "measured and predicted over time, and what is left"
+    return Section(title, blocks(comparison, robot.drive_units), about)
 
 
 def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
@@ -127,23 +124,15 @@ def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
     return Section("Motion", (figure,), "the robot moving as it was recorded")
 
 
-def _title(log: Log, count: int) -> str:
-    return "Torques" if count == 1 else f"Torques: {log.path.name}"
-
-
-def _error_facts(model: IdentifiedModel, verification: Validation | None) -> tuple[Fact, ...]:
+def _error_facts(model: IdentifiedModel, verification: Validation | None) -> Iterator[Fact]:
     """The worst drive's errors, on the motion that is unseen and on that of the identification."""
-    own = _worst(model.robot, "error on its own recording", model.fit.nrmse)
-    if verification is None:
-        return (own,)
-    unseen = verification.error.nrmse.tolist()
-    return _worst(model.robot, "error on the unseen motion", unseen), own
-
-
-def _worst(robot: RobotDescription, label: str, shares: Sequence[float]) -> Fact:
-    largest = int(np.argmax(shares))
-    drive = robot.drives[largest]
-    return Fact(label, percent(shares[largest]), f"rms of {drive}, the worst drive")
+    errors = {"error on its own recording": model.fit.nrmse}
+    if verification is not None:
+        errors = {"error on the unseen motion": verification.error.nrmse.tolist()} | errors
+    for label, shares in errors.items():
+        worst_drive = int(np.argmax(shares))
+        note = f"rms of {model.robot.drives[worst_drive]}, the worst drive"
+        yield Fact(label, percent(shares[worst_drive]), note)
 
 
 def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
@@ -157,14 +146,11 @@ def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
 
 
 def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
-    fit = model.fit
-    optimum = (
-        Fact("optimum", "not certified", "this regulariser is not convex")
-        if fit.duality_gap is None
-        else Fact("optimum", *certificate(fit))
-    )
+    certified = "not certified", "this regulariser is not convex"
+    if model.fit.duality_gap is not None:
+        certified = certificate(model.fit)
     return (
-        optimum,
+        Fact("optimum", *certified),
         Fact(
             "physical consistency",
             "all bodies" if model.consistent else "violated",
@@ -212,11 +198,9 @@ def validation_page(value: Validation) -> Page:
 
 def _parameter_sections(model: IdentifiedModel) -> tuple[Section, ...]:
     """All parameters, and the base parameters, which models of earlier versions do not hold."""
-    parameters = parameter_section(model)
-    if not model.base_parameters:
-        return (parameters,)
-    about = "combinations that the torques determine"
-    return parameters, Section("Base parameters", (base_table(model.base_parameters),), about)
+    about, tables = "combinations that the torques determine", (base_table(model.base_parameters),)
+    base = (Section("Base parameters", tables, about),) if model.base_parameters else ()
+    return parameter_section(model), *base
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:
@@ -262,6 +246,5 @@ def validation_figure(value: Validation) -> go.Figure:
 
 def _torques(model: Model, recording: Recording) -> go.Figure:
     """A model's torques along a recording, and the residual, lower than in a report."""
-    compared = compare(model.dynamics, model.p, recording)
-    figure = over_time(compared, model.robot.drive_units).figure
-    return figure.update_layout(height=_DRIVE * len(model.robot.drives) + _AROUND)
+    compared, drives = compare(model.dynamics, model.p, recording), model.robot.drive_units
+    return over_time(compared, drives).figure.update_layout(height=_DRIVE * len(drives) + _AROUND)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from deltaid.model.friction_record import AdditionKind, FrictionChoice
+from deltaid.model.friction_record import AdditionKind, FrictionChoice, FrictionTrial
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
@@ -54,9 +54,16 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         )
         for k, parameter in shown
     )
-    true = () if truth is None else ("truth",)
     return Table(
-        ("parameter", "prior", *true, "identified", _HALF_WIDTH, "unit", "from"),
+        (
+            "parameter",
+            "prior",
+            *([] if truth is None else ["truth"]),
+            "identified",
+            _HALF_WIDTH,
+            "unit",
+            "from",
+        ),
         rows,
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
         "that are zero by structure are left out. “Data, with the prior of …”: torques show only a "
@@ -66,21 +73,17 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
         "the description; “consistency” is a lower bound.",
         frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
-        f"{model.robot.title or model.robot.name}{_how(model)}",
+        (model.robot.title or model.robot.name)
+        + ("; intervals: posterior" if model.settings.intervals == "posterior" else ""),
     )
-
-
-def _how(model: "IdentifiedModel") -> str:
-    """How intervals were made, where it is not the usual way."""
-    return "; intervals: posterior" if model.settings.intervals == "posterior" else ""
 
 
 def origin(parameter: "Parameter") -> str:
     """What decided a parameter; whose prior it rests on, or how wide the interval of its own is."""
     match parameter.determined_by:
         case "sum":
-            several = "s" if len(parameter.rests_on) > 1 else ""
-            return f"data, with the prior{several} of {', '.join(parameter.rests_on)}"
+            priors = "priors" if len(parameter.rests_on) > 1 else "prior"
+            return f"data, with the {priors} of {', '.join(parameter.rests_on)}"
         case "limit":
             return "at the limit of consistency"
         case "prior" if parameter.high is not None and parameter.prior:
@@ -125,16 +128,13 @@ def estimate_table(
 
 
 def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None) -> Table:
-    rows = []
-    for i, formula in enumerate(formulas):
-        row = [f"{i + 1}", formula]
-        if values is not None:
-            value, half, unit = values[i]
-            row += [*with_uncertainty(value, half), unit]
-        rows.append(tuple(row))
+    cells: Sequence[tuple[str, ...]] = [()] * len(formulas)
+    if values is not None:
+        cells = [(*with_uncertainty(value, half), unit) for value, half, unit in values]
+    rows = zip(formulas, cells, strict=True)
     return Table(
         ("", "base parameter", *(() if values is None else ("value", _HALF_WIDTH, "unit"))),
-        tuple(rows),
+        tuple((f"{i}", formula, *numbers) for i, (formula, numbers) in enumerate(rows, 1)),
         "Combinations of parameters that the torques determine, each named by its first term.",
     )
 
@@ -174,18 +174,18 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
 def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
     """For each joint what every addition alone gains, and the law that was chosen."""
     gains = {(t.joint, t.addition): t for t in choice.trials}
-    rows = []
-    for joint, law in robot.friction.items():
-        row = [joint]
-        for addition in ADDITIONS:
-            trial = gains.get((joint, addition))
-            gain = max(trial.gain, 0.0) if trial else 0.0
-            row.append("–" if trial is None else percent(gain) if trial.useful else "chance")
-        rows.append((*row, law_in_words(law)))
-    title = "friction laws: share of the squared error that each term alone explains"
-    return Table(
-        ("joint", *ADDITIONS.values(), "chosen law"), tuple(rows), f"{title}.", title=title
+    rows = tuple(
+        (joint, *(_gain(gains.get((joint, key))) for key in ADDITIONS), law_in_words(law))
+        for joint, law in robot.friction.items()
     )
+    title = "friction laws: share of the squared error that each term alone explains"
+    return Table(("joint", *ADDITIONS.values(), "chosen law"), rows, f"{title}.", title=title)
+
+
+def _gain(trial: FrictionTrial | None) -> str:
+    if trial is None:
+        return "–"
+    return percent(max(trial.gain, 0.0)) if trial.useful else "chance"
 
 
 def choice_sentence(choice: FrictionChoice) -> str:

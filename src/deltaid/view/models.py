@@ -1,5 +1,6 @@
 """Models, identifications and comparisons with recordings: cards."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import polars as pl
@@ -39,32 +40,36 @@ def model_card(value: Model | IdentifiedModel) -> Card:
 
 def fit_errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Torque errors of the fit, drive by drive."""
-    pairs = zip(model.robot.drives, model.fit.nrmse, strict=True)
+    return _errors(model.robot.drives, model.fit.nrmse)
+
+
+def _errors(drives: Sequence[str], nrmse: Sequence[float]) -> tuple[tuple[str, str], ...]:
+    pairs = zip(drives, nrmse, strict=True)
     return tuple((f"{drive} error", percent(share)) for drive, share in pairs)
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Warnings as a part that unfolds."""
-    if not warnings:
-        return ()
     title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    return ((title, "\n".join(warnings)),)
+    return ((title, "\n".join(warnings)),) if warnings else ()
 
 
 def model_frame(value: Model | IdentifiedModel) -> pl.DataFrame:
     """Parameters, a row each; of a robot at its prior without intervals."""
     model = load(value)
     if model.identified is None:
-        values = {"name": model.layout.names, "value": model.p, "unit": model.layout.units}
-        return pl.DataFrame(values)
+        layout = model.layout
+        return pl.DataFrame({"name": layout.names, "value": model.p, "unit": layout.units})
     rows = [
         (p.name, p.value, p.std, p.low, p.high, p.unit, p.prior, p.determined_by,
          ", ".join(p.rests_on))
         for p in model.identified.parameters
     ]  # fmt: skip
-    numbers = ("value", "std", "low", "high", "prior")
-    names = ("name", "value", "std", "low", "high", "unit", "prior", "determined_by", "rests_on")
-    schema = {name: pl.Float64 if name in numbers else pl.String for name in names}
+    schema = {
+        "name": pl.String, "value": pl.Float64, "std": pl.Float64, "low": pl.Float64,
+        "high": pl.Float64, "unit": pl.String, "prior": pl.Float64, "determined_by": pl.String,
+        "rests_on": pl.String,
+    }  # fmt: skip
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
@@ -73,9 +78,7 @@ def identification_card(value: Identification) -> Card:
     of_model, found = model_card(value.model), summary(value)
     robot = value.model.robot
     logs = ", ".join(recording.path.name for recording in value.recordings)
-    poor = [
-        verdict for verdict in getattr(value, "verdicts", ()) if verdict.grade is not Grade.GOOD
-    ]
+    poor = [v for v in getattr(value, "verdicts", ()) if v.grade is not Grade.GOOD]
     checks = (("checks that are not good", page_table(poor)),) if poor else ()
     return replace(
         of_model,
@@ -96,12 +99,11 @@ def identification_frame(value: Identification) -> pl.DataFrame:
 def validation_card(value: Validation) -> Card:
     """The verdict and the torque errors."""
     model, found = value.model, summary(value.model, value.error, value.log)
-    shares = zip(model.robot.drives, value.error.nrmse, strict=True)
     return Card(
         f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
         (found.sentence,),
         found.grade,
-        tuple((f"{drive} error", percent(float(share))) for drive, share in shares),
+        _errors(model.robot.drives, value.error.nrmse.tolist()),
         error_table(model, value.error),
         warned(value.remarks),
         (".error", ".log", ".plot()", ".to_frame()", '.report("x.html")'),

@@ -24,9 +24,7 @@ def excitation_card(value: Excitation) -> Card:
         facts.append(("fullest limit", f"{percent(fullest.share)} ({fullest.name})"))
     return Card(
         f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
-        (),
-        "",
-        tuple(facts),
+        facts=tuple(facts),
         more=(("limits", limit_table(value)), ("what it will tell", prediction_table(value))),
         methods=(".plot()", ".to_frame()", '.save("motion.csv")', '.report("x.html")'),
     )
@@ -34,22 +32,24 @@ def excitation_card(value: Excitation) -> Card:
 
 def excitation_frame(value: Excitation) -> pl.DataFrame:
     """The run at the rate of the settings: t, q1…, qd1…, qdd1…, x, y, z; in SI units."""
-    kinematics = value.exciter.dynamics.kinematics
-    return sample_run(kinematics, value.run, value.exciter.settings.rate)
+    exciter = value.exciter
+    return sample_run(exciter.dynamics.kinematics, value.run, exciter.settings.rate)
 
 
 def exciter_card(value: Exciter) -> Card:
     """What is to be optimised."""
     robot, settings = value.dynamics.robot, value.settings
-    facts = (
-        ("criterion", settings.criterion),
-        ("starts", str(settings.starts)),
-        ("harmonics", str(settings.harmonics)),
-        ("longest period", f"{settings.duration:.4g} s"),
-        ("base parameters", str(len(value.base.groups))),
+    return Card(
+        f"Exciter of {robot.title or robot.name}",
+        facts=(
+            ("criterion", settings.criterion),
+            ("starts", str(settings.starts)),
+            ("harmonics", str(settings.harmonics)),
+            ("longest period", f"{settings.duration:.4g} s"),
+            ("base parameters", str(len(value.base.groups))),
+        ),
+        methods=(".optimise()", ".plot()"),
     )
-    title = f"Exciter of {robot.title or robot.name}"
-    return Card(title, (), "", facts, methods=(".optimise()", ".plot()"))
 
 
 def run_card(value: Run | FourierMotion) -> Card:
@@ -60,10 +60,11 @@ def run_card(value: Run | FourierMotion) -> Card:
         ("harmonics", str(motion.sine.shape[1])),
         ("coordinates", str(len(motion.centre))),
     ]
-    if isinstance(value, FourierMotion):
-        return Card("Periodic motion", (), "", tuple(facts), methods=(".evaluate(time)",))
-    facts = [("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats)), *facts]
-    return Card("Motion from rest to rest", (), "", tuple(facts), methods=(".evaluate(time)",))
+    title = "Periodic motion"
+    if isinstance(value, Run):
+        title = "Motion from rest to rest"
+        facts[:0] = ("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats))
+    return Card(title, facts=tuple(facts), methods=(".evaluate(time)",))
 
 
 def limit_table(result: Excitation) -> Table:
@@ -74,19 +75,18 @@ def limit_table(result: Excitation) -> Table:
 
 def prediction_table(result: Excitation) -> Table:
     """What the motion will tell about every base parameter."""
-    rows = tuple(
-        (
-            p.formula,
-            number(p.value),
-            f"{p.std:.2g}",
-            p.unit,
-            percent(p.std / abs(p.value)) if abs(p.value) > p.std else "",
-        )
-        for p in result.predictions
-    )
     return Table(
         ("base parameter", "prior", "predicted ±", "unit", "share"),
-        rows,
+        tuple(
+            (
+                p.formula,
+                number(p.value),
+                f"{p.std:.2g}",
+                p.unit,
+                percent(p.std / abs(p.value)) if abs(p.value) > p.std else "",
+            )
+            for p in result.predictions
+        ),
         "Predicted standard deviation of every base parameter; the share is of the prior, and is "
         "left out where the deviation is larger than the value.",
         title="what this motion will tell",
@@ -111,18 +111,13 @@ def start_table(result: Excitation) -> Table:
         for a in accounts
     )
     columns = (
-        "start",
-        "as drawn",
-        "optimised",
-        "evaluations",
-        "seconds",
-        "fullest limit",
-        "feasible",
-    )
+        "start", "as drawn", "optimised", "evaluations", "seconds", "fullest limit", "feasible",
+        *(["bodies"] if judged else []),
+    )  # fmt: skip
     caption = "Objective of the search for each start as it was drawn at random, and optimised."
     if judged:
         caption += (
             " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
             "in nats, by which the motion was chosen."
         )
-    return Table((*columns, *(["bodies"] if judged else [])), rows, caption)
+    return Table(columns, rows, caption)

@@ -2,10 +2,12 @@
 
 import math
 
+_WORDS = (
+    "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+    "twelve",
+)  # fmt: skip
 # Half the 95 % interval of a normal distribution, in standard deviations.
 WIDTH = 1.96
-
-
 # Numbers within these are written without a power of ten.
 _SMALL, _LARGE = 1e-4, 1e6
 
@@ -56,3 +58,8 @@ def span(low: float, high: float) -> str:
     if place > 4 and half > 0.1 * largest:  # two digits say as much, without zeros
         return f"{low:.2g} … {high:.2g}"
     return f"{low:.{place}f} … {high:.{place}f}"
+
+
+def in_words(count: int) -> str:
+    """A count in words up to twelve."""
+    return _WORDS[count] if 0 <= count < len(_WORDS) else str(count)

@@ -1,15 +1,17 @@
 """The page of `deltaid online`: what a recording showed, cycle by cycle; and its tables."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.online.events import Touch, WeighedLoad
+from deltaid.online.events import WeighedLoad
 from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
 from deltaid.view.numbers import WIDTH, number
-from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 
 # Points that a line is drawn with, at most.
 _POINTS = 8000
@@ -25,42 +27,42 @@ def online_page(watched: Watched, title: str) -> Page:
     Of a long one lines have of each stretch the cycle in which the residual is largest.
     """
     watched = replace(watched, series=_thinned(watched.series))
-    loads = (loads_table(watched),) if watched.loads else (Text("No load was found."),)
-    touches = (touches_table(watched),) if watched.touches else (Text("No contact was found."),)
-    front: tuple[Block, ...] = (_mass(watched), _size(watched))
-    friction = (friction_table(watched),) if watched.friction else ()
+    loads = loads_table(watched) if watched.loads else Text("No load was found.")
+    touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
         title=watched.robot.title or watched.robot.name,
         subtitle=f"Run through cycle by cycle: {title}",
-        facts=_facts(watched),
-        front=front,
+        facts=(
+            Fact(
+                "loads", str(len(watched.loads)), "told by the gripper" if watched.told else "found"
+            ),
+            Fact("contacts", str(len(watched.touches))),
+            Fact(
+                "smallest force told",
+                f"{number(watched.worst, 2)} N",
+                "on the platform, worst direction",
+            ),
+            Fact(
+                "a cycle",
+                f"{1e6 * watched.seconds:.2g} µs",
+                f"of {1e6 / watched.rate:.0f} µs there are",
+            ),
+        ),
+        front=(_mass(watched), _size(watched)),
         sections=(
-            Section("Loads", loads, "mass, interval, centre of each", unfolded=True),
+            Section("Loads", (loads,), "mass, interval, centre of each", unfolded=True),
             Section(
-                "Contacts", (*touches, *_forces(watched)), "when, where, how hard", unfolded=True
+                "Contacts", (touches, *_forces(watched)), "when, where, how hard", unfolded=True
             ),
             Section("What can be told", (_least(watched), *map(Text, told_lines(watched)))),
-            *([Section("Friction", friction, "what was followed of it")] if friction else []),
+            *(
+                [Section("Friction", (friction_table(watched),), "what was followed of it")]
+                if watched.friction
+                else []
+            ),
         ),
         warnings=watched.doubts,
         verdict=_verdict(watched),
-    )
-
-
-def _facts(watched: Watched) -> tuple[Fact, ...]:
-    return (
-        Fact("loads", str(len(watched.loads)), "told by the gripper" if watched.told else "found"),
-        Fact("contacts", str(len(watched.touches))),
-        Fact(
-            "smallest force told",
-            f"{number(watched.worst, 2)} N",
-            "on the platform, worst direction",
-        ),
-        Fact(
-            "a cycle",
-            f"{1e6 * watched.seconds:.2g} µs",
-            f"of {1e6 / watched.rate:.0f} µs there are",
-        ),
     )
 
 
@@ -72,56 +74,54 @@ def _verdict(watched: Watched) -> Summary:
     )
     if watched.doubts:
         count = len(watched.doubts)
-        told = "a warning" if count == 1 else f"{count} warnings"
-        said = f"Doubtful: read {told} below before any of it is believed."
+        which = "a warning" if count == 1 else f"{count} warnings"
+        said = f"Doubtful: read {which} below before any of it is believed."
         return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
     return Summary(Trust.GOOD, text, told_lines(watched))
 
 
 def _mass(watched: Watched) -> Figure:
     """What is held over time, with its interval."""
-    s, figure = watched.series, go.Figure()
+    s = watched.series
     top = max((1.4 * load.mass.value for load in watched.loads), default=1.0)
     high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
     line = {"width": 0, "shape": "hv"}
-    figure.add_scatter(x=_few(s.time), y=_few(high), line=line, showlegend=False, hoverinfo="skip")
-    figure.add_scatter(
-        x=_few(s.time),
-        y=_few(low),
-        line=line,
-        fill="tonexty",
-        fillcolor="rgba(43,131,198,0.3)",
-        name="95 %",
-        hoverinfo="skip",
+    lines = [
+        go.Scatter(y=_few(high), line=line, showlegend=False, hoverinfo="skip"),
+        go.Scatter(
+            y=_few(low),
+            line=line,
+            fill="tonexty",
+            fillcolor="rgba(43,131,198,0.3)",
+            name="95 %",
+            hoverinfo="skip",
+        ),
+        go.Scatter(
+            y=_few(s.mass),
+            name="held",
+            line={"color": style.MEASURED, "width": 1.5, "shape": "hv"},
+            hovertemplate="%{y:.3g} kg at %{x:.4g} s<extra></extra>",
+        ),
+    ]
+    axis = {"title": "mass held [kg]", "range": [-0.05 * top, top]}
+    return Figure(
+        _over_time(s, lines, axis, 340),
+        "Mass that is held, as known at each instant, with its 95 % interval.",
     )
-    figure.add_scatter(
-        x=_few(s.time),
-        y=_few(s.mass),
-        name="held",
-        line={"color": style.MEASURED, "width": 1.5, "shape": "hv"},
-        hovertemplate="%{y:.3g} kg at %{x:.4g} s<extra></extra>",
-    )
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text="mass held [kg]", range=[-0.05 * top, top])
-    figure.update_layout(height=340)
-    return Figure(figure, "Mass that is held, as known at each instant, with its 95 % interval.")
 
 
 def _size(watched: Watched) -> Figure:
     """Size of what nothing explains, over time."""
-    s, figure = watched.series, go.Figure()
-    figure.add_scatter(
-        x=_few(s.time),
-        y=_few(s.size),
+    line = go.Scatter(
+        y=_few(watched.series.size),
         name="residual",
         line={"color": style.RESIDUAL, "width": 1.2},
         hovertemplate="%{y:.3g} of the threshold at %{x:.4g} s<extra></extra>",
         showlegend=False,
     )
+    axis = {"title": "residual [thresholds]", "rangemode": "tozero"}
+    figure = _over_time(watched.series, [line], axis)
     figure.add_hline(y=1.0, line={"color": style.LIMIT, "dash": "dot", "width": 1})
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text="residual [thresholds]", rangemode="tozero")
-    figure.update_layout(height=300)
     return Figure(
         figure,
         "What neither model nor load explains of the torques, as a share of the threshold (dotted) "
@@ -134,18 +134,16 @@ def _forces(watched: Watched) -> tuple[Figure, ...]:
     s, axes = watched.series, watched.robot.task.names
     if not s.force.any():
         return ()
-    figure = go.Figure()
-    for k, axis in enumerate(axes[: s.force.shape[1]]):
-        figure.add_scatter(
-            x=_few(s.time),
+    lines = [
+        go.Scatter(
             y=_few(s.force[:, k]),
             name=f"along {axis}",
             line={"color": style.SERIES[k], "width": 1.2},
             hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
         )
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text="force on the platform [N]")
-    figure.update_layout(height=300)
+        for k, axis in enumerate(axes[: s.force.shape[1]])
+    ]
+    figure = _over_time(s, lines, {"title": "force on the platform [N]"})
     return (
         Figure(figure, "Force on the platform point, in the world's axes, while it is touched."),
     )
@@ -153,26 +151,32 @@ def _forces(watched: Watched) -> tuple[Figure, ...]:
 
 def _least(watched: Watched) -> Figure:
     """Smallest force that is told, over time."""
-    s, figure = watched.series, go.Figure()
-    for name, values, color in (
-        ("best direction", s.best, style.SERIES[0]),
-        ("worst direction", s.worst, style.SERIES[1]),
-    ):
-        figure.add_scatter(
-            x=_few(s.time),
+    s = watched.series
+    lines = [
+        go.Scatter(
             y=_few(np.where(np.isfinite(values), values, np.nan)),
             name=name,
             line={"color": color, "width": 1.2},
             hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
         )
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text="smallest force told [N]", rangemode="tozero")
-    figure.update_layout(height=300)
+        for name, values, color in (
+            ("best direction", s.best, style.SERIES[0]),
+            ("worst direction", s.worst, style.SERIES[1]),
+        )
+    ]
     return Figure(
-        figure,
+        _over_time(s, lines, {"title": "smallest force told [N]", "rangemode": "tozero"}),
         "Smallest force on the platform that is found in 95 % of cases: it grows with what is not "
         "known yet of a load that was just taken.",
     )
+
+
+def _over_time(
+    series: WatchSeries, lines: Sequence[go.Scatter], axis: Mapping[str, Any], height: int = 300
+) -> go.Figure:
+    """Lines with one value for each instant of a series."""
+    layout = {"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": height}
+    return go.Figure(lines, layout).update_traces(x=_few(series.time))
 
 
 def _thinned(series: WatchSeries) -> WatchSeries:
@@ -181,8 +185,7 @@ def _thinned(series: WatchSeries) -> WatchSeries:
         return series
     whole = len(series.time) // step
     at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
-    names = [field.name for field in fields(series)]
-    return WatchSeries(**{name: getattr(series, name)[at] for name in names})
+    return WatchSeries(**{field.name: getattr(series, field.name)[at] for field in fields(series)})
 
 
 def _few(values: np.ndarray) -> np.ndarray:
@@ -221,40 +224,42 @@ def between(low: float, high: float) -> str:
 def touches_table(watched: Watched) -> Table:
     """Each contact: when, how long, where, how hard."""
     head = ("at [s]", "for [ms]", "place", "size", "of threshold")
-    rows = tuple(_touch(touch, watched) for touch in watched.touches)
-    return Table(head, rows, title="Contacts")
-
-
-def _touch(touch: Touch, watched: Watched) -> tuple[str, ...]:
-    unit = "N" if touch.force else watched.robot.units(touch.place).force
-    return (
-        f"{touch.start:.3f}",
-        f"{1e3 * (touch.end - touch.start):.0f}",
-        touch.place if touch.place == "platform" else f"limb of {touch.place}",
-        f"{number(touch.strength, 3)} {unit}",
-        number(touch.size, 3),
+    rows = tuple(
+        (
+            f"{touch.start:.3f}",
+            f"{1e3 * (touch.end - touch.start):.0f}",
+            touch.place if touch.place == "platform" else f"limb of {touch.place}",
+            f"{number(touch.strength, 3)} "
+            f"{'N' if touch.force else watched.robot.units(touch.place).force}",
+            number(touch.size, 3),
+        )
+        for touch in watched.touches
     )
+    return Table(head, rows, title="Contacts")
 
 
 def friction_table(watched: Watched) -> Table:
     """Friction in the model and at the end."""
-    rows = tuple(
-        (
-            term.name,
-            number(term.before, 3),
-            number(term.value, 3),
-            f"± {number(WIDTH * term.std, 2)}",
-            term.unit,
-        )
-        for term in watched.friction
+    return Table(
+        ("friction", "model", "now", "95 %", "unit"),
+        tuple(
+            (
+                term.name,
+                number(term.before, 3),
+                number(term.value, 3),
+                f"± {number(WIDTH * term.std, 2)}",
+                term.unit,
+            )
+            for term in watched.friction
+        ),
+        title="Friction, followed",
     )
-    return Table(("friction", "model", "now", "95 %", "unit"), rows, title="Friction, followed")
 
 
 def at_most(watched: Watched) -> str:
     """The rate of false alarms that was asked for."""
-    ending = "s" * (watched.false_alarms != 1)
-    return f"at most {watched.false_alarms:g} false alarm{ending} an hour"
+    several = "s" * (watched.false_alarms != 1)
+    return f"at most {watched.false_alarms:g} false alarm{several} an hour"
 
 
 def told_lines(watched: Watched) -> tuple[str, ...]:

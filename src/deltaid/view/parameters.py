@@ -52,20 +52,24 @@ def parameter_section(model: IdentifiedModel) -> Section:
     )
 
 
-def _interval(parameter: Parameter) -> tuple[float, float]:
-    """The 95 % interval; models of earlier versions have only a standard deviation."""
-    if parameter.low is not None and parameter.high is not None:
-        return parameter.low, parameter.high
-    half = WIDTH * parameter.std
-    return parameter.value - half, parameter.value + half
-
-
 def parameter_chart(model: IdentifiedModel) -> Figure:
     """Parameters as their difference from the prior, with intervals."""
     parameters = [p for p in model.parameters if p.determined_by != "structure"]
     shown = [p for p in parameters if p.prior != 0]
     far = [p for p in shown if abs(_change(p)) > _FAR]
-    figure = go.Figure()
+    names = [style.label(p.name) for p in shown]
+    near = [abs(_change(p)) + max(_reach(p)) for p in shown if p not in far]
+    edge = 1.1 * min(max([*near, 20.0]), _FAR)
+    figure = go.Figure(
+        layout={
+            "yaxis": style.DOWNWARDS | {"categoryorder": "array", "categoryarray": names},
+            "xaxis": {
+                "title": "difference from the prior [% of the prior]",
+                "range": [-edge, edge] if far else None,
+            },
+            "height": 19 * len(names) + 130,
+        }
+    )
     for kind, name, color, symbol in (
         ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
         ("measured", "by measured values", style.IDENTIFIED, "square"),
@@ -89,17 +93,6 @@ def parameter_chart(model: IdentifiedModel) -> Figure:
             marker={"color": color, "symbol": symbol, "size": 8},
             hovertemplate="%{y}: %{x:+.3g} % of the prior<extra></extra>",
         )
-    names = [style.label(p.name) for p in shown]
-    figure.update_yaxes(
-        categoryorder="array", categoryarray=names, autorange="reversed", tickmode="linear", dtick=1
-    )
-    near = [abs(_change(p)) + max(_reach(p)) for p in shown if p not in far]
-    edge = 1.1 * min(max([*near, 20.0]), _FAR)
-    figure.update_xaxes(
-        title_text="difference from the prior [% of the prior]",
-        range=[-edge, edge] if far else None,
-    )
-    figure.update_layout(height=19 * len(names) + 130)
     return Figure(figure, " ".join(_caption(len(parameters) - len(shown), far)))
 
 
@@ -125,9 +118,11 @@ def _reach(parameter: Parameter) -> tuple[float, float]:
     did not decide."""
     if parameter.determined_by not in MEASURED:
         return 0.0, 0.0
-    low, high = _interval(parameter)
-    share = 100 / abs(parameter.prior)
-    return share * (parameter.value - low), share * (high - parameter.value)
+    half, share = WIDTH * parameter.std, 100 / abs(parameter.prior)
+    # Models of earlier versions have only a standard deviation.
+    if parameter.low is None or parameter.high is None:
+        return share * half, share * half
+    return share * (parameter.value - parameter.low), share * (parameter.high - parameter.value)
 
 
 def share_table(model: IdentifiedModel) -> Table | None:
@@ -145,7 +140,7 @@ def share_table(model: IdentifiedModel) -> Table | None:
     more = f", of {' and of '.join(beside)}" if beside else ""
     return Table(
         ("what decided", *(_SOURCES[key] for key in keys)),
-        tuple((name, *_percents(share, keys)) for name, share in known),
+        tuple((name, *(_percent(getattr(share, key)) for key in keys)) for name, share in known),
         f"How much of each interval, by its squared width, comes from the noise of torques{more}, "
         "from how far the prior may be off, from lengths, zeros of drives, mounting and torque "
         "constants within their tolerances and effects that rows do not decide, and from what "
@@ -162,18 +157,17 @@ def shares_sentence(model: IdentifiedModel) -> str:
     if not parts:
         return ""
     keys = _keys([share for _, share in parts])
-    middle = np.mean([_numbers(share, keys) for _, share in parts], axis=0)
-    told = ", ".join(
+    middle = np.mean([[getattr(share, key) for key in keys] for _, share in parts], axis=0)
+    means = ", ".join(
         f"{100 * x:.0f} % {_SOURCES[key]}" for x, key in zip(middle, keys, strict=True)
     )
     most = [name for name, share in parts if share.geometry > _DECIDES]
     rest = f"; mostly geometry and effects: {', '.join(most)}" if most else ""
-    return f"intervals come in the mean from: {told}{rest}"
+    return f"intervals come in the mean from: {means}{rest}"
 
 
 def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
-    known = ("data", "measured")
-    return [p for p in parameters if p.determined_by in known and p.share is not None]
+    return [p for p in parameters if p.determined_by in ("data", "measured") and p.share]
 
 
 def _keys(shares: Sequence[Share]) -> list[str]:
@@ -185,10 +179,6 @@ def _keys(shares: Sequence[Share]) -> list[str]:
     ]
 
 
-def _numbers(share: Share, keys: Sequence[str]) -> list[float]:
-    return [getattr(share, key) for key in keys]
-
-
-def _percents(share: Share, keys: Sequence[str]) -> list[str]:
+def _percent(share: float) -> str:
     """In whole per cent; what is less is said to be."""
-    return [f"{100 * x:.0f} %" if x >= 0.005 or x == 0 else "< 1 %" for x in _numbers(share, keys)]
+    return f"{100 * share:.0f} %" if share >= 0.005 or share == 0 else "< 1 %"

@@ -2,7 +2,6 @@
 
 from deltaid.model.model import Model
 from deltaid.model.record import Fit, IdentifiedModel
-from deltaid.robot.description import RobotDescription
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Section, Table, Text
 
@@ -12,14 +11,12 @@ _ROUNDING = 1e-4
 
 def provenance_section(model: Model, title: str) -> Section:
     """Sources, fit and settings of a model; of a robot at its prior, where its numbers are from."""
-    known = model.identified
+    known, sources = model.identified, tuple(model.robot.sources.items())
+    columns = ("number of the description", "source")
+    own = (Table(columns, sources, "Sources of the description."),) if sources else ()
     if known is None:
-        return Section(
-            title,
-            (Text(f"Parameters: {model.origin}."), *_origins(model.robot)),
-            "where it is from",
-        )
-    tables = (_sources(known), _fit(known), _settings(known), *_origins(model.robot))
+        return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
+    tables = (_sources(known), _fit(known), _settings(known), *own)
     return Section(title, tables, "recordings, what the fit reached, settings")
 
 
@@ -37,24 +34,26 @@ def certificate(fit: Fit) -> tuple[str, str]:
 
 
 def _sources(model: IdentifiedModel) -> Table:
-    rows = tuple(
-        (
-            source.log,
-            str(source.samples),
-            f"{source.rate_hz:.6g}",
-            f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
-            str(source.used_samples),
-            source.sha256,
-        )
-        for source in model.sources
+    return Table(
+        ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
+        tuple(
+            (
+                source.log,
+                str(source.samples),
+                f"{source.rate_hz:.6g}",
+                f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+                str(source.used_samples),
+                source.sha256,
+            )
+            for source in model.sources
+        ),
+        "Recordings that the model was identified from.",
     )
-    columns = ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256")
-    return Table(columns, rows, "Recordings that the model was identified from.")
 
 
 def _fit(model: IdentifiedModel) -> Table:
     fit = model.fit
-    rows = [
+    rows = (
         ("objective J", number(fit.objective)),
         ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
         ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
@@ -65,8 +64,8 @@ def _fit(model: IdentifiedModel) -> Table:
         ("base parameters", str(fit.base_parameters)),
         ("condition of the base regressor", number(fit.base_condition)),
         ("torque noise, share of the largest torque", percent(fit.noise_level)),
-    ]
-    return Table(("fit", "result"), tuple(rows))
+    )
+    return Table(("fit", "result"), rows)
 
 
 def _settings(model: IdentifiedModel) -> Table:
@@ -83,11 +82,3 @@ def _shown(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return number(value) if isinstance(value, float) else str(value)
-
-
-def _origins(robot: RobotDescription) -> tuple[Text | Table, ...]:
-    """Where the description's numbers come from, as far as it says so."""
-    rows = tuple(robot.sources.items())
-    if not rows:
-        return ()
-    return (Table(("number of the description", "source"), rows, "Sources of the description."),)

@@ -10,6 +10,7 @@ from scipy.stats import qmc
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import KinematicsError
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.drive_limits import DriveLimits
 from deltaid.view.robot_shape import outline_points
 
 # Directions of the rays: one every so many degrees.
@@ -117,9 +118,9 @@ def survey(robot: AtRest) -> WorkspaceSurvey:
         box = np.column_stack([box, [turn.low, turn.high]])
     inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(_POINTS), *box)
     inside = inside[robot.robot.workspace.contains(inside[:, :3])]
-    poses = robot(inside)
+    poses, extremes = robot(inside), robot(_corners(robot, edges))
     return WorkspaceSurvey(
-        poses=_together(_standing(robot, _corners(robot, edges)), poses.only(poses.stands)),
+        poses=_together(extremes.only(extremes.stands), poses.only(poses.stands)),
         standing=float(np.mean(poses.stands)),
         within=float(np.mean(good(robot, poses))),
     )
@@ -132,8 +133,7 @@ def kind(limit: str) -> str:
 
 def good(robot: AtRest, poses: Poses) -> Bool[np.ndarray, " samples"]:
     """Which poses exist and keep the machine's own limits."""
-    own = poses.shares[:, robot.of_workspace :]
-    return poses.stands & np.all(own <= 1, axis=1)
+    return poses.stands & np.all(poses.shares[:, robot.of_workspace :] <= 1, axis=1)
 
 
 def _ends(
@@ -165,9 +165,9 @@ def _longest(robot: AtRest) -> float:
     """No way within reach is longer [m]."""
     spans = []
     for i, limb in enumerate(robot.robot.limb_geometry):
-        limits = robot.robot.drive_limits.get(f"drive{i + 1}")
-        rail = np.abs(limits.range).max() if limits and limits.range else 1.0
-        drive = limb.upper_arm if limb.drive == "rotary" else float(rail)
+        ends = robot.robot.drive_limits.get(f"drive{i + 1}", DriveLimits()).range
+        rail = float(np.abs(ends).max()) if ends else 1.0
+        drive = limb.upper_arm if limb.drive == "rotary" else rail
         spans.append(np.linalg.norm(limb.base) + drive + limb.strut)
     own = 3.0 * np.linalg.norm(robot.home[:3])  # of a mechanism without limbs nothing is known
     return float(min(spans, default=own) + np.linalg.norm(robot.home[:3]))
@@ -188,12 +188,7 @@ def _corners(robot: AtRest, edges: Float[np.ndarray, "points 3"]) -> Float[np.nd
     if robot.dynamics.dof < 4:
         return edges
     angles = (robot.home[3], robot.robot.turn.low, robot.robot.turn.high)
-    return np.concatenate([np.column_stack([edges, np.full(len(edges), a)]) for a in angles])
-
-
-def _standing(robot: AtRest, z: Float[np.ndarray, "samples dof"]) -> Poses:
-    poses = robot(z)
-    return poses.only(poses.stands)
+    return np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
 
 
 def _together(a: Poses, b: Poses) -> Poses:

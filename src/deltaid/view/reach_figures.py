@@ -1,5 +1,7 @@
 """The robot in its reachable region, and sections through that region, as figures."""
 
+import itertools
+
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float
@@ -21,9 +23,8 @@ NOTHING = "nothing"
 def limit_kinds(robot: AtRest) -> dict[str, str]:
     """A colour for each kind of the machine's own limits, the same in all views."""
     kinds = dict.fromkeys(kind(name) for name in robot.limits[robot.of_workspace :])
-    colors = (style.SERIES[3], style.SERIES[4], style.SERIES[2], style.SERIES[1], style.SERIES[0])
-    chosen = {name: colors[i % len(colors)] for i, name in enumerate(kinds)}
-    return {**chosen, NOTHING: style.PRIOR}
+    colors = itertools.cycle([style.SERIES[k] for k in (3, 4, 2, 1, 0)])
+    return dict(zip(kinds, colors, strict=False)) | {NOTHING: style.PRIOR}
 
 
 def patches(
@@ -37,8 +38,9 @@ def patches(
     faces = faces.transpose(0, 2, 1).reshape(-1, 3)
     names = np.array([*(kind(name) for name in robot.limits), NOTHING])  # −1 is the last
     ended_by = names[found.ended_by.ravel()[faces[:, 0]]]
-    points = found.points.reshape(-1, 3)
-    return {name: (points, faces[ended_by == name]) for name in np.unique(ended_by)}
+    return {
+        name: (found.points.reshape(-1, 3), faces[ended_by == name]) for name in np.unique(ended_by)
+    }
 
 
 def picture(robot: AtRest, found: Reach) -> Figure:
@@ -60,8 +62,8 @@ def picture(robot: AtRest, found: Reach) -> Figure:
             showlegend=True,
             hovertemplate=f"ends at: {name}<br>%{{x:.3f}}, %{{y:.3f}}, %{{z:.3f}} m<extra></extra>",
         )
-    drawn = (shape.reshape(-1, 3), found.points.reshape(-1, 3), outline_points(space))
-    fix_scene(figure, np.concatenate(drawn), height=680, below=0)
+    drawn = shape.reshape(-1, 3), found.points.reshape(-1, 3), outline_points(space)
+    fix_scene(figure, *drawn, height=680, below=0)
     figure.update_layout(margin={"t": 90})
     return Figure(
         figure,
@@ -78,11 +80,10 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
     figure = make_subplots(
         rows=1,
         cols=3,
-        subplot_titles=tuple(_title(robot, normal) for normal in (1, 0, 2)),
+        subplot_titles=[f"{'xyz'[k]} = {robot.home[k]:.3g} m" for k in (1, 0, 2)],
         horizontal_spacing=0.09,
     )
     largest = robot.robot.largest_condition
-    seen = min(largest, 1.5 * float(surveyed.poses.condition.max()))
     for column, normal in enumerate((1, 0, 2), 1):
         i, j = (k for k in range(3) if k != normal)
         x, y = (np.linspace(low[k], high[k], _GRID) for k in (i, j))
@@ -140,7 +141,7 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
         coloraxis={
             "colorscale": "Viridis",
             "cmin": 1.0,
-            "cmax": seen,
+            "cmax": min(largest, 1.5 * float(surveyed.poses.condition.max())),
             "colorbar": {
                 "orientation": "h",
                 "y": -0.22,
@@ -158,14 +159,9 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
     )
 
 
-def _title(robot: AtRest, normal: int) -> str:
-    return f"{'xyz'[normal]} = {robot.home[normal]:.3g} m"
-
-
 def _bounds(robot: AtRest, found: Reach) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Box around region and workspace, with a margin."""
-    edges = outline_points(robot.robot.workspace)
-    points = np.concatenate([found.points.reshape(-1, 3), edges])
+    points = np.concatenate([found.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
     low, high = points.min(axis=0), points.max(axis=0)
     return low - 0.06 * (high - low), high + 0.06 * (high - low)
 
@@ -182,5 +178,4 @@ def _section(robot: AtRest, normal: int) -> Float[np.ndarray, "points 2"]:
         middle = 0.5 * (low + high)
         inside = robot.robot.workspace.contains(robot.home[:3] + middle[:, None] * unit)
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    points = robot.home[:3] + low[:, None] * unit
-    return points[:, [i, j]].astype(np.float32)
+    return (robot.home[:3] + low[:, None] * unit)[:, [i, j]].astype(np.float32)

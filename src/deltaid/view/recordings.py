@@ -34,14 +34,10 @@ def recording_card(value: Recording) -> Card:
         facts.append(("seconds", number(float(clock[-1] - clock[0]))))
         facts += [("rate", f"{number(1 / step)} Hz")] if step > 0 else []
     names = ", ".join(table.columns[:12]) + (", …" if table.width > 12 else "")
-    said = [names]
-    if value.mapping is not None:
-        said.append("with units of its own")
     return Card(
         f"Recording “{value}”",
-        tuple(said),
-        "",
-        tuple(facts),
+        (names,) if value.mapping is None else (names, "with units of its own"),
+        facts=tuple(facts),
         more=(("columns", _ranges(table)),),
         methods=(".plot()", ".to_frame()", "deltaid.check(robot, recording)"),
     )
@@ -64,7 +60,8 @@ def recording_figure(value: Recording) -> "go.Figure":
 
     from deltaid.view import style
 
-    table, clock = recording_frame(value), _clock(recording_frame(value))
+    table = recording_frame(value)
+    clock = _clock(table)
     groups = dict[str, list[str]]()
     for name in table.columns:
         if table[name].dtype.is_numeric() and name not in TIMES:
@@ -77,24 +74,25 @@ def recording_figure(value: Recording) -> "go.Figure":
     time = clock if clock is not None else np.arange(len(table), dtype=float)
     for row, (title, names) in enumerate(shown, 1):
         for k, name in enumerate(names):
-            values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-            x, y = _condensed(time, values)
+            x, y = _condensed(time, _numbers(table[name]))
             line = {"color": style.SERIES[k % len(style.SERIES)], "width": 1.2}
             figure.add_scatter(
                 x=x, y=y, name=style.label(name), mode="lines", line=line, row=row, col=1
             )
         figure.update_yaxes(title_text=style.label(title), row=row, col=1)
     figure.update_xaxes(title_text="time [s]" if clock is not None else "row", row=len(shown))
-    figure.update_layout(height=150 * len(shown) + 110)
-    return figure
+    return figure.update_layout(height=150 * len(shown) + 110)
 
 
 def _clock(table: pl.DataFrame) -> np.ndarray | None:
     """Time by its default names."""
-    for name in TIMES:
-        if name in table.columns and table[name].dtype.is_numeric():
-            return table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-    return None
+    clocks = (name for name in TIMES if name in table.columns and table[name].dtype.is_numeric())
+    name = next(clocks, None)
+    return None if name is None else _numbers(table[name])
+
+
+def _numbers(column: pl.Series) -> np.ndarray:
+    return column.cast(pl.Float64).fill_null(np.nan).to_numpy()
 
 
 def _condensed(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,35 +109,31 @@ def _condensed(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 def _ranges(table: pl.DataFrame) -> Table:
     """Least and largest of every column."""
     rows = list[tuple[str, str, str]]()
-    for name in table.columns:
-        column = table[name]
+    for column in table:
         if column.dtype.is_numeric() and len(column.drop_nulls()):
-            low, high = column.cast(pl.Float64).min(), column.cast(pl.Float64).max()
-            rows.append((name, f"{low:.4g}", f"{high:.4g}"))
+            numbers = column.cast(pl.Float64)
+            rows.append((column.name, f"{numbers.min():.4g}", f"{numbers.max():.4g}"))
         else:
-            rows.append((name, str(column.dtype), ""))
+            rows.append((column.name, str(column.dtype), ""))
     return Table(("column", "least", "largest"), tuple(rows))
 
 
 def log_card(value: Log | recording.Recording) -> Card:
     """Size, rate, filter, and what is left out of it."""
-    log = value.log if isinstance(value, recording.Recording) else value
+    log, cutoff = (value, None) if isinstance(value, Log) else (value.log, value.cutoff)
     facts = [
         ("samples", str(log.samples)),
         ("rate", f"{number(log.rate)} Hz"),
         ("seconds", number(log.samples / log.rate)),
     ]
-    if isinstance(value, recording.Recording) and value.cutoff:
-        facts.append(("low-pass", f"{number(value.cutoff, 3)} Hz"))
-    if log.masks:
-        facts.append(("stretches left out", str(len(log.masks))))
-    first = next(iter(log.warnings), "nothing about it is doubtful")
+    facts += [("low-pass", f"{number(cutoff, 3)} Hz")] if cutoff else []
+    facts += [("stretches left out", str(len(log.masks)))] if log.masks else []
+    warnings = tuple(str(text) for text in log.warnings)
     return Card(
         f"Recording {log.path.name}, surveyed",
-        (str(first),),
-        "",
-        tuple(facts),
-        more=warned(tuple(str(text) for text in log.warnings)),
+        (*warnings, "nothing about it is doubtful")[:1],
+        facts=tuple(facts),
+        more=warned(warnings),
     )
 
 
@@ -152,7 +146,7 @@ def mapping_card(value: ColumnMapping) -> Card:
         facts += [(quantity, ", ".join(_described_column(column) for column in each))] * bool(each)
     facts += [("sensors", ", ".join(value.sensors))] * bool(value.sensors)
     facts += [("loads", ", ".join(load.name for load in value.loads))] * bool(value.loads)
-    return Card("Mapping of columns", (), "", tuple(facts), apart=True)
+    return Card("Mapping of columns", facts=tuple(facts), apart=True)
 
 
 def _time(time: TimeColumn) -> str:

@@ -3,8 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import Doubt
+from deltaid.robot.drive_limits import DriveLimits
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 from deltaid.view.reach import Reach, WorkspaceSurvey
@@ -71,21 +72,17 @@ def warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
     """What of the described workspace the machine's limits forbid."""
     if surveyed.within == 1.0:
         return ()
-    broken = [
-        name
-        for name, use in zip(robot.limits, _largest(surveyed.poses), strict=True)
-        if use > 1 and not name.startswith("workspace")
-    ]
-    text = f"{percent_of(1 - surveyed.within)} of the described workspace cannot be used"
+    uses = zip(robot.limits, surveyed.poses.shares.max(axis=0, initial=0.0), strict=True)
+    broken = [name for name, use in uses if use > 1 and not name.startswith("workspace")]
     because = [f"beyond {', '.join(broken)}"] if broken else []
     if surveyed.standing < 1:
         because.append("out of reach")
-    said = Doubt(
-        text,
+    doubt = Doubt(
+        f"{percent_of(1 - surveyed.within)} of the described workspace cannot be used",
         cause=f"poses lie {' or '.join(because)}" if because else "limits differ from pose to pose",
         cure="make 'workspace' smaller, or correct the limits; `deltaid check` says by how much",
     )
-    return (said,)
+    return (doubt,)
 
 
 def drive_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
@@ -94,20 +91,18 @@ def drive_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     torques = _without_rounding(np.concatenate([home.torque, poses.torque]))
     rows = []
     for i, drive in enumerate(described.drives):
-        units, limits = described.units(drive), described.drive_limits.get(drive)
-        scale = units.per_shown
-        span = limits.range if limits else None
-        effort = limits.effort if limits else None
+        units = described.units(drive)
+        limits, scale = described.drive_limits.get(drive, DriveLimits()), units.per_shown
         rows.append(
             (
                 drive,
                 units.shown,
                 number(scale * home.q[0, i]),
                 _span(scale * poses.q[:, i]),
-                _span(scale * np.array(span)) if span else "—",
+                _span(scale * np.array(limits.range)) if limits.range else "—",
                 number(torques[0, i], 3),
                 _span(torques[1:, i]),
-                number(effort) if effort else "—",
+                number(limits.effort) if limits.effort else "—",
                 units.force,
             )
         )
@@ -127,8 +122,8 @@ def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
         worst = int(np.argmax(poses.shares[:, k]))
         z = poses.z[worst]
         place = ", ".join(f"{value:.3f}" for value in z[:3])
-        turned = (f"{np.rad2deg(z[3]):.0f}",) if len(z) > 3 else ()
-        rows.append((robot.limits[k], f"{100 * poses.shares[worst, k]:.1f}", place, *turned))
+        angles = (f"{np.rad2deg(psi):.0f}" for psi in z[3:])
+        rows.append((robot.limits[k], f"{100 * poses.shares[worst, k]:.1f}", place, *angles))
     rows.sort(key=lambda row: -float(row[1]))
     turned = ("tool [deg]",) if robot.dynamics.dof > 3 else ()
     return Table(
@@ -143,10 +138,8 @@ def end_table(robot: AtRest, found: Reach) -> Table:
     rows = []
     for k, share in sorted(found.shares.items(), key=lambda item: -item[1]):
         distances = found.distance[found.ended_by == k]
-        name = robot.limits[k] if k >= 0 else NOTHING
-        rows.append(
-            (name, percent_of(share), number(distances.min(), 3), number(distances.max(), 3))
-        )
+        ends = number(distances.min(), 3), number(distances.max(), 3)
+        rows.append((robot.limits[k] if k >= 0 else NOTHING, percent_of(share), *ends))
     return Table(
         ("limit", "share of directions", "nearest [m]", "farthest [m]"),
         tuple(rows),
@@ -177,10 +170,6 @@ def _reach_text(robot: AtRest, found: Reach) -> tuple[Text, ...]:
         for angle, k in found.turn
     ]
     return (Text(f"{text}\n\nAt home the tool turns from {ends[0]} to {ends[1]}."),)
-
-
-def _largest(poses: Poses) -> np.ndarray:
-    return poses.shares.max(axis=0, initial=0.0)
 
 
 def _without_rounding(torques: Float[np.ndarray, "samples drives"]) -> np.ndarray:

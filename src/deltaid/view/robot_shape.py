@@ -13,6 +13,8 @@ _NUMBERED = re.compile(r"([USC])(\d+)")
 _ONE = {"U": "upper arm", "C": "carriage", "S": "strut"}
 _ANGLES = np.linspace(0.0, 2 * np.pi, 73)
 _LIFTED = np.full((1, 3), np.nan)
+# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
+_THICK = 0.0013
 Line = Float[np.ndarray, "_ 3"]
 
 
@@ -23,6 +25,10 @@ class DrawnBody:
     label: str
     color: str
     width: int
+
+    def radius(self, size: float) -> float:
+        """Radius of its parts for a robot of this size [m]."""
+        return _THICK * size * self.width
 
 
 _KNOWN = {
@@ -59,10 +65,17 @@ def _member(body: str, i: int) -> DrawnBody:
 def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
     """Circles and edges of a workspace in the world [m]."""
     if isinstance(workspace, Cylinder):
-        return _joined(_cylinder(workspace))
-    if isinstance(workspace, Hemisphere):
-        return _joined(_hemisphere(workspace))
-    return _joined(_box(workspace))
+        lines = _cylinder(workspace)
+    else:
+        lines = _hemisphere(workspace) if isinstance(workspace, Hemisphere) else _box(workspace)
+    return np.concatenate([part for line in lines for part in (line, _LIFTED)])
+
+
+def outline_segments(workspace: Cylinder | Hemisphere | Box) -> Float[np.ndarray, "segments 2 3"]:
+    """The same as pairs of ends."""
+    edges = outline(workspace)
+    pairs = np.stack([edges[:-1], edges[1:]], axis=1)
+    return pairs[~np.isnan(pairs).any(axis=(1, 2))]
 
 
 def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
@@ -71,19 +84,14 @@ def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
     return edges[~np.isnan(edges[:, 0])]
 
 
-def _joined(lines: list[Line]) -> Line:
-    return np.concatenate([part for line in lines for part in (line, _LIFTED)])
-
-
 def _circle(radius: float, height: float) -> Line:
-    flat = radius * np.cos(_ANGLES), radius * np.sin(_ANGLES), np.full_like(_ANGLES, height)
-    return np.column_stack(flat)
+    x, y = radius * np.cos(_ANGLES), radius * np.sin(_ANGLES)
+    return np.column_stack([x, y, np.full_like(x, height)])
 
 
 def _cylinder(workspace: Cylinder) -> list[Line]:
     low, high = (_circle(workspace.radius, height) for height in workspace.z)
-    sides = [np.stack([low[k], high[k]]) for k in range(0, 72, 18)]
-    return [low, high, *sides]
+    return [low, high, *(np.stack([low[k], high[k]]) for k in range(0, 72, 18))]
 
 
 def _hemisphere(workspace: Hemisphere) -> list[Line]:

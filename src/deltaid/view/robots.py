@@ -2,13 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.load import yaml_text
 from deltaid.view import style
 from deltaid.view.card import Card
@@ -43,14 +42,13 @@ def robot_card(value: _Robot) -> Card:
     """Kind, drives, bodies, workspace, and what it can do."""
     robot = value if isinstance(value, RobotDescription) else value.robot
     kind = next(kind for kind in _METHODS if isinstance(value, kind))
-    space, unit = robot.workspace, next(iter(robot.drive_units.values()))
-    z = robot.home
+    unit = next(iter(robot.drive_units.values()))
+    home = zip(robot.task.names, robot.home, strict=True)
     facts = [
         ("drives", f"{len(robot.drives)} ({unit.force})"),
         ("bodies", ", ".join(robot.body_names)),
-        ("home", ", ".join(f"{name} {number(float(x), 3)}" for name, x in
-                           zip(robot.task.names, z, strict=True))),
-    ]  # fmt: skip
+        ("home", ", ".join(f"{name} {number(float(x), 3)}" for name, x in home)),
+    ]
     if isinstance(value, Dynamics):
         facts.append(("parameters", str(len(value.layout.names))))
     if isinstance(value, ConstraintForces):
@@ -58,12 +56,10 @@ def robot_card(value: _Robot) -> Card:
     return Card(
         f"{_TITLES[kind]}{robot.title or robot.name}"
         + (f" ({robot.name})" if robot.title and robot.name != robot.title else ""),
-        (),
-        "",
-        tuple(facts),
+        facts=tuple(facts),
         more=(
             ("drives and limits", _drives(robot)),
-            ("workspace", yaml_text(space.model_dump(mode="json")).rstrip()),
+            ("workspace", yaml_text(robot.workspace.model_dump(mode="json")).rstrip()),
         ),
         methods=_METHODS[kind],
     )
@@ -73,13 +69,11 @@ def _drives(robot: RobotDescription) -> Table:
     """Each drive with its limits."""
     rows = list[tuple[str, ...]]()
     for drive, unit in robot.drive_units.items():
-        limits = robot.drive_limits.get(drive)
-        span = limits.range if limits else None
-        ends = " … ".join(number(unit.per_shown * x, 3) for x in span) if span else "—"
-        effort = limits.effort if limits else None
-        speed = limits.top_speed if limits else None
+        limits = robot.drive_limits.get(drive, DriveLimits())
+        span, speed, effort = limits.range, limits.top_speed, limits.effort
+        ends = " … ".join(number(unit.per_shown * x, 3) for x in span or ())
         rows.append(
-            (drive, f"{ends} {unit.shown}" if span else ends,
+            (drive, f"{ends} {unit.shown}" if span else "—",
              f"{number(unit.per_shown * speed, 3)} {unit.shown}/s" if speed else "—",
              f"{number(effort, 3)} {unit.force}" if effort else "—")
         )  # fmt: skip
@@ -98,8 +92,7 @@ def robot_figure(value: _Robot) -> "go.Figure":
     shape = skeleton.evaluate(robot.home[None])[0]
     edges = workspace_line(robot.workspace, {"color": style.PRIOR, "width": 3, "dash": "dot"})
     figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
-    drawn = (shape.reshape(-1, 3), outline_points(robot.workspace))
-    fix_scene(figure, np.concatenate(drawn), height=460, below=0)
+    fix_scene(figure, shape.reshape(-1, 3), outline_points(robot.workspace), height=460, below=0)
     near = {axis: _NEARER * eye for axis, eye in CAMERA["eye"].items()}
     return figure.update_layout(scene_camera_eye=near, margin_t=30)
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
-from deltaid.sensors.planning.bench import Outlook
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
 from deltaid.sensors.planning.plan import SensorPlan
 from deltaid.view.card import Card
@@ -44,26 +43,24 @@ def untold(plan: SensorPlan) -> tuple[str, ...]:
 def entry_table(plan: SensorPlan) -> Table:
     """Every entry of every body that something tells of: before and after."""
     hidden, u = untold(plan), plan.unknowns
-    stages = [plan.torques, *([plan.described] if plan.has_described else [])]
-    columns = ["entry", "prior", "unit", "prior ±", "torques"]
-    columns += ["described"] * plan.has_described
+    stages = {"torques": plan.torques}
+    if plan.has_described:
+        stages["described"] = plan.described
     if plan.steps:
-        stages.append(plan.last)
-        columns.append("with all bought")
-    rows = [
-        (
-            name,
-            number(u.prior[k]),
-            u.units[k] or "1",
-            percent(u.spread[k]),
-            *(percent(outlook.shares[k]) for outlook in stages),
-        )
-        for k, name in enumerate(u.names)
-        if (u.owners[k] or name.startswith("gain.")) and name not in hidden
-    ]
+        stages["with all bought"] = plan.last
     return Table(
-        tuple(columns),
-        tuple(rows),
+        ("entry", "prior", "unit", "prior ±", *stages),
+        tuple(
+            (
+                name,
+                number(u.prior[k]),
+                u.units[k] or "1",
+                percent(u.spread[k]),
+                *(percent(outlook.shares[k]) for outlook in stages.values()),
+            )
+            for k, name in enumerate(u.names)
+            if (u.owners[k] or name.startswith("gain.")) and name not in hidden
+        ),
         "Standard deviation of each entry, in per cent of its prior value; of an entry whose "
         "prior is zero, of what it is at most for a body with its other entries.",
         title="what is known of each entry, one standard deviation",
@@ -72,13 +69,19 @@ def entry_table(plan: SensorPlan) -> Table:
 
 def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
     """What each thing by itself would make of some entries, and combinations."""
-    at = [plan.entry(name) for name in entries]
+    shown = [plan.entry(name) for name in entries]
     start = [plan.torques, *([plan.described] if plan.has_described else [])]
-    rows = [_use_row(plan, outlook, at, start=True) for outlook in start]
-    rows += [_use_row(plan, use, at) for use in (*plan.uses, *plan.combinations)]
+    uses = [*plan.uses, *plan.combinations]
+    rows = [
+        *((outlook.title, "", "") for outlook in start),
+        *((use.name, f"{use.cost:.0f}", f"{use.gain:.2f}") for use in uses),
+    ]
     return Table(
         ("with", plan.offers.currency, "gain", *entries),
-        tuple(rows),
+        tuple(
+            (*row, *(percent(outlook.shares[k]) for k in shown))
+            for row, outlook in zip(rows, (*start, *uses), strict=True)
+        ),
         "Standard deviation of some entries, in per cent of their prior, with one thing of the "
         f"list at a time. The gain is for {plan.goal}: by how much ½ log det of their covariance "
         "falls, in nats; 0.7 halve one standard deviation.",
@@ -87,30 +90,21 @@ def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
     )
 
 
-def _use_row(
-    plan: SensorPlan, outlook: Outlook, at: Sequence[int], *, start: bool = False
-) -> tuple[str, ...]:
-    name = outlook.title if start else outlook.name
-    cost, gain = ("", "") if start else (f"{outlook.cost:.0f}", f"{outlook.gain:.2f}")
-    return (name, cost, gain, *(percent(outlook.shares[k]) for k in at))
-
-
 def step_table(plan: SensorPlan) -> Table:
     """What to buy, one after the other."""
-    rows = [
-        (
-            step.use.name,
-            f"{step.cost:.0f}",
-            f"{step.spent:.0f}",
-            f"{step.gain:.2f}",
-            percent(outlook.goal),
-        )
-        for step, outlook in plan.steps
-    ]
     money = plan.offers.currency
     return Table(
         ("next", money, f"{money} in all", "gain", "left"),
-        tuple(rows),
+        tuple(
+            (
+                step.use.name,
+                f"{step.cost:.0f}",
+                f"{step.spent:.0f}",
+                f"{step.gain:.2f}",
+                percent(outlook.goal),
+            )
+            for step, outlook in plan.steps
+        ),
         f"Greedy: always what gains most for {plan.goal} per {money}. What a tool costs is paid "
         "once. Left is the geometric mean of the standard deviations.",
         title=f"what to buy next for {plan.goal}",
@@ -126,34 +120,31 @@ def stopped(plan: SensorPlan) -> str:
 
 def count_table(plan: SensorPlan) -> Table:
     """How many combinations are told and how many are not, by sensors; scales have one row each."""
-    rows = [
-        (opening.title, *_counts(opening))
-        for opening in plan.openings
-        if ":" not in opening.name or opening.name in (TORQUES, DESCRIBED, PLAN)
-    ]
     return Table(
         ("with", "seen", "told", "open"),
-        tuple(rows),
+        tuple(
+            (
+                opening.title,
+                str(opening.null.visible),
+                str(opening.null.rank),
+                str(len(opening.null.directions)),
+            )
+            for opening in plan.openings
+            if ":" not in opening.name or opening.name in (TORQUES, DESCRIBED, PLAN)
+        ),
         "Parameters that are seen at all, combinations of them that are told, and directions in "
         "which they may change unseen.",
         title="what can be told at all",
     )
 
 
-def _counts(opening: Opening) -> tuple[str, str, str]:
-    null = opening.null
-    return str(null.visible), str(null.rank), str(len(null.directions))
-
-
 def open_table(opening: Opening) -> Table:
     """What stays open, in words, and what would part it."""
-    rows = [
+    rows = tuple(
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
         for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
-    ]
-    return Table(
-        ("may change unseen", "entries", "parted by any of"), tuple(rows), title=opening.title
     )
+    return Table(("may change unseen", "entries", "parted by any of"), rows, title=opening.title)
 
 
 def open_lines(opening: Opening) -> list[str]:

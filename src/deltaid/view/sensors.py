@@ -8,9 +8,8 @@ import plotly.graph_objects as go
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
 from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.view import style
-from deltaid.view.corrected import in_words
 from deltaid.view.drawing import drawing
-from deltaid.view.numbers import number, percent
+from deltaid.view.numbers import in_words, number, percent
 from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.sensor_plan import (
     chosen_entries,
@@ -40,9 +39,8 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
         Fact(plan.goal, percent(now.goal), "typical standard deviation now"),
     ]
     if plan.steps:
-        step, last = plan.steps[-1]
+        (first, _), (step, last) = plan.steps[0], plan.steps[-1]
         money = plan.offers.currency
-        first = plan.steps[0][0]
         facts += [
             Fact("with all bought", percent(last.goal), f"{step.spent:.0f} {money}"),
             Fact("buy first", first.use.name, f"{first.cost:.0f} {money}"),
@@ -75,7 +73,11 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
             Section("What stays open", _open(plan), "what nothing of it tells"),
             Section(
                 "Taken for granted",
-                (_notes(plan), _settings(plan), _offers(plan)),
+                (
+                    Text("\n\n".join(f"{note[0].upper()}{note[1:]}." for note in plan.notes)),
+                    _settings(plan),
+                    _offers(plan),
+                ),
                 "assumptions, settings, prices",
             ),
         ),
@@ -114,20 +116,19 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
 
 
 def _entries(plan: SensorPlan) -> tuple[Block, ...]:
-    hidden = untold(plan)
-    said = f"Nothing of the list tells much of {', '.join(hidden)}." if hidden else ""
-    return (entry_table(plan), *([Text(said)] if said else []))
+    if hidden := untold(plan):
+        return entry_table(plan), Text(f"Nothing of the list tells much of {', '.join(hidden)}.")
+    return (entry_table(plan),)
 
 
 def _bars(plan: SensorPlan) -> Figure:
     """Standard deviations before and after, a bar each; wide ones behind narrow ones."""
     hidden, u = untold(plan), plan.unknowns
-    at = [
+    shown = [
         k
         for k, name in enumerate(u.names)
         if (u.owners[k] or name.startswith("gain.")) and name not in hidden
     ]
-    names = [style.label(u.names[k]) for k in at]
     stages: list[tuple[str, Outlook, str, float]] = [
         ("torques alone", plan.torques, style.PRIOR, 0.8)
     ]
@@ -135,22 +136,22 @@ def _bars(plan: SensorPlan) -> Figure:
         stages.append(("as described", plan.described, style.MEASURED, 0.55))
     if plan.steps:
         stages.append(("with all bought", plan.last, style.IDENTIFIED, 0.3))
-    figure = go.Figure()
-    for title, outlook, colour, width in stages:
-        figure.add_bar(
-            x=100 * outlook.shares[at],
-            y=names,
+    bars = [
+        go.Bar(
+            x=100 * outlook.shares[shown],
+            y=[style.label(u.names[k]) for k in shown],
             width=width,
             orientation="h",
             name=title,
             marker={"color": colour},
             hovertemplate=f"%{{y}} {title}: %{{x:.2g}} %<extra></extra>",
         )
-    figure.update_layout(barmode="overlay", height=_BAR * len(at) + _AROUND)
-    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
-    figure.update_xaxes(title_text="standard deviation [% of the prior value]", rangemode="tozero")
+        for title, outlook, colour, width in stages
+    ]
+    axis = {"title": "standard deviation [% of the prior value]", "rangemode": "tozero"}
+    layout = {"yaxis": style.DOWNWARDS, "xaxis": axis, "height": _BAR * len(shown) + _AROUND}
     return Figure(
-        figure,
+        go.Figure(bars, layout | {"barmode": "overlay"}),
         "One standard deviation of every entry that something tells of. Where the narrow bar is as "
         "long as the wide one, nothing that is bought helps.",
     )
@@ -158,19 +159,24 @@ def _bars(plan: SensorPlan) -> Figure:
 
 def _gains(plan: SensorPlan) -> Figure:
     uses = sorted(plan.uses, key=lambda use: -use.gain)
-    figure = go.Figure()
-    figure.add_bar(
-        x=[use.gain for use in uses],
-        y=[style.label(use.name) for use in uses],
-        orientation="h",
-        marker={"color": style.MEASURED},
-        customdata=[[style.label(use.title), use.cost] for use in uses],
-        hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
-        f"{style.label(plan.offers.currency)}<extra></extra>",
+    figure = go.Figure(
+        go.Bar(
+            x=[use.gain for use in uses],
+            y=[style.label(use.name) for use in uses],
+            orientation="h",
+            marker={"color": style.MEASURED},
+            customdata=[[style.label(use.title), use.cost] for use in uses],
+            hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
+            f"{style.label(plan.offers.currency)}<extra></extra>",
+        ),
+        {
+            "yaxis": style.DOWNWARDS,
+            "xaxis": {"title": f"gain for {style.label(plan.goal)} [nats]", "rangemode": "tozero"},
+            "height": _BAR * len(uses) + _AROUND,
+            "margin": {"t": 20},
+            "bargap": 0.35,
+        },
     )
-    figure.update_layout(height=_BAR * len(uses) + _AROUND, margin={"t": 20}, bargap=0.35)
-    figure.update_yaxes(autorange="reversed", tickmode="linear", dtick=1)
-    figure.update_xaxes(title_text=f"gain for {style.label(plan.goal)} [nats]", rangemode="tozero")
     return Figure(
         figure, "What each thing by itself would gain, whatever it costs, the most telling first."
     )
@@ -182,22 +188,29 @@ def _steps(plan: SensorPlan) -> tuple[Block, ...]:
     spent = [0.0, *(step.spent for step, _ in plan.steps)]
     left = [plan.described.goal, *(outlook.goal for _, outlook in plan.steps)]
     names = ["as it is", *(step.use.name for step, _ in plan.steps)]
-    figure = go.Figure()
-    figure.add_scatter(
-        x=np.arange(len(left)),
-        y=100 * np.array(left),
-        mode="lines+markers",
-        line={"color": style.IDENTIFIED, "width": 1.6},
-        customdata=[[style.label(n), s] for n, s in zip(names, spent, strict=True)],
-        hovertemplate="%{customdata[0]}: %{y:.2g} % left for %{customdata[1]:.0f} "
-        f"{style.label(plan.offers.currency)}<extra></extra>",
+    money = style.label(plan.offers.currency)
+    figure = go.Figure(
+        go.Scatter(
+            x=np.arange(len(left)),
+            y=100 * np.array(left),
+            mode="lines+markers",
+            line={"color": style.IDENTIFIED, "width": 1.6},
+            customdata=[[style.label(n), s] for n, s in zip(names, spent, strict=True)],
+            hovertemplate="%{customdata[0]}: %{y:.2g} % left for %{customdata[1]:.0f} "
+            f"{money}<extra></extra>",
+        ),
+        {
+            "height": 320,
+            "margin": {"t": 20},
+            "showlegend": False,
+            "xaxis": {
+                "tickvals": np.arange(len(left)),
+                "ticktext": [f"{cost:.0f}" for cost in spent],
+                "title": f"spent [{money}], step by step",
+            },
+            "yaxis": {"title": "left [%]", "type": "log"},
+        },
     )
-    figure.update_layout(height=320, margin={"t": 20}, showlegend=False)
-    figure.update_xaxes(
-        tickvals=np.arange(len(left)), ticktext=[f"{cost:.0f}" for cost in spent],
-        title_text=f"spent [{style.label(plan.offers.currency)}], step by step",
-    )  # fmt: skip
-    figure.update_yaxes(title_text="left [%]", type="log")
     caption = "Typical standard deviation (geometric mean) after each step."
     return (Figure(figure, caption, paper=240), step_table(plan))
 
@@ -217,40 +230,36 @@ def _open(plan: SensorPlan) -> tuple[Block, ...]:
                 (f"{words} ({entries})", parted)
                 for words, entries, parted in open_table(opening).rows
             )
-            columns = (f"stays open, {opening.title}", "parted by any of")
-            blocks.append(Table(columns, rows))
+            blocks.append(Table((f"stays open, {opening.title}", "parted by any of"), rows))
     return tuple(blocks)
-
-
-def _notes(plan: SensorPlan) -> Text:
-    return Text("\n\n".join(note[0].upper() + note[1:] + "." for note in plan.notes))
 
 
 def _settings(plan: SensorPlan) -> Table:
     s = plan.settings
-    rows = (
-        ("torque noise, share of each drive's largest torque", percent(s.torque_noise)),
-        ("independent samples a second", number(s.rate)),
-        ("standard deviation of the prior", percent(s.prior_spread)),
-        ("good enough", percent(s.enough)),
-        ("goal", plan.goal),
+    return Table(
+        ("setting", "value"),
+        (
+            ("torque noise, share of each drive's largest torque", percent(s.torque_noise)),
+            ("independent samples a second", number(s.rate)),
+            ("standard deviation of the prior", percent(s.prior_spread)),
+            ("good enough", percent(s.enough)),
+            ("goal", plan.goal),
+        ),
     )
-    return Table(("setting", "value"), rows)
 
 
 def _offers(plan: SensorPlan) -> Table:
-    rows = tuple(
-        (
-            key,
-            f"{offer.price:g}",
-            f"{offer.hours:g}",
-            f"{offer.title}; {offer.remark}".removesuffix("; "),
-        )
-        for key, offer in plan.offers.offers.items()
-    )
     money = plan.offers.currency
     return Table(
         ("offer", money, "hours", "what, and what is assumed"),
-        rows,
+        tuple(
+            (
+                key,
+                f"{offer.price:g}",
+                f"{offer.hours:g}",
+                f"{offer.title}; {offer.remark}".removesuffix("; "),
+            )
+            for key, offer in plan.offers.offers.items()
+        ),
         f"The list. An hour costs {plan.offers.hourly:g} {money}. Put in your own by --sensors.",
     )

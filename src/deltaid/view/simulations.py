@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 def simulation_card(value: Simulation | Comparison) -> Card:
     """The errors, and what is not feasible."""
-    robot = value.conditions.model.robot
+    robot, title = value.conditions.model.robot, f"Simulated tracking: {_title(value)}"
     if isinstance(value, Comparison):
-        table = comparison_table(robot, value.runs)
-        problems = infeasible_lines(value.problems, value.runs)
-    else:
-        table = drive_table(robot, value.tracking)
-        problems = tuple(problem.text for problem in value.problems)
+        return Card(
+            title,
+            value.remarks,
+            table=comparison_table(robot, value.runs),
+            told=infeasible_lines(value.problems, value.runs),
+            methods=('.report("x.html")',),
+        )
     return Card(
-        f"Simulated tracking: {_title(value)}",
+        title,
         value.remarks,
-        table=table,
-        told=problems,
-        methods=('.report("x.html")',)
-        if isinstance(value, Comparison)
-        else (".error", ".plot()", ".to_frame()", '.report("x.html")'),
+        table=drive_table(robot, value.tracking),
+        told=tuple(problem.text for problem in value.problems),
+        methods=(".error", ".plot()", ".to_frame()", '.report("x.html")'),
     )
 
 

@@ -17,6 +17,8 @@ MEASURED_LINE = {"color": "#7fb5e0", "width": 4.0}
 PREDICTED_LINE = {"color": "#b3470a", "width": 1.5, "dash": "6px,2px"}
 # One after the other, where colours only tell drives or bodies apart.
 SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
+# Axis of names one below the other, from the top, without gaps.
+DOWNWARDS = {"autorange": "reversed", "tickmode": "linear", "dtick": 1}
 
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
 _CLEAR = "rgba(0,0,0,0)"

@@ -1,6 +1,7 @@
 """The verdict on a model in plain words: for the page, the terminal, a notebook, the studio."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,8 +13,8 @@ from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
 from deltaid.model.verdict import Grade
-from deltaid.view.corrected import corrected, in_words
-from deltaid.view.numbers import percent
+from deltaid.view.corrections import corrected
+from deltaid.view.numbers import in_words, percent
 from deltaid.view.page import Summary, Trust
 
 # Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
@@ -44,8 +45,8 @@ def summary(
     known = model.identified
     if known is None:
         return _of_prior(model, error)
-    told = {verdict.sentence for verdict in verdicts if verdict.grade is Grade.CANNOT_TELL}
-    doubts = [text for text in known.warnings if text not in told]
+    untold = {verdict.sentence for verdict in verdicts if verdict.grade is Grade.CANNOT_TELL}
+    doubts = [text for text in known.warnings if text not in untold]
     wrong = [verdict.key for verdict in verdicts if verdict.grade is Grade.WRONG]
     wrong += ["a body is not physically consistent"] * (not known.consistent)
     own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
@@ -107,41 +108,35 @@ def _of_prior(model: Model, error: TorqueError | None) -> Summary:
     if error is None:
         return Summary(Trust.UNTESTED, "Untested: no recording has been looked at.", line)
     worst = float(np.max(error.nrmse))
-    grade = Trust.POOR if not worst <= FAIR_WITHIN else Trust.FAIR
-    grade = Trust.GOOD if worst <= GOOD_WITHIN else grade
+    fair = Trust.FAIR if worst <= FAIR_WITHIN else Trust.POOR
+    grade = Trust.GOOD if worst <= GOOD_WITHIN else fair
     said = f"the description alone predicts {_efforts(model)} {_within(model, error.nrmse)}"
     return Summary(grade, f"{grade.capitalize()}: {said}.", line)
 
 
 def _efforts(model: Model) -> str:
     """What drives exert: torques, forces, or both."""
-    kinds = dict.fromkeys(f"{unit.effort}s" for unit in model.robot.drive_units.values())
-    return " and ".join(kinds)
+    return " and ".join(dict.fromkeys(f"{u.effort}s" for u in model.robot.drive_units.values()))
 
 
 def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
     """The largest error and whose it is."""
     worst = int(np.argmax(nrmse))
-    share, drive = float(nrmse[worst]), model.robot.drives[worst]
-    how = "within" if share <= FAIR_WITHIN else _ONLY
-    return f"{how} {percent(share)} (rms; the worst is {drive})"
+    how = "within" if nrmse[worst] <= FAIR_WITHIN else _ONLY
+    return f"{how} {percent(float(nrmse[worst]))} (rms; the worst is {model.robot.drives[worst]})"
 
 
 def _numbers(model: IdentifiedModel) -> str:
     """Where the model's numbers come from, and whether any is at its bound."""
-    kinds = [
-        parameter.determined_by
-        for parameter in model.parameters
-        if parameter.determined_by != "structure"
-    ]
-    alone, shared = kinds.count("data"), kinds.count("sum")
-    measured, bound = kinds.count("measured"), kinds.count("limit") + kinds.count("consistency")
+    kinds = Counter(parameter.determined_by for parameter in model.parameters)
+    shared, measured = kinds["sum"], kinds["measured"]
+    known, bound = kinds["data"] + shared + measured, kinds["limit"] + kinds["consistency"]
     further = [f"{shared} of them as sums with others"] * bool(shared)
     further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
-    known = alone + shared + measured
-    one, shares = known == 1, f" ({', '.join(further)})" if further else ""
+    shares = f" ({', '.join(further)})" if further else ""
     return (
-        f"{known} of {len(kinds)} numbers {'comes' if one else 'come'} from the recording"
+        f"{known} of {kinds.total() - kinds['structure']} numbers "
+        f"{'comes' if known == 1 else 'come'} from the recording"
         f"{'s' if len(model.sources) > 1 else ''}"
         f"{shares}, "
         f"{_count(bound) if bound else 'none'} {'are' if bound > 1 else 'is'} at "

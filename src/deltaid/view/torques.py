@@ -1,5 +1,7 @@
 """Figures of torques: measured and predicted over time, and four views of what is left."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float
@@ -8,7 +10,7 @@ from scipy import stats
 
 from deltaid.robot.joint_units import JointUnits
 from deltaid.view import style
-from deltaid.view.comparison import Comparison
+from deltaid.view.comparison import TorqueComparison
 from deltaid.view.page import Figure
 
 # Intervals of speed, and of the residual.
@@ -18,21 +20,17 @@ _SCATTER = 2500  # points a drive
 Drives = dict[str, JointUnits]
 
 
-def torque_blocks(comparison: Comparison, drives: Drives) -> tuple[Figure, ...]:
+def torque_blocks(comparison: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
     """All figures of one recording."""
     return (over_time(comparison, drives), *residual_blocks(comparison, drives))
 
 
-def residual_blocks(comparison: Comparison, drives: Drives) -> tuple[Figure, ...]:
+def residual_blocks(comparison: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
     """What the model leaves of one recording, over speed, in size and in frequency."""
-    return (
-        over_speed(comparison, drives),
-        histogram(comparison, drives),
-        spectrum(comparison, drives),
-    )
+    return tuple(figure(comparison, drives) for figure in (over_speed, histogram, spectrum))
 
 
-def over_time(c: Comparison, drives: Drives) -> Figure:
+def over_time(c: TorqueComparison, drives: Drives) -> Figure:
     """Measured and predicted torque, and below each drive's the residual, with one time axis."""
     n = len(drives)
     figure = make_subplots(
@@ -44,11 +42,12 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
     )
     time = _compact(c.time)
     for i, (drive, units) in enumerate(drives.items()):
-        residual = c.measured[:, i] - c.predicted[:, i]
+        measured, predicted = c.measured[:, i], c.predicted[:, i]
+        thin = {"color": style.RESIDUAL, "width": 1.0}
         for name, values, line, row in (
-            ("measured", c.measured[:, i], style.MEASURED_LINE, 2 * i + 1),
-            ("predicted", c.predicted[:, i], style.PREDICTED_LINE, 2 * i + 1),
-            ("residual", residual, {"color": style.RESIDUAL, "width": 1.0}, 2 * i + 2),
+            ("measured", measured, style.MEASURED_LINE, 2 * i + 1),
+            ("predicted", predicted, style.PREDICTED_LINE, 2 * i + 1),
+            ("residual", measured - predicted, thin, 2 * i + 2),
         ):
             figure.add_scatter(
                 x=time,
@@ -64,9 +63,8 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
                 col=1,
             )
         if len(c.events):
-            nothing = np.full(len(c.events), np.nan)
             figure.add_scatter(
-                x=np.column_stack([c.events, nothing]).ravel(),
+                x=np.insert(c.events, 2, np.nan, axis=1).ravel(),
                 y=np.tile([0.0, 0.0, np.nan], len(c.events)),
                 name="left out: events",
                 legendgroup="events",
@@ -99,11 +97,12 @@ def over_time(c: Comparison, drives: Drives) -> Figure:
     )
 
 
-def over_speed(c: Comparison, drives: Drives) -> Figure:
+def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
     """Residual over the drive's speed: what friction leaves shows here."""
-    figure = _grid(drives)
+    figure = grid(tuple(drives), 260)
     keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
-    for i, ((row, col), units) in enumerate(zip(_cells(drives), drives.values(), strict=True)):
+    for i, units in enumerate(drives.values()):
+        row, col = i // 2 + 1, i % 2 + 1
         told = np.isfinite(c.residual[:, i])
         speed, residual = units.per_shown * c.speed[told, i], c.residual[told, i]
         figure.add_scatter(
@@ -139,12 +138,12 @@ def over_speed(c: Comparison, drives: Drives) -> Figure:
     )
 
 
-def histogram(c: Comparison, drives: Drives) -> Figure:
+def histogram(c: TorqueComparison, drives: Drives) -> Figure:
     """How residuals are distributed, against a normal distribution of equal spread."""
-    figure = _grid(drives)
-    for i, (row, col) in enumerate(_cells(drives)):
-        residual = c.residual[:, i]
-        residual = residual[np.isfinite(residual)]
+    figure = grid(tuple(drives), 260)
+    for i in range(len(drives)):
+        row, col = i // 2 + 1, i % 2 + 1
+        residual = c.residual[np.isfinite(c.residual[:, i]), i]
         share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
         middle = 0.5 * (edges[1:] + edges[:-1])
         figure.add_bar(
@@ -177,10 +176,10 @@ def histogram(c: Comparison, drives: Drives) -> Figure:
     )
 
 
-def spectrum(c: Comparison, drives: Drives) -> Figure:
+def spectrum(c: TorqueComparison, drives: Drives) -> Figure:
     """Amplitude spectra of the torque as recorded and of the residual."""
-    figure = _grid(drives)
-    for i, (row, col) in enumerate(_cells(drives)):
+    figure = grid(tuple(drives), 260)
+    for i in range(len(drives)):
         for name, density, color, dash in (
             ("measured", c.measured_density, style.MEASURED, "solid"),
             ("residual", c.residual_density, style.RESIDUAL, "dot"),
@@ -193,8 +192,8 @@ def spectrum(c: Comparison, drives: Drives) -> Figure:
                 showlegend=i == 0,
                 mode="lines",
                 line={"color": color, "width": 1.4, "dash": dash},
-                row=row,
-                col=col,
+                row=i // 2 + 1,
+                col=i % 2 + 1,
             )
     if c.cutoff:
         figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
@@ -234,34 +233,30 @@ def _efforts(drives: Drives) -> str:
     return " or ".join(dict.fromkeys(u.effort for u in drives.values())).capitalize()
 
 
-def _grid(drives: Drives) -> go.Figure:
-    """One panel a drive, two in a row."""
-    rows = -(-len(drives) // 2)
+def grid(names: Sequence[str], height: int) -> go.Figure:
+    """A panel each, two in a row and so high [px], below the legend."""
+    rows = -(-len(names) // 2)
     figure = make_subplots(
         rows=rows,
         cols=2,
-        subplot_titles=tuple(drives),
+        subplot_titles=names,
         horizontal_spacing=0.12,
         vertical_spacing=0.3 / rows,
     )
-    figure.update_layout(height=260 * rows + 100)
     figure.update_annotations(font_size=13)
-    return figure
-
-
-def _cells(drives: Drives) -> list[tuple[int, int]]:
-    return [(i // 2 + 1, i % 2 + 1) for i in range(len(drives))]
+    return figure.update_layout(
+        height=height * rows + 100,
+        margin={"t": 75},
+        legend={"y": 1.0, "yanchor": "top", "yref": "container"},
+    )
 
 
 def _axes(figure: go.Figure, drives: Drives, x: str, y: str) -> None:
-    """Titles with each drive's units, at the outer axes only where all drives have the same.
-
-    Legend above the panels' titles.
-    """
+    """Titles with each drive's units, at the outer axes only where all drives have the same."""
     alike = len(set(drives.values())) == 1
-    for i, ((row, col), units) in enumerate(zip(_cells(drives), drives.values(), strict=True)):
+    for i, units in enumerate(drives.values()):
+        row, col = i // 2 + 1, i % 2 + 1
         if i + 2 >= len(drives) or not alike:
             figure.update_xaxes(title_text=x.format(units), row=row, col=col)
         if col == 1 or not alike:
             figure.update_yaxes(title_text=y.format(units), row=row, col=col)
-    figure.update_layout(legend={"y": 1.0, "yanchor": "top", "yref": "container"}, margin={"t": 75})

@@ -35,7 +35,6 @@ def tracking_page(
     Args:
         conditions: what else holds of the plant and of what the controller knows, in words.
     """
-    own = [(title, style.IDENTIFIED, result)]
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
@@ -44,7 +43,7 @@ def tracking_page(
             Section(
                 "Tracking",
                 (
-                    *error_figures(own),
+                    *error_figures([(title, style.IDENTIFIED, result)]),
                     drive_figure(robot, result),
                     _conditions(drives, bandwidth, conditions),
                 ),
@@ -71,7 +70,16 @@ def comparison_page(
     """
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
     lines = [
-        Section(controller, error_figures(_of_controller(controller, done)))
+        Section(
+            controller,
+            error_figures(
+                [
+                    (run.model or NO_MODEL, COLOURS[run.model], tracking)
+                    for run, tracking in done
+                    if run.controller == controller
+                ]
+            ),
+        )
         for controller in dict.fromkeys(run.controller for run, _ in done)
     ]
     return Page(
@@ -115,9 +123,8 @@ def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) 
     if not sound:
         return Summary(Trust.POOR, "Poor: no controller follows this motion.", lines)
     run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
-    model = f"the {run.model} model" if run.model else NO_MODEL
-    if run.model == "base parameters":
-        model = run.model
+    named = {"": NO_MODEL, "base parameters": run.model}
+    model = named.get(run.model, f"the {run.model} model")
     error = tracking.error
     return Summary(
         Trust.GOOD,
@@ -168,20 +175,9 @@ def _gains(runs: Sequence[ControllerRun]) -> tuple[Fact, ...]:
         if prior is not None and after is not None:
             before, now = prior.error.platform_rms, after.error.platform_rms
             note = f"{1e3 * before:.3g} mm with the prior, {1e3 * now:.3g} mm identified"
-            share = before / now
-            times = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
+            times = f"{before / now:.0f}" if before >= 10 * now else f"{before / now:.2g}"
             facts.append(Fact(controller, f"{times} times nearer", note))
     return tuple(facts)
-
-
-def _of_controller(
-    controller: str, done: Sequence[tuple[ControllerRun, Tracking]]
-) -> list[tuple[str, str, Tracking]]:
-    return [
-        (run.model or NO_MODEL, COLOURS[run.model], tracking)
-        for run, tracking in done
-        if run.controller == controller
-    ]
 
 
 def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
@@ -191,11 +187,11 @@ def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
     loop = (
         f", current loops of {drives.current_loop:g} Hz" if np.isfinite(drives.current_loop) else ""
     )
-    told = (
+    feedback = (
         f"Feedback of {bandwidth:g} Hz, {drives.rate:g} samples a second, encoders with {step}, "
         f"{late}{loop}"
     )
-    return Text(". ".join([told, *(f"{text[:1].upper()}{text[1:]}" for text in more)]) + ".")
+    return Text(". ".join([feedback, *(f"{text[:1].upper()}{text[1:]}" for text in more)]) + ".")
 
 
 def drive_table(robot: RobotDescription, result: Tracking) -> Table:
@@ -229,22 +225,26 @@ def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> 
             rows.append((*name, "—", "—", *["—"] * (turns + ends), "—", run.why_not))
             continue
         error = run.tracking.error
-        remark = "; ".join(problem.short for problem in run.problems)
         numbers = [number(1e3 * error.platform_rms, 3), number(1e3 * error.platform_max, 3)]
         if ends:
             worst = max((end.error.platform_rms for _, end in run.ends), default=np.nan)
             numbers.append(number(1e3 * worst, 3))
         numbers += [number(np.rad2deg(error.turn_rms or 0.0), 3)] * turns
-        rows.append((*name, *numbers, percent(float(error.saturated.max())), remark))
-    turn = ["turn rms [°]"] * turns
-    worst = ["rms, worst load [mm]"] * ends
+        rows.append(
+            (
+                *name,
+                *numbers,
+                percent(float(error.saturated.max())),
+                "; ".join(p.short for p in run.problems),
+            )
+        )
     columns = (
         "controller",
         "model",
         "rms [mm]",
         "largest [mm]",
-        *worst,
-        *turn,
+        *["rms, worst load [mm]"] * ends,
+        *["turn rms [°]"] * turns,
         "at a limit",
         "remark",
     )

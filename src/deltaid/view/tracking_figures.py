@@ -1,6 +1,6 @@
 """Figures of tracking: errors of platform and drives, torques, controllers beside each other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -30,7 +30,14 @@ Points = Float[np.ndarray, " points"]
 
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     """Error of the platform for each controller and model."""
-    figure = go.Figure()
+    figure = go.Figure(
+        layout={
+            "yaxis": {"type": "log", "title": "platform error, rms [mm]", "dtick": 1},
+            "barmode": "group",
+            "height": 420,
+            "bargap": 0.25,
+        }
+    )
     for model in dict.fromkeys(run.model for run in runs):
         own = [r for r in runs if r.model == model and r.tracking is not None]
         errors = [1e3 * r.tracking.error.platform_rms for r in own if r.tracking is not None]
@@ -44,8 +51,6 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
             cliponaxis=False,
             hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
         )
-    figure.update_yaxes(type="log", title_text="platform error, rms [mm]", dtick=1)
-    figure.update_layout(barmode="group", height=420, bargap=0.25)
     return Figure(
         figure,
         "Distance of the platform point from where it should be, root mean square, with a "
@@ -72,7 +77,13 @@ def error_figures(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ..
 def _over_time(
     lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
 ) -> Figure:
-    figure = go.Figure()
+    figure = go.Figure(
+        layout={
+            "xaxis": {"title": "time [s]"},
+            "yaxis": {"title": f"{what} [{unit}]", "rangemode": "tozero"},
+            "height": 340,
+        }
+    )
     for name, color, times, errors in lines:
         time, error = _peaks(times, errors)
         figure.add_scatter(
@@ -84,47 +95,40 @@ def _over_time(
             showlegend=len(lines) > 1,
             hovertemplate=f"%{{y:.3g}} {unit} at %{{x:.4g}} s<extra></extra>",
         )
-    figure.update_xaxes(title_text="time [s]")
-    figure.update_yaxes(title_text=f"{what} [{unit}]", rangemode="tozero")
-    figure.update_layout(height=340)
     return Figure(figure, caption)
 
 
 def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
     """q − q_d of each drive."""
-    units = {d: "mm" if robot.is_linear(d) else "°" for d in robot.drives}
-    figure = _stack(robot, lambda drive: f"{drive} [{units[drive]}]")
+    figure = _stack(robot)
     for i, drive in enumerate(robot.drives):
-        scale = 1e3 if robot.is_linear(robot.drives[i]) else np.rad2deg(1.0)
+        unit, scale = ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
         time, error = _peaks(result.time, scale * result.drive_error[:, i])
-        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {units[drive]}")
+        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {unit}")
+        figure.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
     return Figure(figure, "Error of each drive, actual less desired coordinate.")
 
 
 def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
     """Torques that were applied, with the drives' limits where they come near."""
-    units = robot.drive_units
-    figure = _stack(robot, lambda drive: f"{drive} [{units[drive].force}]")
+    figure, line = _stack(robot), {"color": style.LIMIT, "dash": "dot", "width": 1}
     for i, (drive, limit) in enumerate(zip(robot.drives, effort_limits(robot), strict=True)):
-        tau = result.tau[:, i]
+        tau, unit = result.tau[:, i], robot.units(drive).force
         time, shown = _peaks(result.time, tau)
-        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {units[drive].force}")
+        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {unit}")
+        figure.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
         if np.nanmax(np.abs(tau)) > 0.5 * limit:
             for edge in (-limit, limit):
-                line = {"color": style.LIMIT, "dash": "dot", "width": 1}
                 figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
     return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
 
 
-def _stack(robot: RobotDescription, title: Callable[[str], str]) -> go.Figure:
+def _stack(robot: RobotDescription) -> go.Figure:
     """One panel a drive with one time axis."""
     n = len(robot.drives)
     figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.12 / n)
-    for i, drive in enumerate(robot.drives):
-        figure.update_yaxes(title_text=title(drive), row=i + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=n, col=1)
-    figure.update_layout(height=170 * n + 80)
-    return figure
+    return figure.update_layout(height=170 * n + 80)
 
 
 def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, hover: str) -> None:

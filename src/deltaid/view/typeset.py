@@ -56,9 +56,7 @@ def heading(text: str) -> str:
 
 def cell(text: str) -> str | Markup:
     """A cell that holds nothing but numbers typeset, any other with its short names explained."""
-    if _AROUND.fullmatch(_NUMBER.sub("", text)):
-        return typeset(text)
-    return explained(text)
+    return typeset(text) if _AROUND.fullmatch(_NUMBER.sub("", text)) else explained(text)
 
 
 def typeset(text: str) -> str:
@@ -69,10 +67,8 @@ def typeset(text: str) -> str:
 
 def _written(match: re.Match[str]) -> str:
     sign, digits, exponent_sign, exponent = match.groups()
-    power = ""
-    if exponent:
-        power = "·10" + (exponent_sign.strip("+") + exponent).translate(_SUPERSCRIPTS)
-    return ("−" if sign else "") + digits + power
+    raised = f"{exponent_sign or ''}{exponent or ''}".strip("+").translate(_SUPERSCRIPTS)
+    return ("−" if sign else "") + digits + (f"·10{raised}" if exponent else "")
 
 
 def _prose(text: str) -> str:
@@ -122,10 +118,9 @@ def is_short(name: str) -> bool:
 
 def bodies_in(cells: Iterable[str]) -> tuple[str, ...]:
     """Short names of bodies in the cells of a table, each once: alone, in a list, in names."""
-    found: dict[str, None] = {}
+    found: list[str] = []
     for cell in cells:
         parts = cell.split(", ")
-        if all(is_short(part) for part in parts):
-            found |= dict.fromkeys(parts)
-        found |= dict.fromkeys(body_of(name) for name in NAME.finditer(cell))
-    return tuple(name for name in found if is_short(name))
+        found += parts if all(is_short(part) for part in parts) else []
+        found += [body_of(name) for name in NAME.finditer(cell)]
+    return tuple(name for name in dict.fromkeys(found) if is_short(name))

@@ -92,6 +92,17 @@ class Draft:
 # A number, then units made of names, small powers, products and quotients, so that a text is never
 # computed beyond that.
 _GRAMMAR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([A-Za-zµμ°²³^*/·\d\s]*)")
+# Two ways to write numbers of some units.
+_EXAMPLES = {
+    "m": "200 mm or 0.2 (m)",
+    "kg": "800 g or 0.8 (kg)",
+    "degree": "30° or 30 (degrees)",
+    "degree/s": "400 rpm or 2400 (degrees/s)",
+    "m/s": "2.5 m/s or 2.5",
+    "kg*m**2": "12 kg cm² or 0.0012 (kg m²)",
+    "N*m": "80 N m or 80",
+    "N": "600 N or 600",
+}
 # Letters of an answer; what is longer is no number with a unit.
 _LONGEST = 40
 
@@ -104,12 +115,12 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     """
     import pint
 
-    text = text.strip()
+    text, example = text.strip(), _EXAMPLES.get(unit, f"a number in {unit}")
     found = _GRAMMAR.fullmatch(text) if len(text) <= _LONGEST else None
     if found is None:
         comma = ", with a point and no comma" if "," in text else ""
         what = f"{text[:_LONGEST]!r} is not a number{comma}"
-        raise DeltaidError(what, where=where, cure=f"write {_example(unit)}")
+        raise DeltaidError(what, where=where, cure=f"write {example}")
     number, words = float(found[1]), found[2].strip()
     if not words:
         return number
@@ -124,23 +135,8 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
         raise DeltaidError(
             f"{found[2].strip()!r} is no unit for this",
             where=where,
-            cure=f"write {_example(unit)}",
+            cure=f"write {example}",
         ) from None
-
-
-def _example(unit: str) -> str:
-    """Two ways to write such a number."""
-    other = {
-        "m": "200 mm or 0.2 (m)",
-        "kg": "800 g or 0.8 (kg)",
-        "degree": "30° or 30 (degrees)",
-        "degree/s": "400 rpm or 2400 (degrees/s)",
-        "m/s": "2.5 m/s or 2.5",
-        "kg*m**2": "12 kg cm² or 0.0012 (kg m²)",
-        "N*m": "80 N m or 80",
-        "N": "600 N or 600",
-    }
-    return other.get(unit, f"a number in {unit}")
 
 
 @cache

@@ -53,14 +53,10 @@ def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
         try:
             return require_group(draft, group)
         except DeltaidError as error:
-            if not _has(draft.kind, group):
+            if all(question.group != group for question in asked(draft.kind)):
                 raise
             asker.tell(error)
             again = True
-
-
-def _has(kind: str, group: Group) -> bool:
-    return any(question.group == group for question in asked(kind))
 
 
 def _asked(draft: Draft, group: Group, asker: Asker, *, again: bool) -> Draft:
@@ -73,10 +69,9 @@ def _asked(draft: Draft, group: Group, asker: Asker, *, again: bool) -> Draft:
 
 def _one(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
     """One answer and where it comes from."""
-    key = question.key
     offer = draft.offer(question)
-    if key in draft.values:  # asked again
-        offer = draft.values[key], draft.origins[key]
+    if question.key in draft.values:  # asked again
+        offer = draft.values[question.key], draft.origins[question.key]
     while True:
         text = asker.ask(question, offer).strip()
         if not text and offer is not None:
@@ -163,7 +158,11 @@ def _with_space(draft: Draft) -> Draft:
     poses = {key: v for key, v in trial.values.items() if key not in _OF_FORCES}
     if poses == draft.found_for:
         return draft
-    space = find_space(_with_any_stroke(description(trial)), middle, a["strut"])
+    robot = description(trial)
+    if robot.telescope is not None:
+        # The stroke that is assumed follows from the workspace, and not the reverse.
+        robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
+    space = find_space(robot, middle, a["strut"])
     return replace(_found(draft, space.radius, space.low, space.high), found_for=poses)
 
 
@@ -179,8 +178,7 @@ _OF_FORCES = frozenset(
 def _own_space(draft: Draft) -> Draft:
     """Without the workspace of the robot it starts from, if other lengths were given."""
     keys = [question.key for question in asked(draft.kind) if question.group == "lengths"]
-    same = all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys)
-    if same:
+    if all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys):
         return draft
     return replace(draft, offered={k: v for k, v in draft.offered.items() if k not in _SPACE})
 
@@ -192,13 +190,6 @@ def _but(draft: Draft, keys: tuple[str, ...]) -> Draft:
         values={k: v for k, v in draft.values.items() if k not in keys},
         offered={k: v for k, v in draft.offered.items() if k not in keys},
     )
-
-
-def _with_any_stroke(robot: RobotDescription) -> RobotDescription:
-    """The stroke that is assumed of a telescope follows from the workspace, and not the reverse."""
-    if robot.telescope is None:
-        return robot
-    return robot.changed(telescope=robot.telescope.changed(stroke=None))
 
 
 def _found(draft: Draft, radius: float, low: float, high: float) -> Draft:
@@ -229,11 +220,9 @@ def _require_ordered(a: Mapping[str, float]) -> None:
 def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
     """Raise the first verdict that is not good, but for unusual masses."""
     for verdict in found:
-        if verdict.grade is Grade.GOOD:
+        unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
+        if verdict.grade is Grade.GOOD or unusual_mass:
             continue
-        if verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL:
-            continue
-        cure = verdict.cure
-        if verdict.key in ("workspace-cut", "millimetres"):
-            cure = "; ".join(filter(None, (verdict.cure, _reach(draft))))
+        more = [_reach(draft)] if verdict.key in ("workspace-cut", "millimetres") else []
+        cure = "; ".join(filter(None, [verdict.cure, *more]))
         raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)

@@ -1,7 +1,7 @@
 """Where a robot of given lengths can work: a cylinder that it reaches all of."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -48,8 +48,7 @@ def height(kind: str, a: Mapping[str, float]) -> float:
         where = "with the carriages halfway"
     else:
         angle = _angle(a)
-        out = a["base_radius"] + a["arm"] * np.cos(angle)
-        down = a["arm"] * np.sin(angle)
+        out, down = a["base_radius"] + a["arm"] * np.cos(angle), a["arm"] * np.sin(angle)
         where = f"with the arms {np.rad2deg(angle):.3g}° down"
     wide = abs(out - a.get("platform_radius", 0.0))
     if a["strut"] <= _SPARE * wide:
@@ -111,9 +110,9 @@ def _taller(at_rest: AtRest, space: Space, step: float) -> Space:
     """The same radius, as far down and up as it goes: rails reach farther than arms."""
     for direction in (-1.0, 1.0):
         for _ in range(_GROWTHS):
-            ends = space.low, space.high
-            ends = (ends[0] - step, ends[1]) if direction < 0 else (ends[0], ends[1] + step)
-            grown = Space(space.radius, *ends)
+            grown = replace(space, high=space.high + step)
+            if direction < 0:
+                grown = replace(space, low=space.low - step)
             if grown.high >= 0 or not _holds(at_rest, grown):
                 break
             space = grown
@@ -161,8 +160,7 @@ def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
         return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
     own = _own(at_rest)
     shares = poses.shares[:, own].max(axis=0)
-    name = at_rest.limits[own[int(shares.argmax())]]
-    return f"the limit “{name}” is at {shares.max():.0%}"
+    return f"the limit “{at_rest.limits[own[int(shares.argmax())]]}” is at {shares.max():.0%}"
 
 
 def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
@@ -175,7 +173,6 @@ def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
     if at_rest.robot.task.turn is None:
         return points
     turn = at_rest.robot.turn
-    ends = (turn.low, 0.5 * (turn.low + turn.high), turn.high)
-    if not at_rest.robot.platform_turns:
-        ends = (0.0,)
+    turned = (turn.low, 0.5 * (turn.low + turn.high), turn.high)
+    ends = turned if at_rest.robot.platform_turns else (0.0,)
     return np.concatenate([np.insert(points, 3, psi, axis=1) for psi in ends])

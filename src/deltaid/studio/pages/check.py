@@ -39,12 +39,13 @@ def _begin(session: Session) -> None:
     plan = session.plan
     with parts.panel():
         names = ", ".join(recording.file for recording in plan.used)
-        of = f"{plan.robot} with {names}" if names else f"{plan.robot}, the description only"
-        ui.label(f"Of {of}")
-        ready = parts.all_mapped(session)
-        ui.button("Check", on_click=lambda: _run(session)).props("no-caps").set_enabled(
-            ready and not session.busy
-        )
+        ui.label(f"Of {plan.robot}{f' with {names}' if names else ', the description only'}")
+        ready = parts.all_mapped(session) and not session.busy
+
+        def begin() -> None:
+            parts.attempt(lambda: session.begin("check", lambda at: check_step(session.plan, at)))
+
+        ui.button("Check", on_click=begin).props("no-caps").set_enabled(ready)
         parts.progress(session, "check")
         if plan.checked is not None and not session.store.is_checked and not session.busy:
             parts.note(
@@ -55,10 +56,6 @@ def _begin(session: Session) -> None:
         parts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
 
 
-def _run(session: Session) -> None:
-    parts.attempt(lambda: session.begin("check", lambda at: check_step(session.plan, at)))
-
-
 def _verdicts(session: Session, run: Run) -> None:
     found = output(session.folder, run)
     grade = str(found.get("grade", ""))
@@ -67,13 +64,10 @@ def _verdicts(session: Session, run: Run) -> None:
     parts.note(_SENTENCES.get(grade, grade), kind)
     if not session.store.is_checked:
         ui.label("These verdicts are of what was there before the last change.").classes("dim")
-    poor = sorted(
-        (verdict for verdict in verdicts if verdict["grade"] != "good"),
-        key=lambda v: _ORDER.index(v["grade"]),
-    )
-    for verdict in poor:
-        _card(session, verdict)
+    verdicts = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict["grade"]))
     good = [verdict for verdict in verdicts if verdict["grade"] == "good"]
+    for verdict in verdicts[: len(verdicts) - len(good)]:
+        _card(session, verdict)
     if good:
         with ui.expansion(f"{len(good)} checks found nothing").classes("w-full"):
             for verdict in good:
@@ -102,21 +96,20 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
             changes = wanted(verdict, file)
             if not changes:
                 continue
-            button = ui.button(
+            ui.button(
                 f"Show the change to {name}",
                 on_click=partial(_offer, session, verdict, file, changes),
-            ).props("outline no-caps")
-            button.props(f'aria-label="Show the change to {name} for {verdict["key"]}"')
+            ).props(f'outline no-caps aria-label="Show the change to {name} for {verdict["key"]}"')
 
 
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
     """The diff, and the button that applies it."""
+    used = None
     try:
         if file == "robot":
             name, before, after = _robot_change(session, changes)
-            used = None
         else:
             used = _used(session, verdict)
             name, before, after = await _mapping_change(session, used, changes)
@@ -163,8 +156,7 @@ async def _mapping_change(
 ) -> tuple[str, str | None, str]:
     name = used.mapping or mapping_name(session, used.file)
     before = session.folder.text(name) if session.folder.has(name) else None
-    path = str(session.folder.path(used.file))
-    robot = session.place(session.plan.robot or "")
+    path, robot = str(session.folder.path(used.file)), session.place(session.plan.robot or "")
     after = await session.look(mapping_cured, path, robot, mapping_of(session, used), changes)
     if isinstance(after, Problem):
         raise DeltaidError(after.what, where=after.where, cure=after.cure)
@@ -176,8 +168,11 @@ def _apply(session: Session, name: str, before: str | None, after: str, used: Us
         name = own_copy(session.folder, session.plan.robot or "")
         before = session.folder.text(name)
     session.folder.write(name, after, instead_of=before)
-    if used is None:
-        session.store.change(lambda plan: plan.changed(robot=name))
-    else:
-        session.store.change(lambda plan: plan.with_recording(used.changed(mapping=name)))
+    session.store.change(
+        lambda plan: (
+            plan.changed(robot=name)
+            if used is None
+            else plan.with_recording(used.changed(mapping=name))
+        )
+    )
     ui.notify(f"{name} is changed", type="positive")

@@ -1,12 +1,14 @@
 """The text of a robot's file: looked at while one types, saved by a button, kept until then."""
 
+import contextlib
+
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import described_in
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages.parts import attempt, note, panel, problem
-from deltaid.studio.session import Draft, Session
+from deltaid.studio.session import FileEdit, Session
 
 # Seconds without a key before a text is looked at.
 _PAUSE = 0.4
@@ -26,14 +28,14 @@ def editor(session: Session, name: str) -> bool:
             "Lengths in m, masses in kg, angles in degrees where the key ends in _deg. "
             "Keys are explained in the documentation under Command line, The robot file."
         ).classes("dim")
-        draft = session.drafts.get(name, Draft(now, now))
+        draft = session.drafts.get(name, FileEdit(now, now))
         if draft.before != now:
             _changed_meanwhile(session, name, draft, now)
         _Editor(session, name, draft)
     return True
 
 
-def _changed_meanwhile(session: Session, name: str, draft: Draft, now: str) -> None:
+def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -> None:
     """What is to become of a text whose file is another one by now."""
     note(
         f"{name} has been changed meanwhile, by another tab or program. Below is what you have "
@@ -42,7 +44,7 @@ def _changed_meanwhile(session: Session, name: str, draft: Draft, now: str) -> N
     )
 
     def keep() -> None:
-        session.drafts[name] = Draft(now, draft.after)
+        session.drafts[name] = FileEdit(now, draft.after)
         session.store.tell()
 
     def drop() -> None:
@@ -57,17 +59,16 @@ def _changed_meanwhile(session: Session, name: str, draft: Draft, now: str) -> N
 class _Editor:
     """A text, what is wrong with it, and its buttons."""
 
-    def __init__(self, session: Session, name: str, draft: Draft) -> None:
+    def __init__(self, session: Session, name: str, draft: FileEdit) -> None:
         self.session, self.name, self.before = session, name, draft.before
         self.field = ui.codemirror(draft.after, language="YAML", line_wrapping=True)
-        self.field.classes("w-full").style(f"height: {_HEIGHT}")
-        self.field.props('aria-label="Robot file"')
+        self.field.classes("w-full").style(f"height: {_HEIGHT}").props('aria-label="Robot file"')
         self.said = ui.column().classes("w-full")
         with ui.row():
-            self.save = ui.button("Save", on_click=lambda: attempt(self._keep))
-            self.save.props("no-caps")
-            self.undo = ui.button("Undo all", on_click=lambda: self.field.set_value(self.before))
-            self.undo.props("flat no-caps")
+            self.save = ui.button("Save", on_click=lambda: attempt(self._keep)).props("no-caps")
+            self.undo = ui.button(
+                "Undo all", on_click=lambda: self.field.set_value(self.before)
+            ).props("flat no-caps")
         self.place = ui.column()
         self.pause = ui.timer(_PAUSE, self._judge, once=True)
         self.field.on_value_change(self._later)
@@ -77,7 +78,7 @@ class _Editor:
         if self.field.value == self.before:
             self.session.drafts.pop(self.name, None)
         else:
-            self.session.drafts[self.name] = Draft(self.before, self.field.value)
+            self.session.drafts[self.name] = FileEdit(self.before, self.field.value)
         self.pause.cancel()
         with self.place:
             self.pause = ui.timer(_PAUSE, self._judge, once=True)
@@ -103,10 +104,8 @@ class _Editor:
             raise ConflictError(
                 "is being edited in another tab too", where=self.name, cure="save it there"
             )
-        try:
+        # Of a file that has been changed meanwhile the page says what to do.
+        with contextlib.suppress(ConflictError):
             self.session.folder.write(self.name, text, instead_of=self.before)
-        except ConflictError:
-            self.session.store.tell()  # the page says what to do then
-            return
-        self.session.drafts.pop(self.name, None)
+            self.session.drafts.pop(self.name, None)
         self.session.store.tell()

@@ -57,18 +57,20 @@ def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
     """
     plot = make_subplots(rows=len(found.drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
     for line in found.torques if shown == "torques" else found.errors:
-        measured = line.model is None
-        name = "measured" if line.model is None else names[line.model]
-        color = _MEASURED if line.model is None else _COLOURS[line.model % len(_COLOURS)]
-        trace = go.Scatter(
+        name, drawn = "measured", {"color": _MEASURED, "width": 2.5}
+        if line.model is not None:
+            name = names[line.model]
+            drawn = {"color": _COLOURS[line.model % len(_COLOURS)], "width": 1.2}
+        plot.add_scatter(
             x=line.time,
             y=line.values,
             name=name,
             legendgroup=name,
             showlegend=line.drive == 0,
-            line={"color": color, "width": 2.5 if measured else 1.2},
+            line=drawn,
+            row=line.drive + 1,
+            col=1,
         )
-        plot.add_trace(trace, row=line.drive + 1, col=1)
     for i, (drive, unit) in enumerate(zip(found.drives, found.units, strict=True)):
         plot.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
     return _dressed(plot, len(found.drives))

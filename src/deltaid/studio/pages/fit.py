@@ -1,6 +1,7 @@
 """Stage 4: the fit. Settings with their defaults, progress, and an end before its end."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, get_args
 
 from nicegui import ui
@@ -50,21 +51,21 @@ async def body(session: Session) -> None:
         return
     with parts.panel():
         names = ", ".join(recording.file for recording in plan.fitted)
-        verify = f", tested on {plan.verified.file}" if plan.verified else ""
-        ui.label(f"{plan.robot} from {names}{verify}")
+        tested = f", tested on {plan.verified.file}" if plan.verified else ""
+        ui.label(f"{plan.robot} from {names}{tested}")
         if not plan.verified:
             ui.label(
                 "A second recording of another motion, marked “test” under Recording, would tell "
                 "how well the model predicts what it has not seen."
             ).classes("dim")
-        ready = _gate(session)
-        button = ui.button("Fit", on_click=lambda: _run(session)).props("no-caps")
-        button.set_enabled(ready and not session.busy)
+        ready = _gate(session) and not session.busy
+        begin = partial(parts.attempt, lambda: _run(session))
+        ui.button("Fit", on_click=begin).props("no-caps").set_enabled(ready)
         parts.progress(session, "fit")
         job = session.job
         if job is not None and job.step.kind == "fit" and job.state == "done":
             parts.note("The model is fitted.", "good")
-            ui.button("See the result", on_click=lambda: ui.navigate.to("/result")).props("no-caps")
+            parts.go_to("result", "See the result", "no-caps")
         parts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
     _settings(session)
 
@@ -77,32 +78,24 @@ def _gate(session: Session) -> bool:
     if not session.store.is_checked:
         again = "has changed since the check" if plan.checked else "has not been checked yet"
         parts.note(f"What is to be fitted {again}: run the check first.", "doubt")
-        ui.button("Go to the check", on_click=lambda: ui.navigate.to("/check")).props(
-            "outline no-caps"
-        )
+        parts.go_to("check", "Go to the check")
         return False
     if plan.checked is not None and plan.checked.grade == "wrong":
         parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
 
-        def force(value: bool) -> None:
-            parts.attempt(lambda: session.store.change(lambda p: p.changed(force=value)))
-
         ui.switch(
             "Go on with what is wrong (--force)",
             value=plan.force,
-            on_change=lambda event: force(bool(event.value)),
+            on_change=lambda event: parts.change(session, force=bool(event.value)),
         )
         return plan.force
     return True
 
 
 def _run(session: Session) -> None:
-    def do() -> None:
-        if not session.store.is_checked:
-            raise DeltaidError("it has changed since the check", cure="check again")
-        session.begin("fit", lambda at: fit_step(session.plan, at))
-
-    parts.attempt(do)
+    if not session.store.is_checked:
+        raise DeltaidError("it has changed since the check", cure="check again")
+    session.begin("fit", lambda at: fit_step(session.plan, at))
 
 
 def _settings(session: Session) -> None:
@@ -117,10 +110,12 @@ def _settings(session: Session) -> None:
         ).classes("dim")
         with ui.element("div").classes("columns"):
             for key, (label, kind) in _CHOICES.items():
-                select = ui.select(
-                    list(get_args(kind)), value=getattr(settings, key), label=label
+                ui.select(
+                    list(get_args(kind)),
+                    value=getattr(settings, key),
+                    label=label,
+                    on_change=_setter(session, key),
                 ).props("outlined dense")
-                select.on_value_change(_setter(session, key))
             for key, label in _NUMBERS.items():
                 value = getattr(settings, key)
                 field = ui.input(label, value="" if value is None else f"{value:.10g}")
@@ -131,12 +126,10 @@ def _settings(session: Session) -> None:
             ).props("outlined dense")
             parts.on_leaving(lag, lambda text: _set(session, "lag", _lag(text)))
             for key, label in _SWITCHES.items():
-                switch = ui.switch(label, value=getattr(settings, key))
-                switch.on_value_change(_setter(session, key))
+                ui.switch(label, value=getattr(settings, key), on_change=_setter(session, key))
         if changed:
-            ui.button("Back to the defaults", on_click=lambda: _reset(session)).props(
-                "flat no-caps"
-            )
+            reset = partial(parts.change, session, settings=Settings())
+            ui.button("Back to the defaults", on_click=reset).props("flat no-caps")
 
 
 def _setter(session: Session, key: str) -> Callable[[Any], None]:
@@ -144,25 +137,12 @@ def _setter(session: Session, key: str) -> Callable[[Any], None]:
 
 
 def _number_setter(session: Session, key: str) -> Callable[[str], None]:
-    def take(text: str) -> None:
-        if not text.strip():
-            _set(session, key, getattr(Settings(), key))
-            return
-        try:
-            value = float(text)
-        except ValueError:
-            raise DeltaidError(f"'{text}' is no number", where=key, cure="such as 30") from None
-        _set(session, key, value)
-
-    return take
+    default = getattr(Settings(), key)
+    return lambda text: _set(session, key, parts.number(text, key, default, "such as 30"))
 
 
 def _set(session: Session, key: str, value: Any) -> None:
     session.store.change(lambda plan: plan.changed(settings=plan.settings.changed(**{key: value})))
-
-
-def _reset(session: Session) -> None:
-    parts.attempt(lambda: session.store.change(lambda plan: plan.changed(settings=Settings())))
 
 
 def _lag_text(lag: Any) -> str:

@@ -61,8 +61,7 @@ def build(session: Session) -> None:
         if not path.is_file():
             return PlainTextResponse("no such file\n", status_code=404)
         headers = {"Content-Security-Policy": _OF_FILES, "Cache-Control": "no-cache"}
-        page = path.suffix == ".html" and not download
-        kind = "attachment" if not page else "inline"
+        kind = "inline" if path.suffix == ".html" and not download else "attachment"
         return FileResponse(
             path, headers=headers, filename=path.name, content_disposition_type=kind
         )
@@ -181,14 +180,8 @@ def _stepper(session: Session, here: str) -> None:
 def _ways(stage: str) -> None:
     place = STAGES.index(stage)
     with ui.row().classes("ways"):
-        if place:
-            before = STAGES[place - 1]
-            ui.button(
-                f"← {_TITLES[before][0]}", on_click=lambda: ui.navigate.to(f"/{before}")
-            ).props("flat no-caps")
+        for before in STAGES[:place][-1:]:
+            parts.go_to(before, f"← {_TITLES[before][0]}", "flat no-caps")
         ui.space()
-        if place + 1 < len(STAGES):
-            after = STAGES[place + 1]
-            ui.button(f"{_TITLES[after][0]} →", on_click=lambda: ui.navigate.to(f"/{after}")).props(
-                "outline no-caps"
-            )
+        for after in STAGES[place + 1 :][:1]:
+            parts.go_to(after, f"{_TITLES[after][0]} →")

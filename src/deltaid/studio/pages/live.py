@@ -26,8 +26,7 @@ async def live(session: Session, name: str) -> None:
     if isinstance(found, Problem):
         parts.problem(found)
         return
-    view = _Live(session, (robot, changed), found)
-    await view.go()
+    await _Live(session, (robot, changed), found).go()
 
 
 class _Live:
@@ -40,7 +39,12 @@ class _Live:
         with ui.element("div").classes("live"):
             with ui.element("div").classes("seen"):
                 self._scene()
-                _legend(found)
+                with ui.row().classes("dim legend"):
+                    for label, color in found.legend.items():
+                        with ui.row().classes("items-center no-wrap"):
+                            ui.element("span").classes("swatch").style(f"background: {color}")
+                            ui.label(label)
+                    ui.label("Drag the ball, or turn and zoom with the mouse.")
             with ui.element("div").classes("asked"):
                 ui.label("Where the platform is to be").classes("text-weight-bold")
                 self.sliders = [self._slider(k, axis) for k, axis in enumerate(found.axes)]
@@ -125,15 +129,6 @@ class _Live:
             bar.scale(radius, float(found.lengths[k]), radius)
         self.ball.move(*self.place[:3])
         self.readings.set_content(panel(found.view))
-
-
-def _legend(found: Stage) -> None:
-    with ui.row().classes("dim legend"):
-        for label, color in found.legend.items():
-            with ui.row().classes("items-center no-wrap"):
-                ui.element("span").classes("swatch").style(f"background: {color}")
-                ui.label(label)
-        ui.label("Drag the ball, or turn and zoom with the mouse.")
 
 
 def _text(value: float, axis: Axis) -> str:

@@ -23,7 +23,7 @@ from deltaid.studio.edits import (
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
-from deltaid.studio.session import Draft, Session
+from deltaid.studio.session import FileEdit, Session
 
 _NEEDED = ("position", "torque")
 
@@ -36,11 +36,10 @@ class _Form:
         self.session, self.name, self.dof = session, used.mapping, dof
         self.data = data
         self.before = session.folder.text(self.name)
-        draft = session.drafts.get(self.name)
+        draft = session.drafts.pop(self.name, None)
         if draft is not None and draft.before == self.before:
+            session.drafts[self.name] = draft
             self.data = draft.after
-        else:
-            session.drafts.pop(self.name, None)
         self.alike = True
         self.said = ui.column().classes("w-full")
 
@@ -50,7 +49,7 @@ class _Form:
         self.said.clear()
         missing = incomplete(data, self.dof)
         with self.said:
-            self.session.drafts[self.name] = Draft(self.before, data)
+            self.session.drafts[self.name] = FileEdit(self.before, data)
             if missing:
                 parts.note(f"{missing}: {self.name} is not changed as long as it is so.", "doubt")
                 return
@@ -91,11 +90,12 @@ def form(
         on_change=lambda event: setattr(state, "alike", bool(event.value)),
     )
     for quantity in QUANTITIES:
-        mapped = quantity in data
         title = quantity if quantity in _NEEDED else f"{quantity} (if recorded)"
-        open_now = mapped or quantity in _NEEDED
-        with ui.expansion(title, value=open_now).classes("w-full").props("dense"):
-            _quantity(state, quantity, robot, columns)
+        shown = ui.expansion(title, value=quantity in data or quantity in _NEEDED)
+        listed = zip(robot.drives, entries(state.data, quantity, state.dof), strict=True)
+        with shown.classes("w-full").props("dense"), ui.element("div").classes("grid drives"):
+            for drive, (name, entry) in enumerate(listed):
+                _row(state, quantity, drive, name, entry, columns)
 
 
 def _time(state: _Form, columns: list[str]) -> None:
@@ -113,7 +113,7 @@ def _time(state: _Form, columns: list[str]) -> None:
 
     def take() -> None:
         def do() -> None:
-            each = _number(rate.value, "rate")
+            each = parts.number(rate.value, "rate")
             state.take(with_time(state.data, column.value, unit.value, each))
 
         parts.attempt(do)
@@ -121,16 +121,6 @@ def _time(state: _Form, columns: list[str]) -> None:
     column.on_value_change(take)
     unit.on_value_change(take)
     parts.on_leaving(rate, lambda _: take())
-
-
-def _quantity(
-    state: _Form, quantity: Quantity, robot: RobotDescription, columns: list[str]
-) -> None:
-    with ui.element("div").classes("grid drives"):
-        for drive, (name, entry) in enumerate(
-            zip(robot.drives, entries(state.data, quantity, state.dof), strict=True)
-        ):
-            _row(state, quantity, drive, name, entry, columns)
 
 
 def _row(
@@ -143,36 +133,26 @@ def _row(
         return lambda event: parts.attempt(lambda: state.set(quantity, drive, key, event.value))
 
     def numbers(key: str) -> Callable[[str], None]:
-        return lambda text: state.set(quantity, drive, key, _number(text, key, DEFAULTS[key]))
+        return lambda text: state.set(quantity, drive, key, parts.number(text, key, DEFAULTS[key]))
 
     ui.label(name).classes("drive")
-    column = ui.select(
-        columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True
-    )
-    column.props(label("column")).classes("of").on_value_change(setter("column"))
-    unit = ui.select(
+    ui.select(
+        columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True,
+        on_change=setter("column"),
+    ).props(label("column")).classes("of")  # fmt: skip
+    ui.select(
         _with(UNITS[quantity], entry.get("unit")), value=entry.get("unit"),
-        new_value_mode="add-unique", with_input=True,
-    )  # fmt: skip
-    unit.props(label("unit")).on_value_change(setter("unit"))
-    sign = ui.select({1: "+", -1: "−"}, value=entry.get("sign", 1))
-    sign.props(label("sign")).on_value_change(setter("sign"))
+        new_value_mode="add-unique", with_input=True, on_change=setter("unit"),
+    ).props(label("unit"))  # fmt: skip
+    ui.select({1: "+", -1: "−"}, value=entry.get("sign", 1), on_change=setter("sign")).props(
+        label("sign")
+    )
     for key, shown in (("zero", "zero"), ("gear", "gear"), ("torque_constant", "N m per A")):
         if key == "torque_constant" and quantity != "torque":
             ui.label("")
             continue
-        field = ui.input(value=_text(entry.get(key, DEFAULTS[key])))
-        field.props(label(shown))
+        field = ui.input(value=_text(entry.get(key, DEFAULTS[key]))).props(label(shown))
         parts.on_leaving(field, numbers(key))
-
-
-def _number(text: object, key: str, default: float | None = None) -> float | None:
-    if not str(text or "").strip():
-        return default
-    try:
-        return float(str(text))
-    except ValueError:
-        raise DeltaidError(f"'{text}' is no number", where=key, cure="such as 1.5") from None
 
 
 def _text(value: float | None) -> str:

@@ -13,6 +13,8 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.errors import DeltaidError
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem
+from deltaid.studio.plan import Used
+from deltaid.studio.runs import Record
 from deltaid.studio.session import Session, unmapped
 from deltaid.studio.steps import Step
 
@@ -48,10 +50,23 @@ def problem(error: Problem | DeltaidError) -> None:
 
 def warn(error: Problem | DeltaidError) -> None:
     """The same as a message that goes away by itself."""
-    place = f"{error.where}: " if error.where else ""
-    cure = f" → {error.cure}" if error.cure else ""
-    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True,
+    said = f"{error.where and f'{error.where}: '}{error.what}{error.cure and f' → {error.cure}'}"
+    ui.notify(said, type="negative", multi_line=True,
               timeout=20_000, close_button="Close")  # fmt: skip
+
+
+def number(text: object, key: str, default: Any = None, such: str = "such as 1.5") -> Any:
+    """The number that is written in a field, or what holds where nothing is.
+
+    Raises:
+        DeltaidError: it is none.
+    """
+    if not str(text or "").strip():
+        return default
+    try:
+        return float(str(text))
+    except ValueError:
+        raise DeltaidError(f"'{text}' is no number", where=key, cure=such) from None
 
 
 def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
@@ -86,6 +101,22 @@ def attempt(action: Callable[[], Any]) -> Any:
         return None
 
 
+def change(session: Session, **values: object) -> None:
+    """Change the plan, and say why it may not be so."""
+    attempt(lambda: session.store.change(lambda plan: plan.changed(**values)))
+
+
+def change_use(session: Session, used: Used, **values: object) -> None:
+    """The same of a recording in the plan."""
+    changed = used.changed(**values)
+    attempt(lambda: session.store.change(lambda plan: plan.with_recording(changed)))
+
+
+def go_to(stage: str, label: str, looks: str = "outline no-caps") -> None:
+    """A button that leads to a stage."""
+    ui.button(label, on_click=lambda: ui.navigate.to(f"/{stage}")).props(looks)
+
+
 def grade(word: str) -> None:
     """A grade as a mark."""
     ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
@@ -112,9 +143,7 @@ def all_mapped(session: Session) -> bool:
             else f"Say first which column is what in {', '.join(missing)}."
         )
         note(what, "bad" if gone else "doubt")
-        ui.button("Go to the recordings", on_click=lambda: ui.navigate.to("/recording")).props(
-            "outline no-caps"
-        )
+        go_to("recording", "Go to the recordings")
     return not missing
 
 
@@ -129,14 +158,19 @@ def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
     def text() -> None:
         step = make()
         ui.label("In the studio's folder:").classes("dim")
-        code(step.command, "Copy command", "command")
-        code(step.python, "Copy Python", "python")
+        both(step)
 
     with ui.expansion("Command line and Python of this step").classes("w-full").props("dense"):
         shown = ui.refreshable(text)
         shown()
     for field in fields:
         field.on_value_change(lambda: shown.refresh())
+
+
+def both(step: Step | Record) -> None:
+    """The command line of a step and its Python."""
+    code(step.command, "Copy command", "command")
+    code(step.python, "Copy Python", "python")
 
 
 def code(text: str, label: str, kind: str = "") -> None:
@@ -150,11 +184,10 @@ def code(text: str, label: str, kind: str = "") -> None:
 def difference(text: str) -> None:
     """A unified diff in colours."""
     marks = {"+": "plus", "-": "minus"}
-    lines = [
+    body = "\n".join(
         f'<span class="{marks.get(line[:1], "")}">{escape(line)}</span>'
         for line in text.splitlines()
-    ]
-    body = "\n".join(lines)
+    )
     ui.html(f'<div class="diff" tabindex="0">{body}</div>', sanitize=False).classes("w-full")
 
 
@@ -168,8 +201,13 @@ def progress(session: Session, kind: str) -> None:
     elif job.state == "cancelled":
         note("Cancelled: nothing was written.", "doubt")
     elif job.state == "failed":
-        what, _, cure = job.error.partition("\n  → ")
-        problem(Problem(what, cure=cure))
+        failed(job)
+
+
+def failed(job: Job) -> None:
+    """Why a step failed, and how to mend it."""
+    what, _, cure = job.error.partition("\n  → ")
+    problem(Problem(what, cure=cure))
 
 
 def _running(job: Job) -> None:
@@ -242,29 +280,24 @@ def upload(
                 part.replace(session.folder.path(name))
         except OSError as error:
             what = f"cannot be written: {error.strerror or error}"
-            cure = "make room in the folder, or the right to write to it"
-            warn(DeltaidError(what, where=name, cure=cure))
+            warn(Problem(what, name, "make room in the folder, or the right to write to it"))
             return
         if name != event.file.name:
             ui.notify(f"{event.file.name} is kept as {name}")
         then(name)
 
     def rejected() -> None:
-        ends = " or ".join(endings)
-        warn(DeltaidError("is not taken", where=what, cure=f"give a file that ends with {ends}"))
+        warn(Problem("is not taken", what, f"give a file that ends with {' or '.join(endings)}"))
 
     field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
+    field.props(f'aria-label="Drop {what} here"').style("display: none")
     if endings:
         field.props(f'accept="{",".join(endings)}"')
-    field.props(f'aria-label="Drop {what} here"')
-    field.style("display: none")
-    zone = ui.element("div").classes("drop")
-    with zone:
+    with ui.element("div").classes("drop") as zone:
         ui.label(f"Drop {what} here, or").classes("dim")
         ui.button(f"Choose {what}").props("outline dense no-caps").on(
             "click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()"
         )
-    uploader = f"getElement({field.id}).$refs.qRef"
-    take = f"(e) => {{ e.preventDefault(); {uploader}.addFiles(e.dataTransfer.files) }}"
-    zone.on("drop", js_handler=take)
+    add = f"getElement({field.id}).$refs.qRef.addFiles"
+    zone.on("drop", js_handler=f"(e) => {{ e.preventDefault(); {add}(e.dataTransfer.files) }}")
     zone.on("dragover", js_handler="(e) => e.preventDefault()")

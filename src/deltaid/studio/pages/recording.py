@@ -2,9 +2,8 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from nicegui import events, ui
+from nicegui import ui
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents, count_columns, read_contents
@@ -53,7 +52,9 @@ def _files(session: Session) -> None:
                     ui.select(
                         _USES,
                         value=used.use,
-                        on_change=partial(_use, session, used),
+                        on_change=lambda event, used=used: parts.change_use(
+                            session, used, use=event.value
+                        ),
                     ).props(f'dense outlined aria-label="What {name} is for"')
                 else:
                     ui.label("is missing").classes("grade wrong")
@@ -79,11 +80,6 @@ def _add(session: Session, name: str) -> None:
 
 def _forget(session: Session, name: str) -> None:
     parts.attempt(lambda: session.store.change(lambda plan: plan.without_recording(name)))
-
-
-def _use(session: Session, used: Used, event: events.ValueChangeEventArguments[Any]) -> None:
-    changed = used.changed(use=event.value)
-    parts.attempt(lambda: session.store.change(lambda plan: plan.with_recording(changed)))
 
 
 async def _recording(session: Session, used: Used, robot: RobotDescription) -> None:
@@ -131,9 +127,8 @@ def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDesc
     fitting = _fitting(session, contents, len(robot.drives))
     with ui.row():
         for mapping, of in fitting.items():
-            ui.button(f"Use {mapping}{of}", on_click=partial(_point, session, used, mapping)).props(
-                "no-caps"
-            )
+            point = partial(parts.change_use, session, used, mapping=mapping)
+            ui.button(f"Use {mapping}{of}", on_click=point).props("no-caps")
         ui.button(
             f"{'Name the rest by hand' if guess.missing else 'Use these'}, write {name}",
             on_click=lambda: _take(session, used, name, guess.data),
@@ -166,7 +161,8 @@ def _another(session: Session, used: Used) -> None:
     with ui.row().classes("items-center"):
         if others:
             ui.label(f"{used.mapping} is the mapping of {', '.join(others)} too.")
-        ui.button("Choose another mapping", on_click=partial(_point, session, used, None)).props(
+        point = partial(parts.change_use, session, used, mapping=None)
+        ui.button("Choose another mapping", on_click=point).props(
             f'flat dense no-caps aria-label="Choose another mapping for {used.file}"'
         )
 
@@ -177,9 +173,3 @@ def _take(session: Session, used: Used, name: str, data: Data) -> None:
         session.store.change(lambda plan: plan.with_recording(used.changed(mapping=name)))
 
     parts.attempt(do)
-
-
-def _point(session: Session, used: Used, name: str | None) -> None:
-    parts.attempt(
-        lambda: session.store.change(lambda plan: plan.with_recording(used.changed(mapping=name)))
-    )

@@ -1,16 +1,21 @@
-"""Stage 5: results. What was found, its report, and runs side by side."""
+"""Stage 5: results. What was found, its report, and runs side by side and over time."""
 
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
-from deltaid.studio.compare import describe_fit
+from deltaid.studio.compare import Beside, comparison, describe_fit, torques
+from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.over_time import over_time
+from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run, runs
-from deltaid.studio.session import Session, fit_runs
+from deltaid.studio.session import Session, fit_runs, mapping_of
 from deltaid.studio.steps import validate_step
+from deltaid.view.numbers import percent
+
+_SHOWN = ["torques", "errors"]
 
 
 async def body(session: Session) -> None:
@@ -21,11 +26,10 @@ async def body(session: Session) -> None:
         parts.note("There is no model yet: fit one first.")
         return
     parts.progress(session, "validate")
-    chosen = next((run for run in models if run.file("model.yaml") == session.plan.model), None)
-    if chosen is None:
-        chosen = models[0]
+    used = (run for run in models if run.file("model.yaml") == session.plan.model)
+    chosen = next(used, models[0])
     _shown(session, chosen)
-    over_time(session, models, chosen)
+    _over_time(session, models, chosen)
     _validate(session, chosen)
     _history(session, everything, chosen)
 
@@ -40,8 +44,7 @@ def _shown(session: Session, run: Run) -> None:
 
 def _commands(run: Run) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
-        parts.code(run.record.command, "Copy command", "command")
-        parts.code(run.record.python, "Copy Python", "python")
+        parts.both(run.record)
 
 
 def _validate(session: Session, run: Run) -> None:
@@ -54,14 +57,10 @@ def _validate(session: Session, run: Run) -> None:
         file.props("outlined dense")
 
         def begin() -> None:
-            used: Used = known[str(file.value)]
-            model = run.file("model.yaml")
+            used, model = known[str(file.value)], run.file("model.yaml")
             keep = session.plan.settings.keep_all
-            parts.attempt(
-                lambda: session.begin(
-                    "validate", lambda at: validate_step(model, used, at, keep_all=keep)
-                )
-            )
+            make = partial(validate_step, model, used, keep_all=keep)
+            parts.attempt(lambda: session.begin("validate", make))
 
         ui.button("Test", on_click=begin).props("outline no-caps").set_enabled(not session.busy)
 
@@ -69,19 +68,14 @@ def _validate(session: Session, run: Run) -> None:
 def _history(session: Session, everything: list[Run], chosen: Run) -> None:
     with parts.panel("All runs"):
         for run in everything:
+            state = "" if run.succeeded else " · failed or cancelled"
+            here = " · shown above" if run.folder == chosen.folder else ""
+            name = session.plan.names.get(run.folder, "")
+            when = f"{run.record.began.replace('T', ' ')[:16]} · {run.record.seconds:g} s"
             with ui.expansion().classes("w-full").props("dense") as line:
                 with line.add_slot("header"):
-                    _line(session, run, chosen)
+                    ui.label(f"{run.name} {name} · {when}{state}{here}").classes("grow")
                 _provenance(session, run)
-
-
-def _line(session: Session, run: Run, chosen: Run) -> None:
-    record = run.record
-    state = "" if run.succeeded else " · failed or cancelled"
-    here = " · shown above" if run.folder == chosen.folder else ""
-    name = session.plan.names.get(run.folder, "")
-    began = record.began.replace("T", " ")[:16]
-    ui.label(f"{run.name} {name} · {began} · {record.seconds:g} s{state}{here}").classes("grow")
 
 
 def _provenance(session: Session, run: Run) -> None:
@@ -97,7 +91,7 @@ def _provenance(session: Session, run: Run) -> None:
         if name.value:
             names[run.folder] = str(name.value)
         if names != session.plan.names:
-            parts.attempt(lambda: session.store.change(lambda plan: plan.changed(names=names)))
+            parts.change(session, names=names)
 
     name.on("blur", call)
     name.on("keydown.enter", call)
@@ -106,13 +100,101 @@ def _provenance(session: Session, run: Run) -> None:
             if (session.folder.root / run.folder / file).is_file():
                 ui.link(file, f"/files/{run.file(file)}", new_tab=True)
     if run.record.kind == "fit" and run.succeeded:
-        ui.button("Show and use this model", on_click=lambda: _use(session, run)).props(
-            "outline no-caps"
-        )
+        use = partial(parts.change, session, model=run.file("model.yaml"))
+        ui.button("Show and use this model", on_click=use).props("outline no-caps")
 
 
-def _use(session: Session, run: Run) -> None:
-    def edit(plan: Any) -> Any:
-        return plan.changed(model=run.file("model.yaml"))
+def _over_time(session: Session, models: list[Run], chosen: Run) -> None:
+    """A panel with everything of some models along one recording."""
+    known = {used.file: used for used in session.plan.recordings if session.folder.has(used.file)}
+    if not known:
+        return
+    verified = session.plan.verified
+    first = verified.file if verified and verified.file in known else next(iter(known))
+    names = {run.folder: _name(session, run) for run in models}
+    with parts.panel("Over time, and side by side"):
+        with ui.row().classes("items-center w-full"):
+            picked = ui.select(names, value=[chosen.folder], label="Models", multiple=True)
+            picked.props("outlined dense use-chips").classes("grow")
+            along = ui.select(list(known), value=first, label="Recording").props("outlined dense")
+            shown = ui.toggle(_SHOWN, value=_SHOWN[0]).props('no-caps aria-label="What is shown"')
+        parts.remembered(session, "models along", along)
+        parts.remembered(session, "models shown", shown)
+        place = ui.column().classes("w-full")
 
-    parts.attempt(lambda: session.store.change(edit))
+        async def draw() -> None:
+            place.clear()
+            runs = [run for run in models if run.folder in (picked.value or [])]
+            used = known.get(str(along.value))
+            with place:
+                if not runs or not used:
+                    return
+                await _along(session, runs, used, str(shown.value))
+                if len(runs) > 1:
+                    title = "Settings, errors and parameters side by side"
+                    with ui.expansion(title).classes("w-full"):
+                        parts.table(("", *(r.name for r in runs)), comparison(session.folder, runs))
+                _everywhere(session, runs, known)
+
+        for field in (picked, along, shown):
+            field.on_value_change(draw)
+        ui.timer(0.05, draw, once=True)
+
+
+def _name(session: Session, run: Run) -> str:
+    given = session.plan.names.get(run.folder)
+    return f"{run.name} {given}" if given else run.name
+
+
+async def _look(
+    session: Session, runs: list[Run], used: Used, span: Any = None
+) -> Beside | Problem:
+    path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
+    models = tuple(str(session.folder.path(run.file("model.yaml"))) for run in runs)
+    return await session.look(torques, path, mapping, models, span)
+
+
+async def _along(session: Session, runs: list[Run], used: Used, shown: str) -> None:
+    """Torques or errors along a recording, on one time axis for all drives."""
+    with parts.waiting():
+        found = await _look(session, runs, used)
+    if isinstance(found, Problem):
+        parts.problem(found)
+        return
+    names = [_name(session, run) for run in runs]
+    rows = [
+        (name, *map(percent, nrmse))
+        for name, nrmse in zip(names, found.nrmse.tolist(), strict=True)
+    ]
+    parts.table(("error, as a share of the torque", *found.drives), rows)
+    plot = ui.plotly(beside(found, names, shown)).classes("w-full")
+    plot.props(f'role=img aria-label="{shown.capitalize()} of models along {used.file}"')
+
+    async def again(span: tuple[float, float] | None) -> Any:
+        detail = await _look(session, runs, used, span)
+        return None if isinstance(detail, Problem) else beside(detail, names, shown)
+
+    linked(plot, again)
+
+
+def _everywhere(session: Session, runs: list[Run], known: dict[str, Used]) -> None:
+    """Every model on every recording."""
+    if len(known) < 2:
+        return
+
+    async def draw() -> None:
+        place.clear()
+        with place:
+            with parts.waiting():
+                rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
+            parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
+
+    ui.button("On every recording", on_click=draw).props("outline dense no-caps")
+    place = ui.column().classes("w-full")
+
+
+async def _shares(session: Session, runs: list[Run], used: Used) -> list[str]:
+    found = await _look(session, runs, used)
+    if isinstance(found, Problem):
+        return [found.what] * len(runs)
+    return [percent(float(shares.max())) for shares in found.nrmse]

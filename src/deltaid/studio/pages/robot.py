@@ -59,7 +59,12 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
                 on_change=lambda event: _take(session, event.value),
             ).classes("grow").props('outlined aria-label="Robot"')
             if chosen in catalogue():
-                ui.button("Edit a copy of it", on_click=lambda: _copy(session)).props("no-caps")
+                ui.button(
+                    "Edit a copy of it",
+                    on_click=lambda: attempt(
+                        lambda: _take(session, own_copy(session.folder, chosen or ""))
+                    ),
+                ).props("no-caps")
         upload(session, "a robot file", _readable, lambda file: _take(session, file), _ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
@@ -96,15 +101,7 @@ def _facts(robot: RobotDescription) -> list[tuple[str, str]]:
 
 def _take(session: Session, name: str | None) -> None:
     if name and name != session.plan.robot:
-        attempt(lambda: session.store.change(lambda plan: plan.changed(robot=name)))
-
-
-def _copy(session: Session) -> None:
-    def do() -> None:
-        name = own_copy(session.folder, session.plan.robot or "")
-        session.store.change(lambda plan: plan.changed(robot=name))
-
-    attempt(do)
+        parts.change(session, robot=name)
 
 
 async def _look(session: Session, name: str) -> None:
@@ -122,8 +119,7 @@ async def _look(session: Session, name: str) -> None:
                 ui.spinner().props('aria-hidden="true"')
                 ui.label("drawing the robot …").props("role=status")
         elif session.view is not None and session.view.state == "failed":
-            what, _, cure = session.view.error.partition("\n  → ")
-            problem(Problem(what, cure=cure))
+            parts.failed(session.view)
         else:
             report(session, VIEW, f"{name}: picture, reach, limits")
         commands(lambda: show_step(name, VIEW))
@@ -161,7 +157,7 @@ def describe(session: Session) -> None:
             parts.attempt(lambda: _take_draft(session, name, text))
 
         ui.button(f"Write {name}", on_click=write).props("no-caps")
-        shown = ui.refreshable(lambda: _command(str(kind.value), name, answers))
+        shown = ui.refreshable(lambda: parts.both(new_step(str(kind.value), name, answers)))
         with (
             ui.expansion("Command line and Python of this step")
             .classes("w-full")
@@ -178,18 +174,12 @@ def _take_draft(session: Session, name: str, text: str) -> None:
     session.store.change(lambda plan: plan.changed(robot=name))
 
 
-def _command(kind: str, name: str, answers: dict[str, str]) -> None:
-    step = new_step(kind, name, answers)
-    parts.code(step.command, "Copy command", "command")
-    parts.code(step.python, "Copy Python", "python")
-
-
 def _fields(kind: str, answers: dict[str, str]) -> None:
     questions = asked(kind)
-    needed = [question for question in questions if question.assumed is None]
     with ui.element("div").classes("columns"):
-        for question in needed:
-            _field(question, answers)
+        for question in questions:
+            if question.assumed is None:
+                _field(question, answers)
     with (
         ui.expansion("Masses, motors and what else you know").classes("w-full").props("dense"),
         ui.element("div").classes("columns"),
@@ -201,9 +191,8 @@ def _fields(kind: str, answers: dict[str, str]) -> None:
 
 def _field(question: Question, answers: dict[str, str]) -> None:
     unit = f" [{question.shown_unit}]" if question.unit else ""
-    field = ui.input(
+    ui.input(
         f"{question.text}{unit}",
         value=answers.get(question.key, ""),
         on_change=lambda event: answers.update({question.key: str(event.value or "")}),
-    )
-    field.props("outlined dense").tooltip(question.how)
+    ).props("outlined dense").tooltip(question.how)

@@ -1,10 +1,9 @@
 """Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
 
 from collections.abc import Callable
-from typing import Any, get_args
+from typing import get_args
 
 from nicegui import ui
-from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.control.options import ControllerName
 from deltaid.studio.pages import parts
@@ -50,9 +49,7 @@ async def body(session: Session) -> None:
 
 def _subject(session: Session) -> str | None:
     model = session.plan.model
-    if model is not None and session.folder.has(model):
-        return model
-    return session.plan.robot
+    return model if model is not None and session.folder.has(model) else session.plan.robot
 
 
 def _model(session: Session, model: str) -> None:
@@ -125,31 +122,26 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
         with ui.row().classes("items-center"):
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
-            option = _law() if kind == "simulate" else _spacing()
+            if kind == "simulate":
+                names = list(get_args(ControllerName))
+                option = ui.select(names, value="computed-torque", label="Controller")
+            else:
+                option = ui.number("Distance of a limb's struts [m], if not described")
+                option.classes("w-96")
+            option.props("outlined dense")
             parts.remembered(session, f"{kind} motion", motion)
             parts.remembered(session, f"{kind} option", option)
 
             def make(at: str) -> Step:
                 path, asked = str(motion.value), option.value
-                if kind == "simulate":
-                    return simulate_step(model, path, used.get(path), at, str(asked))
-                return forces_step(model, path, used.get(path), at, asked)
+                along = simulate_step if kind == "simulate" else forces_step
+                return along(model, path, used.get(path), at, asked)
 
             ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, kind)
         parts.commands(lambda: make(next_run(session.folder, kind)), motion, option)
-
-
-def _law() -> ValueElement[Any]:
-    names = list(get_args(ControllerName))
-    return ui.select(names, value="computed-torque", label="Controller").props("outlined dense")
-
-
-def _spacing() -> ValueElement[Any]:
-    field = ui.number("Distance of a limb's struts [m], if not described")
-    return field.props("outlined dense").classes("w-96")
 
 
 def _export(session: Session, model: str) -> None:
@@ -170,6 +162,6 @@ def _export(session: Session, model: str) -> None:
 def _files(session: Session) -> None:
     with parts.panel("Files of the folder"), ui.row():
         model = session.plan.model
-        names = [path.name for path in session.folder.files()]
-        for name in ([model] if model and session.folder.has(model) else []) + names:
+        first = [model] if model and session.folder.has(model) else []
+        for name in [*first, *(path.name for path in session.folder.files())]:
             ui.link(name, f"/files/{name}?download=true")
