@@ -42,14 +42,13 @@ def corrected(corrections: Sequence[Correction]) -> str:
     subjects: dict[Kind, dict[str, None]] = {}
     for correction in corrections:
         subjects.setdefault(correction.kind, {})[correction.subject] = None
-    names = {kind: _short([name for name in of if name not in ("", kind)]) for kind, of in
-             subjects.items()}  # fmt: skip
-    things = ", ".join(
-        NAMES[kind] + (f" ({', '.join(own)})" if own else "") for kind, own in names.items()
-    )
+    things = []
+    for kind, names in subjects.items():
+        own = _short([name for name in names if name not in ("", kind)])
+        things.append(NAMES[kind] + (f" ({', '.join(own)})" if own else ""))
     if len(subjects) == 1:
-        return f"One correction was made: {things}."
-    return f"{in_words(len(subjects)).capitalize()} corrections were made: {things}."
+        return f"One correction was made: {things[0]}."
+    return f"{in_words(len(subjects)).capitalize()} corrections were made: {', '.join(things)}."
 
 
 def _short(subjects: Sequence[str]) -> list[str]:

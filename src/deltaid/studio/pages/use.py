@@ -134,8 +134,9 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
 
             def make(at: str) -> Step:
                 path, asked = str(motion.value), option.value
-                along = simulate_step if kind == "simulate" else forces_step
-                return along(model, path, used.get(path), at, asked)
+                if kind == "simulate":
+                    return simulate_step(model, path, used.get(path), at, str(asked))
+                return forces_step(model, path, used.get(path), at, asked)
 
             ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
                 "outline no-caps"
