@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import deltaid
+from deltaid.checks.verdicts import as_written, mended
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.verdict import Verdict
@@ -48,6 +49,11 @@ def scaled(data: Data, factor: float, part: str = "") -> Data:
 def written(data: Data, path: Path) -> Path:
     path.write_text(yaml_text(data), encoding="utf-8")
     return path
+
+
+def mended_file(folder: Path, changes: dict[str, Any]) -> Path:
+    """Clavel's robot with some values changed, in a file."""
+    return written(mended(as_written("clavel-delta3"), changes), folder / "robot.yaml")
 
 
 def of(found: tuple[Verdict, ...], key: str) -> Verdict:

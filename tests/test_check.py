@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import deltaid
-from checked import Data, moved, of, scaled, written
+from checked import Data, mended_file, moved, of, scaled, written
 from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
 from deltaid.checks.lengths import checked_lengths
@@ -41,8 +41,7 @@ def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path:
 
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"limbs.platform_radius": 125})
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "millimetres")
+    verdict = of(check(mended_file(tmp_path, {"limbs.platform_radius": 125})), "millimetres")
     (proposal,) = verdict.proposals
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
@@ -103,16 +102,14 @@ def test_numbers_of_a_body_out_of_scale(
         "first_moment": [0.11 * c, 0.0, 0.0],
         "inertia": {"xx": 1e-5 * i, "yy": 0.08 * i, "zz": 0.08 * i},
     }
-    data = mended(as_written("clavel-delta3"), {"bodies.S.prior": prior})
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "prior-scale")
+    verdict = of(check(mended_file(tmp_path, {"bodies.S.prior": prior})), "prior-scale")
     assert verdict.grade is (Grade.DOUBTFUL if word == "kg" else Grade.WRONG)
     assert verdict.subject == "S"
     assert word in verdict.seen
 
 
 def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"friction.drive2": None})
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "friction-missing")
+    verdict = of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction-missing")
     assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
     assert dict(verdict.proposals[0].changes) == {
         "friction.drive2.viscous": 1.5,
@@ -122,8 +119,7 @@ def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None
 
 def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
     gone = {"platform_speed": None, "platform_acceleration": None, "drive_limits.drive1": None}
-    data = mended(as_written("clavel-delta3"), gone)
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "limits-missing")
+    verdict = of(check(mended_file(tmp_path, gone)), "limits-missing")
     assert verdict.grade is Grade.DOUBTFUL
     assert "5 m/s" in verdict.seen
     assert "50 m/s²" in verdict.seen
@@ -132,8 +128,7 @@ def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
 
 def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     ranges = {f"drive_limits.drive{i}.angle_deg": [-10, 30] for i in (1, 2, 3)}
-    data = mended(as_written("clavel-delta3"), ranges)
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "workspace-cut")
+    verdict = of(check(mended_file(tmp_path, ranges)), "workspace-cut")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
     assert 0.2 < verdict.number < 0.95
@@ -142,8 +137,7 @@ def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
 
 def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
     low = {f"drive_limits.drive{i}.torque": 2.0 for i in (1, 2, 3)}
-    data = mended(as_written("clavel-delta3"), low)
-    verdict = of(check(written(data, tmp_path / "robot.yaml")), "torque-limit")
+    verdict = of(check(mended_file(tmp_path, low)), "torque-limit")
     assert verdict.grade is Grade.WRONG
     assert verdict.number == pytest.approx(9.15 / 2.0, rel=0.02)
 
@@ -189,8 +183,7 @@ def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
 
 
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    robot = written(data, tmp_path / "robot.yaml")
+    robot = mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0})
     words = of(check(robot), "prior-scale")
     log = moved("clavel-delta3")
     with pytest.raises(deltaid.DeltaidError) as error:

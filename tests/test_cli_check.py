@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import deltaid
-from checked import moved, scaled, written
+from checked import mended_file, moved, scaled, written
 from command import run
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import KEYS, as_written, mended
@@ -53,8 +53,7 @@ def test_nothing_proposed_is_said(tmp_path: Path) -> None:
 
 
 def test_json_has_all_fields(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    outcome = run("check", written(data, tmp_path / "robot.yaml"), "--json")
+    outcome = run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--json")
     value = json.loads(outcome.out)
     assert (value["robot"], value["grade"]) == ("clavel-delta3", "wrong")
     verdict = next(one for one in value["verdicts"] if one["key"] == "prior-scale")
@@ -66,8 +65,7 @@ def test_json_has_all_fields(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("width", [80, 200])
 def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
-    outcome = run("check", written(data, tmp_path / "robot.yaml"), width=width)
+    outcome = run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), width=width)
     lines = outcome.out.split("into the robot file:\n")[1]
     from ruamel.yaml import YAML
 
@@ -79,9 +77,8 @@ def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -
 
 
 def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"bodies.P.prior[0].mass": 1000.0})
     path = tmp_path / "check.html"
-    run("check", written(data, tmp_path / "robot.yaml"), "--report", path)
+    run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--report", path)
     page = path.read_text(encoding="utf-8")
     assert "a mass in grams" in page
     assert "<pre" in page
@@ -89,9 +86,9 @@ def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
 
 
 def test_the_page_of_a_description_that_cannot_be_read_has_no_drawing(tmp_path: Path) -> None:
-    data = mended(as_written("clavel-delta3"), {"limbs.strut": 800.0})  # mm, and no loop closes
     path = tmp_path / "check.html"
-    outcome = run("check", written(data, tmp_path / "robot.yaml"), "--report", path)
+    robot = mended_file(tmp_path, {"limbs.strut": 800.0})  # mm, and no loop closes
+    outcome = run("check", robot, "--report", path)
     assert outcome.code == 4
     page = path.read_text(encoding="utf-8")
     assert "Wrong: one thing to be mended" in page

@@ -23,7 +23,7 @@ from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.load import load_robot
 from exports import states as exported_states
 from exports import subject
-from support import KINDS, assert_close, random_states, random_twin
+from support import KINDS, Twin, assert_close, random_states, random_twin
 
 ANY_SEED = st.integers(0, 2**32 - 1)
 EVERY_TERM = Friction(
@@ -105,17 +105,28 @@ def test_identity_for_a_mechanism_of_ones_own() -> None:
 # --- against MuJoCo's tree, projected -------------------------------------------------------------
 
 
+def assert_accelerations(
+    twin: Twin | composed.ComposedTwin,
+    states: tuple[np.ndarray, ...],
+    tau: np.ndarray,
+    share: float,
+) -> None:
+    """Those of torques at states: what the oracle takes for a pose, q and q̇."""
+    pose, q, qd = states
+    bias = twin.oracle.inverse_dynamics(pose, qd, np.zeros_like(pose))
+    M = np.array([twin.oracle.mass_matrix(row) for row in pose])
+    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
+    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
+    assert_close(found, expected, share)
+
+
 @settings(max_examples=2, deadline=None)
 @given(seed=ANY_SEED, telescope=st.booleans())
 def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: bool) -> None:
     twin = random_twin(seed, telescope=telescope)
     _, q, qd, _ = random_states(twin.oracle, np.random.default_rng(seed), 6)
     tau = np.random.default_rng(seed).uniform(-50, 50, q.shape)
-    bias = twin.oracle.inverse_dynamics(q, qd, np.zeros_like(q))
-    M = np.array([twin.oracle.mass_matrix(row) for row in q])
-    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
-    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
-    assert_close(found, expected, 1e-10)
+    assert_accelerations(twin, (q, q, qd), tau, 1e-10)
 
 
 @pytest.mark.parametrize(
@@ -126,12 +137,7 @@ def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
     twin = composed.twin(composed.Make(kind=kind))
     rng = np.random.default_rng(3)
     z, q, qd, _ = composed.random_states(twin.oracle, rng, 6)
-    tau = rng.uniform(-50, 50, z.shape)
-    bias = twin.oracle.inverse_dynamics(z, qd, np.zeros_like(z))
-    M = np.array([twin.oracle.mass_matrix(row) for row in z])
-    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
-    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
-    assert_close(found, expected, 1e-9)
+    assert_accelerations(twin, (z, q, qd), rng.uniform(-50, 50, z.shape), 1e-9)
 
 
 # --- motion without friction ----------------------------------------------------------------------
