@@ -14,7 +14,7 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.urdf import urdf
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.tree_joints import passive_joints
+from deltaid.mechanism.tree_joints import tree_joints
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.load import load_robot
 from exports import COMPOSED, states, the, title
@@ -82,7 +82,7 @@ def test_rates_are_derivatives() -> None:
 
 def test_the_graph_has_names_and_symbols() -> None:
     kinematics = Kinematics("clavel-delta3")
-    joints = passive_joints(kinematics.robot, kinematics.mechanism)
+    joints = tree_joints(kinematics.robot, kinematics.mechanism, passive=True)
     assert joints.names[-1] == "limb3_tilt"
     assert joints.position.numel() == joints.velocity.numel() == len(joints.names) == 9
     assert joints.z.numel() == joints.qd.numel() == 3

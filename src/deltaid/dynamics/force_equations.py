@@ -179,7 +179,7 @@ class _Build:
         for j, turn in enumerate(turns):
             for part in turn.parts:
                 work[j] += ca.dot(turn.axis, part.world_moment)
-                work[j] += turn.moment(part.origin, part.world_force)
+                work[j] += turn.moment(part.body.world_origin, part.world_force)
             if self._bar is not None:
                 work[j] += ca.dot(turn.axis, self._bar.lower_torque_W)
                 work[j] += turn.moment(self._bar.r_lower, self._bar.lower_force_W)
@@ -202,7 +202,7 @@ class _Build:
         if isinstance(platform, H4Platform):
             second = self._platform[1]
             held = tuple(i for i in limbs if not platform.on_first(i))
-            turns.append(_Turn(axes[2], second.origin, (second,), held))
+            turns.append(_Turn(axes[2], second.body.world_origin, (second,), held))
         return turns
 
 

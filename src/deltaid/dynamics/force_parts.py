@@ -27,16 +27,6 @@ class Part:
     taken: Wrench
 
     @property
-    def rotation(self) -> ca.SX:
-        """Rotation from the link frame to the world."""
-        return fixed(self.body.R_WL) @ self.body.rotation.R
-
-    @property
-    def origin(self) -> ca.SX:
-        """Origin of the link frame in the world [m]."""
-        return fixed(self.body.R_WL) @ self.body.origin.at
-
-    @property
     def force(self) -> ca.SX:
         """The force in the link frame [N]."""
         return self.body.rotation.R.T @ self.taken.push + self.taken.swing
@@ -59,7 +49,7 @@ class Part:
     @property
     def world_moment(self) -> ca.SX:
         """The moment in the world [N m]."""
-        return self.rotation @ self.taken.moment
+        return self.body.world_rotation @ self.taken.moment
 
 
 @dataclass(frozen=True)
@@ -89,12 +79,12 @@ class Strut:
     @property
     def along(self) -> ca.SX:
         """Along the strut to the platform, in the world."""
-        return self.part.rotation[:, 0]
+        return self.part.body.world_rotation[:, 0]
 
     @property
     def across(self) -> ca.SX:
         """`across_S` in the world."""
-        return self.part.rotation @ self.across_S
+        return self.part.body.world_rotation @ self.across_S
 
 
 def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: Part) -> Strut:
@@ -173,8 +163,8 @@ def bar_forces(length: ca.SX, upper: Part, lower: Part, tool: Part, slide: ca.SX
         length: distance of the joints [m].
         slide: force that the slide's motion takes [N].
     """
-    R_WT = upper.rotation
-    x = R_WT.T @ tool.rotation[:, 0]
+    R_WT = upper.body.world_rotation
+    x = R_WT.T @ tool.body.world_rotation[:, 0]
     n = ca.cross(x, ca.SX(ca.DM([0, 1, 0])))
     n_W = R_WT @ n
     lower_torque = -tool.world_moment[2] / n_W[2]
@@ -188,7 +178,7 @@ def bar_forces(length: ca.SX, upper: Part, lower: Part, tool: Part, slide: ca.SX
     )
     upper_torque = torques - lower_torque
     return Bar(
-        r_lower=lower.origin,
+        r_lower=lower.body.world_origin,
         upper_force=upper.force + lower.force - f,
         upper_torque=upper_torque,
         lower_force=f,

@@ -12,7 +12,7 @@ from deltaid.exports.options import FURTHER
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.straight_line import Array
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.tree_joints import passive_joints
+from deltaid.mechanism.tree_joints import tree_joints
 from deltaid.model.model import Model
 from deltaid.online.contact_part import standard_parts
 from deltaid.online.cycle import step_graph
@@ -52,7 +52,8 @@ def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunctio
 
 
 def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
-    joints = passive_joints(subject.robot, subject.dynamics.kinematics.mechanism)
+    mechanism = subject.dynamics.kinematics.mechanism
+    joints = tree_joints(subject.robot, mechanism, passive=True)
     slides = {j.name for body in spanning_tree(subject).bodies for j in body.joints if j.slides}
     units = ["m" if name in slides else "rad" for name in joints.names]
     positions = tuple(zip(joints.names, units, strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.exports.tree import Coupling, LoopCut, Tree, TreeBody, TreeJoint, TreePoint, TreeStrut
 from deltaid.mechanism.mechanism import LimbBodies
-from deltaid.mechanism.tree_joints import i4_direction, tree_coordinates
+from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
@@ -145,7 +145,7 @@ def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> _Part:
 
 def _i4(subject: Model, platform: I4Platform) -> _Part:
     """The first half platform slides in the world, the second and the tool on the first."""
-    e, place = i4_direction(platform), np.array(platform.tool)
+    e, place = platform.direction, np.array(platform.tool)
     half, along = subject.body("HP"), TreeJoint("platform", True, -e)
     I, zero = np.eye(3), np.zeros(3)
     carrier, rack = _tool_carrier(platform), TreeJoint("tool_rack", True, -e)

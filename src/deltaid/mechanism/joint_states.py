@@ -1,8 +1,7 @@
 """All joints of a robot in numbers, as a publisher of joint states wants them; and how fast those
 without a drive move along a motion."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,37 +12,19 @@ from jaxtyping import Float
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
-from deltaid.mechanism.tree_joints import TreeJoints, all_joints, passive_joints
+from deltaid.mechanism.tree_joints import JointStates, TreeJoints, tree_joints
 from deltaid.robot.description import RobotDescription
-from deltaid.shown import Named
 
 Samples = Float[np.ndarray, "samples dof"]
 
 
-@dataclass(frozen=True, eq=False)
-class JointStates(Named):
-    """Joints of the robot's tree for many samples, or one, as `sensor_msgs/JointState` has them.
-
-    Attributes:
-        names: of the joints, those of the MJCF and URDF exports.
-        position: [rad or m].
-        velocity: [rad/s or m/s]; None where no drive velocities were given.
-    """
-
-    names: tuple[str, ...]
-    position: Float[np.ndarray, "*samples joints"]
-    velocity: Float[np.ndarray, "*samples joints"] | None
-
-
-class WithJointStates(ABC):
+class WithJointStates:
     """Kinematics that knows all joints of the tree."""
 
     robot: RobotDescription
     mechanism: Mechanism
 
-    @abstractmethod
-    def forward(self, q: Samples) -> Samples:
-        """Task coordinates z of drive coordinates q."""
+    forward: Callable[[Samples], Samples]
 
     @one_or_many("q", "qd")
     def joint_states(self, q: Samples, qd: Samples | None = None) -> JointStates:
@@ -59,8 +40,7 @@ class WithJointStates(ABC):
             KinematicsError: q closes no loop or is singular.
             DeltaidError: the mechanism is the user's own, so its joints are not known.
         """
-        joints = self._all_joints
-        return joints.states(self.forward(q), qd)
+        return self._all_joints.states(self.forward(q), qd)
 
     @one_or_many("z", "qd")
     def passive_joints(self, z: Samples, qd: Samples | None = None) -> JointStates:
@@ -72,36 +52,12 @@ class WithJointStates(ABC):
         return self._passive_joints.states(z, qd)
 
     @cached_property
-    def _all_joints(self) -> "_Compiled":
-        return _Compiled(all_joints(self.robot, self.mechanism))
+    def _all_joints(self) -> TreeJoints:
+        return tree_joints(self.robot, self.mechanism)
 
     @cached_property
-    def _passive_joints(self) -> "_Compiled":
-        return _Compiled(passive_joints(self.robot, self.mechanism))
-
-
-class _Compiled:
-    """Joints with kernels that are compiled when needed."""
-
-    def __init__(self, joints: TreeJoints) -> None:
-        self.joints = joints
-
-    def states(self, z: Samples, qd: Samples | None) -> JointStates:
-        """At some samples of a motion."""
-        names, n = self.joints.names, len(self.joints.names)
-        if qd is None:
-            return JointStates(names, self._positions(z.T).T, None)
-        out = self._states(np.hstack([z, qd]).T).T
-        return JointStates(names, out[:, :n], out[:, n:])
-
-    @cached_property
-    def _positions(self) -> BatchKernel:
-        return BatchKernel(self.joints.z, self.joints.position)
-
-    @cached_property
-    def _states(self) -> BatchKernel:
-        j = self.joints
-        return BatchKernel(ca.vertcat(j.z, j.qd), ca.vertcat(j.position, j.velocity))
+    def _passive_joints(self) -> TreeJoints:
+        return tree_joints(self.robot, self.mechanism, passive=True)
 
 
 @dataclass(frozen=True, eq=False)

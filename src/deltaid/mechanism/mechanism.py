@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.mechanism.rotation import Path, Rotation, inverse
+from deltaid.mechanism.rotation import Path, Rotation, fixed, inverse
 from deltaid.mechanism.speeds import Speeds
 
 
@@ -35,6 +35,16 @@ class MovingBody:
     R_WL: Float[np.ndarray, "3 3"]
     rotation: Rotation
     origin: Path
+
+    @property
+    def world_rotation(self) -> ca.SX:
+        """R_WB, from the link frame to the world."""
+        return fixed(self.R_WL) @ self.rotation.R
+
+    @property
+    def world_origin(self) -> ca.SX:
+        """r_WB, where the link frame is in the world [m]."""
+        return fixed(self.R_WL) @ self.origin.at
 
 
 @dataclass(frozen=True)

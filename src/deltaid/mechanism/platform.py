@@ -79,9 +79,7 @@ def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
 def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:
     """From the platform point to the point of the first part."""
     if isinstance(platform, I4Platform):
-        angle = np.deg2rad(platform.direction_deg)
-        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
-        return _half_length(platform) * joint * fixed(direction)
+        return _half_length(platform) * joint * fixed(platform.direction)
     return _half_length(platform) * _towards(joint)
 
 

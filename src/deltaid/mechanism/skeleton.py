@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.mechanism import LimbBodies, Mechanism, MovingBody
+from deltaid.mechanism.mechanism import LimbBodies, Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 
@@ -76,8 +76,8 @@ def _own(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     segments = []
     for body in mechanism.bodies:
         p = robot.bodies[body.name].prior_parameters()
-        centre = _origin(body) + _rotation(body) @ ca.DM(p[1:4] / p[0])
-        segments.append(Segment(body.name, _origin(body), centre))
+        centre = body.world_origin + body.world_rotation @ ca.DM(p[1:4] / p[0])
+        segments.append(Segment(body.name, body.world_origin, centre))
     return segments
 
 
@@ -96,13 +96,13 @@ def _limb(
 ) -> tuple[list[Segment], list[ca.SX]]:
     """Segments of one limb, and where its struts lie to either side of their middle."""
     geometry = robot.limb_geometry[i]
-    driven, strut, elbow = limb.driven.name, limb.strut.name, _origin(limb.strut)
+    driven, strut, elbow = limb.driven.name, limb.strut.name, limb.strut.world_origin
     y_L = ca.SX(ca.DM(geometry.R_WL[:, 1]))
     sides = [-half * y_L, half * y_L] if geometry.struts > 1 else [ca.SX.zeros(3)]
     segments = [Segment(strut, elbow + side, limb.held + side) for side in sides]
     segments.append(Segment(driven, elbow + sides[0], elbow + sides[-1]))
     if geometry.drive == "rotary":
-        segments.append(Segment(driven, _origin(limb.driven), elbow))
+        segments.append(Segment(driven, limb.driven.world_origin, elbow))
         return segments, sides
     rail = ca.SX(ca.DM(geometry.R_WL @ geometry.rail))
     limits = robot.drive_limits.get(f"drive{i + 1}")
@@ -121,9 +121,9 @@ def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list
     parts = [body for body in bodies if body.name == names[0]]
     tool = next(body for body in bodies if body.name == "EE")
     joining = names[1] if len(names) == 3 else names[0]
-    segments = [Segment(joining, _origin(parts[0]), _origin(parts[1]))]
-    pointer = _origin(tool) + max(0.5 * size, 0.03) * _rotation(tool)[:, 0]
-    return [*segments, Segment("EE", _origin(tool), pointer)]
+    segments = [Segment(joining, parts[0].world_origin, parts[1].world_origin)]
+    pointer = tool.world_origin + max(0.5 * size, 0.03) * tool.world_rotation[:, 0]
+    return [*segments, Segment("EE", tool.world_origin, pointer)]
 
 
 def _telescope(mechanism: Mechanism) -> list[Segment]:
@@ -131,22 +131,14 @@ def _telescope(mechanism: Mechanism) -> list[Segment]:
     parts = {body.name: body for body in mechanism.bodies}
     if not {"TU", "TL", "EE"} <= parts.keys():
         return []
-    top, bottom, tool = (_origin(parts[name]) for name in ("TU", "TL", "EE"))
+    top, bottom, tool = (parts[name].world_origin for name in ("TU", "TL", "EE"))
     middle = 0.5 * (top + bottom)
     return [
         Segment("TU", top, middle),
         Segment("TL", middle, bottom),
-        Segment("EE", tool, tool + 0.05 * _rotation(parts["EE"])[:, 0]),
+        Segment("EE", tool, tool + 0.05 * parts["EE"].world_rotation[:, 0]),
     ]
 
 
 def _polygon(body: str, corners: list[ca.SX]) -> list[Segment]:
     return [Segment(body, corners[i - 1], corners[i]) for i in range(len(corners))]
-
-
-def _rotation(body: MovingBody) -> ca.SX:
-    return ca.SX(body.R_WL) @ body.rotation.R
-
-
-def _origin(body: MovingBody) -> ca.SX:
-    return ca.SX(body.R_WL) @ body.origin.at

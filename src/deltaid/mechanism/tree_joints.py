@@ -11,7 +11,6 @@ each joint's coordinate is a function of z, and these functions stand here:
     platform_x, middle_x, part1_x, tool_x, …   where a part of the platform is in the world
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,9 +19,28 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
+from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
+from deltaid.shown import Named
+
+Samples = Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointStates(Named):
+    """Joints of the robot's tree for many samples, or one, as `sensor_msgs/JointState` has them.
+
+    Attributes:
+        names: of the joints, those of the MJCF and URDF exports.
+        position: [rad or m].
+        velocity: [rad/s or m/s]; None where no drive velocities were given.
+    """
+
+    names: tuple[str, ...]
+    position: Float[np.ndarray, "*samples joints"]
+    velocity: Float[np.ndarray, "*samples joints"] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,31 +65,37 @@ class TreeJoints:
         """ϑ̇ = ∂ϑ/∂z T q̇ as a function of z and q̇ [rad/s or m/s]."""
         return ca.jacobian(self.position, self.z) @ (self.inverse_jacobian @ self.qd)
 
+    def states(self, z: Samples, qd: Samples | None) -> JointStates:
+        """Numbers at some samples of a motion."""
+        n = len(self.names)
+        if qd is None:
+            return JointStates(self.names, self._positions(z.T).T, None)
+        out = self._states(np.hstack([z, qd]).T).T
+        return JointStates(self.names, out[:, :n], out[:, n:])
 
-def passive_joints(robot: RobotDescription, mechanism: Mechanism) -> TreeJoints:
-    """The joints of the tree without a drive.
+    @cached_property
+    def _positions(self) -> BatchKernel:
+        return BatchKernel(self.z, self.position)
+
+    @cached_property
+    def _states(self) -> BatchKernel:
+        return BatchKernel(ca.vertcat(self.z, self.qd), ca.vertcat(self.position, self.velocity))
+
+
+def tree_joints(
+    robot: RobotDescription, mechanism: Mechanism, *, passive: bool = False
+) -> TreeJoints:
+    """All joints of the tree, drives first; or those without a drive.
 
     Raises:
         DeltaidError: the mechanism is the user's own, so its joints are not known.
     """
-    found = tree_coordinates(robot, mechanism)
-    return _joints(mechanism, {n: x for n, x in found.items() if n not in robot.drives})
-
-
-def all_joints(robot: RobotDescription, mechanism: Mechanism) -> TreeJoints:
-    """All joints of the tree, drives first.
-
-    Raises:
-        DeltaidError: the mechanism is the user's own, so its joints are not known.
-    """
-    found = tree_coordinates(robot, mechanism)
-    return _joints(mechanism, {n: found[n] for n in (*robot.drives, *found)})
-
-
-def _joints(mechanism: Mechanism, found: Mapping[str, ca.SX]) -> TreeJoints:
+    coordinates = tree_coordinates(robot, mechanism)
+    others = [name for name in coordinates if name not in robot.drives]
+    names = (*(() if passive else robot.drives), *others)
+    position = ca.vertcat(*(coordinates[name] for name in names))
     speeds = mechanism.speeds
-    x = ca.vertcat(*found.values())
-    return TreeJoints(tuple(found), mechanism.z, speeds.q.u, x, speeds.inverse_jacobian)
+    return TreeJoints(names, mechanism.z, speeds.q.u, position, speeds.inverse_jacobian)
 
 
 def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str, ca.SX]:
@@ -111,18 +135,12 @@ def _of_platform(platform: Platform, z: ca.SX) -> dict[str, ca.SX]:
         return _positions("platform", z[:3])
     joint = z[3] / platform.ratio
     if isinstance(platform, I4Platform):
-        first = z[:3] + 0.5 * joint * ca.DM(i4_direction(platform))
+        first = z[:3] + 0.5 * joint * ca.DM(platform.direction)
         rack = {} if platform.tool_on != "middle" else {"tool_rack": 0.5 * joint}
         return _positions("part1", first) | {"platform": joint, "tool": z[3]} | rack
     turns = {"platform": joint, "part1_turn": -joint, "part2_turn": -joint}
     beside = _positions("tool", z[:3]) if platform.tool_on == "middle" else {}
     return _positions("middle", z[:3]) | turns | beside | {"tool": z[3]}
-
-
-def i4_direction(platform: I4Platform) -> Float[np.ndarray, " 3"]:
-    """Unit vector along which the half platforms of an I4 slide."""
-    angle = np.deg2rad(platform.direction_deg)
-    return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
 def _of_telescope(bar: Telescope, z: ca.SX) -> dict[str, ca.SX]:

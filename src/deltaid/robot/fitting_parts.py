@@ -1,4 +1,5 @@
-"""Whether the parts of a description fit together: bodies, joints, drives, limbs, workspace."""
+"""Whether the parts of a description fit together: bodies, joints, drives, limbs, workspace; and
+whether limbs of its lengths close."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -104,3 +105,29 @@ def _among(key: str, given: dict[str, Any], allowed: tuple[str, ...]) -> None:
     extra = [name for name in given if name not in allowed]
     if extra:
         raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")
+
+
+def open_limb(robot: "RobotDescription") -> str:
+    """Why a limb cannot hold the platform in the middle of the workspace; empty if all can.
+
+    A rotary limb reaches from |L − l| to L + l around its motor axis, L and l seen along that axis;
+    a linear one as far from its rail as its strut is long.
+    """
+    if robot.limbs is None:  # a mechanism of the user's own, which is checked when it is built
+        return ""
+    home = robot.home
+    for i, limb in enumerate(robot.limb_geometry):
+        held = home[:3] + limb.attachment
+        if not isinstance(robot.platform, RigidPlatform):
+            sign = 1.0 if robot.platform.on_first(i) else -1.0
+            held = held + sign * robot.platform.half(home[3])
+        shortest, longest = limb.fitting_struts(held)
+        if not shortest < limb.strut < longest:
+            side = "at least" if limb.strut <= shortest else "at most"
+            bound = shortest if limb.strut <= shortest else longest
+            middle = ", ".join(f"{x:.4g}" for x in home[:3])
+            return (
+                f"limb {i + 1} cannot reach the middle of the workspace, ({middle}) m, with a "
+                f"strut of {limb.strut:g} m; it takes {side} {bound:.4g} m"
+            )
+    return ""

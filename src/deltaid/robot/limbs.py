@@ -56,6 +56,14 @@ class LimbGeometry:
     outwards: bool
     spacing: float | None = None
 
+    def fitting_struts(self, held: Float[np.ndarray, " 3"]) -> tuple[float, float]:
+        """Shortest and longest strut between the drive and a point in the world [m]."""
+        p = self.R_WL.T @ (held - self.base)
+        if self.drive == "linear":
+            return float(np.linalg.norm(p - (self.rail @ p) * self.rail)), np.inf
+        rho, lateral, arm = np.hypot(p[0], p[2]), p[1], self.upper_arm
+        return float(np.hypot(lateral, rho - arm)), float(np.hypot(lateral, rho + arm))
+
 
 class Limbs(Part):
     """All limbs of a robot, alike but for what is given as a list."""

@@ -12,9 +12,9 @@ from pydantic import BaseModel, ValidationError
 
 from deltaid.errors import DescriptionError, nearest
 from deltaid.files import written_whole
-from deltaid.robot.closing import open_limb
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.fitting_parts import open_limb
 from deltaid.robot.own import with_named_file
 from deltaid.robot.yaml_tree import Entry, child, plain, read_tree, yaml_text
 
@@ -138,8 +138,7 @@ def holds_a_model(text: str) -> bool:
 
 def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
     """Refuse limbs that reach nowhere; without a text, no line of it is named."""
-    reason = open_limb(robot)
-    if reason:
+    if reason := open_limb(robot):
         limbs = child(_tree(text, where).value, "limbs") if text else None
         strut = limbs and child(limbs.value, "strut")
         line = f"line {strut.line if strut else 1}, " if text else ""

@@ -135,9 +135,14 @@ class I4Platform(_Articulated):
         description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
     )
 
+    @property
+    def direction(self) -> Float[np.ndarray, " 3"]:
+        """Unit vector e along which the half platforms slide."""
+        return _direction(np.deg2rad(self.direction_deg))
+
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
         """From the middle to the first part, ½ s e [m]."""
-        return 0.5 * psi / self.ratio * _direction(np.deg2rad(self.direction_deg))
+        return 0.5 * psi / self.ratio * self.direction
 
 
 Platform = Annotated[
