@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.options import output_file
+from deltaid.cli.options import bounded, output_file
 from deltaid.cli.output import (
     console,
     print_warnings,
@@ -16,7 +16,6 @@ from deltaid.cli.output import (
     styled,
     table,
 )
-from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
@@ -38,7 +37,10 @@ def show(
     ] = False,
     port: Annotated[
         int | None,
-        typer.Option(help="Port of the live view. Default: 8080, or the next that is free."),
+        bounded(
+            help="Port of the live view. Default: 8080, or the next that is free.",
+            limits=(0, 65535),
+        ),
     ] = None,
 ) -> None:
     """Show a robot at rest: what it can reach, which limits end that, condition, holding torques.
@@ -51,7 +53,11 @@ def show(
 
     require_outputs([robot], {"--report": report})
     if live:
-        _require_live(port)
+        from deltaid.view.live import require_port, require_viser
+
+        require_viser()
+        if port is not None:
+            require_port(port)
     model = load(robot)
     require_space(model.robot)
     with progress(False) as say:
@@ -64,16 +70,6 @@ def show(
         print_survey(at_rest)
     if live:
         _open(at_rest, port)
-
-
-def _require_live(port: int | None) -> None:
-    from deltaid.view.live import require_port, require_viser
-
-    require_viser()
-    if port is not None:
-        if not 0 <= port <= 65535:
-            raise DeltaidError(f"must lie between 0 and 65535, not {port}", where="--port")
-        require_port(port)
 
 
 def robot_report(robot: "AtRest", path: Path, origin: str) -> None:

@@ -66,9 +66,10 @@ class AtRest:
         mechanism = dynamics.kinematics.mechanism
         posed = pose_limits(self.robot, mechanism)
         efforts = torque_limits(self.robot)
+        drives = [self.robot.drives[i] for i in efforts]
         self.limits: tuple[str, ...] = (
             *(limit.name for limit in posed),
-            *(f"{drive} {self.robot.units(drive).effort}" for drive in _named(self.robot, efforts)),
+            *(f"{drive} {self.robot.units(drive).effort}" for drive in drives),
         )
         self.of_workspace = len(workspace_limits(self.robot, mechanism.z))
         self._kernel = self._build(mechanism, posed, efforts)
@@ -120,7 +121,3 @@ class AtRest:
         except KinematicsError as error:
             return error.what
         return "the pose lies beyond a singularity"
-
-
-def _named(robot: RobotDescription, efforts: dict[int, float]) -> list[str]:
-    return [robot.drives[i] for i in efforts]

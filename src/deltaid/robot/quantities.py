@@ -16,34 +16,15 @@ _FASTEST = 300.0  # m/s
 _STRONGEST = 100.0  # m/s², of gravity
 
 
-def _not_tiny(value: float) -> float:
-    if value < _SMALLEST:
-        raise ValueError(f"{value:g} is next to nothing; is its unit right?")
-    return value
+def limited(low: float, high: float, refusal: str) -> AfterValidator:
+    """Refuse numbers but zero outside of limits; `refusal` has a place for the number."""
 
+    def check(value: float) -> float:
+        if value and not low <= value <= high:
+            raise ValueError(refusal.format(value))
+        return value
 
-def _length(value: float) -> float:
-    if not _SHORTEST <= abs(value) <= _LONGEST and value != 0:
-        raise ValueError(f"{value:g} m cannot be; lengths are in metres")
-    return value
-
-
-def _mass(value: float) -> float:
-    if not _LIGHTEST <= value <= _HEAVIEST:
-        raise ValueError(f"{value:g} kg cannot be; masses are in kilograms")
-    return value
-
-
-def _position(value: float) -> float:
-    if abs(value) > _LONGEST:
-        raise ValueError(f"{value:g} m cannot be; positions are in metres")
-    return value
-
-
-def _speed(value: float) -> float:
-    if value > _FASTEST:
-        raise ValueError(f"{value:g} m/s cannot be; speeds are in metres per second")
-    return value
+    return AfterValidator(check)
 
 
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -57,26 +38,26 @@ def _limits(**limits: Any) -> Any:
     return Field(json_schema_extra=limits)
 
 
-Positive = Annotated[
-    float, Field(gt=0, le=_LARGEST), AfterValidator(_not_tiny), _limits(minimum=_SMALLEST)
-]
+_NOT_TINY = limited(_SMALLEST, math.inf, "{:g} is next to nothing; is its unit right?")
+_LENGTH = limited(_SHORTEST, _LONGEST, "{:g} m cannot be; lengths are in metres")
+_MASS = limited(_LIGHTEST, _HEAVIEST, "{:g} kg cannot be; masses are in kilograms")
+_POSITION = limited(-_LONGEST, _LONGEST, "{:g} m cannot be; positions are in metres")
+_SPEED = limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second")
+
+Positive = Annotated[float, Field(gt=0, le=_LARGEST), _NOT_TINY, _limits(minimum=_SMALLEST)]
 NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Coordinate = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
-Length = Annotated[
-    float, Field(gt=0), AfterValidator(_length), _limits(minimum=_SHORTEST, maximum=_LONGEST)
-]
+Length = Annotated[float, Field(gt=0), _LENGTH, _limits(minimum=_SHORTEST, maximum=_LONGEST)]
 # May be zero.
 Radius = Annotated[
     float,
     Field(ge=0),
-    AfterValidator(_length),
+    _LENGTH,
     _limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
 ]
-Mass = Annotated[
-    float, Field(gt=0), AfterValidator(_mass), _limits(minimum=_LIGHTEST, maximum=_HEAVIEST)
-]
-Position = Annotated[float, AfterValidator(_position), _limits(minimum=-_LONGEST, maximum=_LONGEST)]
-Speed = Annotated[Positive, AfterValidator(_speed), _limits(minimum=_SMALLEST, maximum=_FASTEST)]
+Mass = Annotated[float, Field(gt=0), _MASS, _limits(minimum=_LIGHTEST, maximum=_HEAVIEST)]
+Position = Annotated[float, _POSITION, _limits(minimum=-_LONGEST, maximum=_LONGEST)]
+Speed = Annotated[Positive, _SPEED, _limits(minimum=_SMALLEST, maximum=_FASTEST)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
 _Pull = Annotated[Coordinate, _limits(minimum=-_STRONGEST, maximum=_STRONGEST)]

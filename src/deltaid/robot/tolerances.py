@@ -5,9 +5,10 @@ Every number is one standard deviation: about a third of all machines are furthe
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from deltaid.robot.part import Part
+from deltaid.robot.quantities import limited
 
 # Larger ones are in another unit: millimetres for metres, degrees for radians, per cent for shares.
 _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
@@ -21,29 +22,21 @@ def _within(most: float) -> Any:
     return Field(json_schema_extra={"minimum": 0.0, "maximum": most})
 
 
-def _length(value: float) -> float:
-    if not 0 <= value <= _LONG:
-        raise ValueError(f"{value:g} m is no tolerance of a length; it is in metres")
-    return value
-
-
-def _angle(value: float) -> float:
-    if not 0 <= value <= _WIDE:
-        raise ValueError(f"{value:g} is no tolerance of an angle in rad, or of a rail in m")
-    return value
-
-
-LengthTolerance = Annotated[float, AfterValidator(_length), _within(_LONG)]
-AngleTolerance = Annotated[float, AfterValidator(_angle), _within(_WIDE)]
-
-
-def _share(value: float) -> float:
-    if not 0 <= value <= _UNSURE:
-        raise ValueError(f"{value:g} is no tolerance of a torque constant; 0.03 stands for 3 %")
-    return value
-
-
-ShareTolerance = Annotated[float, AfterValidator(_share), _within(_UNSURE)]
+LengthTolerance = Annotated[
+    float,
+    limited(0.0, _LONG, "{:g} m is no tolerance of a length; it is in metres"),
+    _within(_LONG),
+]
+AngleTolerance = Annotated[
+    float,
+    limited(0.0, _WIDE, "{:g} is no tolerance of an angle in rad, or of a rail in m"),
+    _within(_WIDE),
+]
+ShareTolerance = Annotated[
+    float,
+    limited(0.0, _UNSURE, "{:g} is no tolerance of a torque constant; 0.03 stands for 3 %"),
+    _within(_UNSURE),
+]
 
 # Kinds of lengths that may have a tolerance of their own.
 LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "platform", "telescope")
