@@ -21,7 +21,7 @@ from deltaid.identification.identify import identify
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.reproduce.accuracy import Accuracy, accuracy, drive_motion
-from deltaid.reproduce.nominal import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
+from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.load import load_robot
 
 LENGTHS = (

@@ -21,8 +21,7 @@ from deltaid.exports.c_code import c_code
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
-from deltaid.online.contact_part import contact_of
-from deltaid.online.cycle import step_graph
+from deltaid.online.cycle import contact_of, step_graph
 from deltaid.online.settings import OnlineSettings
 
 CYCLES, ROUNDS = 1000, 100

@@ -60,7 +60,7 @@ largest speed and acceleration are {speed} °/s and {acceleration} °/s² to ide
 def run(settings: Irb360Settings) -> dict[str, Any]:
     """Numbers of one run, in this process."""
     result = reproduce_irb360(settings)
-    found = result.candidate(CHOSEN).identification
+    found = result.candidates[CHOSEN].identification
     assert found is not None
     choice, law = found.model.friction_choice, found.model.robot.friction.get("drive4")
     assert choice is not None
@@ -80,14 +80,14 @@ def run(settings: Irb360Settings) -> dict[str, Any]:
 
 def left(result: Irb360, motion: str) -> dict[str, float]:
     """What each model leaves of drive 4's torque [N m]."""
-    rms = {name: float(result.result(name, motion).rms[3]) for name in MODELS if name != NOISE}
-    return rms | {NOISE: float(result.track(motion).noise[3])}
+    rms = {name: float(result.verified[name, motion].rms[3]) for name in MODELS if name != NOISE}
+    return rms | {NOISE: float(result.tracks[motion].noise[3])}
 
 
 def others(result: Irb360, name: str) -> float:
     """What a model leaves of the other drives' torques, in multiples of the noise, at most."""
     return max(
-        float(np.max(result.result(name, motion).rms[:3] / result.track(motion).noise[:3]))
+        float(np.max(result.verified[name, motion].rms[:3] / result.tracks[motion].noise[:3]))
         for motion in ("slow", "fast")
     )
 

@@ -13,9 +13,9 @@ from deltaid.control.options import ControllerName
 from deltaid.dynamics.dynamics import compiled
 from deltaid.exports.options import TargetName
 from deltaid.model.options import Method
-from deltaid.motion.excitation.criterion import Criterion
 from deltaid.motion.excitation.excite import Excitation, ExcitationSettings, Exciter
 from deltaid.motion.excitation.optimize import largest_use, optimise, random_start
+from deltaid.motion.excitation.problem import Criterion
 from deltaid.motion.excitation.run import plan_run, sample_run
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.robot.load import load_robot

@@ -13,11 +13,11 @@ from c_library import BAD_INPUT, OK, Library, build
 from command import refused, run
 from deltaid.errors import DeltaidError
 from deltaid.exports.files import Written, export
-from deltaid.exports.structured_text import structured_text
+from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
-from deltaid.online.layout import Field
+from deltaid.online.graph import Field
 from deltaid.online.online import Online
 from deltaid.online.settings import OnlineSettings
 from exports import needs_compiler
@@ -101,7 +101,7 @@ def call(library: Library, *arrays: np.ndarray) -> int:
 @PRECISIONS
 def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
     online, inputs, expected = recording(precision)
-    program = Program(structured_text(load(ROBOT), "rob", precision, ("online",)))
+    program = Program(plc_program(load(ROBOT), "rob", precision, ("online",)).text)
     block, number = program.units["rob_online"](), np.float32 if program.single else float
     codes, found = [], []
     for row in inputs:

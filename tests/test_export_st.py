@@ -13,7 +13,7 @@ import pytest
 from deltaid.errors import DeltaidError
 from deltaid.exports.st_statements import StructuredText
 from deltaid.exports.straight_line import Array, body
-from deltaid.exports.structured_text import plc_program, structured_text
+from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
@@ -28,7 +28,7 @@ FURTHER = ("constraint-forces", "passive-joints", "regressor")
 
 @cache
 def text(name: str, precision: Precision = DOUBLE, further: tuple[str, ...] = ()) -> str:
-    return structured_text(subject(name), "rob", precision, further)
+    return plc_program(subject(name), "rob", precision, further).text
 
 
 @cache
@@ -284,10 +284,10 @@ def test_what_is_not_chosen_stops_nothing() -> None:
 @pytest.mark.parametrize("prefix", ["", "3d", "a b", "_x", "x_", "a__b", "a" * 21])
 def test_names_that_structured_text_cannot_have(prefix: str) -> None:
     with pytest.raises(DeltaidError, match="cannot begin the names"):
-        structured_text(subject("linear-delta"), prefix)
+        plc_program(subject("linear-delta"), prefix)
 
 
 def test_a_title_cannot_end_the_comment() -> None:
     chosen = subject("linear-delta")
     robot = chosen.robot.model_copy(update={"title": "*) x := 1; (* ü ((*)"})
-    Program(structured_text(Model(robot, chosen.p, "a.yaml"), "rob"))  # which has no errors
+    Program(plc_program(Model(robot, chosen.p, "a.yaml"), "rob").text)  # which has no errors

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltaid.exports.structured_text import structured_text
+from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from exports import model, states, subject
 from support import assert_close
@@ -75,7 +75,7 @@ int main()
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "h4"])
 def test_compiled(name: str, precision: Precision, tmp_path: Path) -> None:
     chosen, share = subject(name), 1e-12 if precision is DOUBLE else 1e-5
-    text = structured_text(chosen, "rob", precision)
+    text = plc_program(chosen, "rob", precision).text
     (tmp_path / "rob.st").write_text(text)
     command = ["node", STRUCPP] if str(STRUCPP).endswith(".js") else [STRUCPP]
     made = subprocess.run([*command, "rob.st", "-o", "rob.cpp"], cwd=tmp_path, capture_output=True)

@@ -9,9 +9,9 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
-from deltaid.joint_forces.ball import ConsistentBall
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.ranges import (
+    ConsistentBall,
     Determinacy,
     ForceEvidence,
     Ranges,

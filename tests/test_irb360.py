@@ -10,10 +10,9 @@ import pytest
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.model.record import IdentifiedModel
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
-from deltaid.reproduce.irb360_files import FILES, write_files
 from deltaid.reproduce.irb360_page import irb360_page
-from deltaid.reproduce.irb360_result import QUICK, Irb360
-from deltaid.reproduce.surrogate_files import REPORT
+from deltaid.reproduce.irb360_result import FILES, QUICK, Irb360, write_files
+from deltaid.reproduce.surrogate_result import REPORT
 from deltaid.reproduce.table_one import (
     DETERMINED,
     RETUNED,
@@ -74,7 +73,7 @@ def test_plain_friction_fails_on_drive_4_and_the_chosen_law_repairs_it(result):
     docs/reproduce.md the chosen law leaves at most 0.33 of what plain friction leaves."""
 
     def drive_4(name: str, motion: str) -> float:
-        return float(result.result(name, motion).rms[3])
+        return float(result.verified[name, motion].rms[3])
 
     assert drive_4(GEOM, "slow") > 0.15  # the failure of Fig. 7 is there
     assert drive_4(BASE, "slow") == pytest.approx(drive_4(GEOM, "slow"), rel=0.1)
@@ -86,14 +85,14 @@ def test_plain_friction_fails_on_drive_4_and_the_chosen_law_repairs_it(result):
     assert drive_4(CHOSEN, "fast") < 0.2 * drive_4(GEOM, "fast")
     for motion in ("slow", "fast"):  # the other drives are left alone
         others = slice(0, 3)
-        chosen, noise = result.result(CHOSEN, motion).rms, result.track(motion).noise
+        chosen, noise = result.verified[CHOSEN, motion].rms, result.tracks[motion].noise
         assert np.all(chosen[others] < 1.15 * noise[others])
 
 
 def test_both_priors_give_the_torques_of_the_stand_in(result):
-    simple, geom = (result.result(name, "fast").rms for name in (SIMPLE, GEOM))
+    simple, geom = (result.verified[name, "fast"].rms for name in (SIMPLE, GEOM))
     np.testing.assert_allclose(simple, geom, rtol=0.02)
-    p, names = result.candidate(GEOM).p, result.dynamics.layout.names
+    p, names = result.candidates[GEOM].p, result.dynamics.layout.names
     for parameter in ("viscous.drive1", "coulomb.drive3", "viscous.slide", "rotor.drive4"):
         at = names.index(parameter)
         assert p[at] == pytest.approx(result.truth[at], rel=0.05), parameter
@@ -104,9 +103,9 @@ def test_files_can_be_gone_on_with(result, tmp_path: Path):
     written = {path.name for path in write_files(result, tmp_path)}
     assert written | {REPORT} == set(FILES)
     model = IdentifiedModel.load(tmp_path / "id-geom-law-chosen.yaml")
-    np.testing.assert_array_equal(model.p, result.candidate(CHOSEN).p)
+    np.testing.assert_array_equal(model.p, result.candidates[CHOSEN].p)
     assert load_robot(str(tmp_path / "rg-geom.yaml")) == result.priors["RG geom"]
     numbers = json.loads((tmp_path / "results.json").read_text())
-    assert numbers["motions"]["slow"]["rms"][CHOSEN] == result.result(CHOSEN, "slow").rms.tolist()
+    assert numbers["motions"]["slow"]["rms"][CHOSEN] == result.verified[CHOSEN, "slow"].rms.tolist()
     text = render(irb360_page(result))
     assert "What is the paper's and what is simulated" in text.replace("&#39;", "'")

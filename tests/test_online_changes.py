@@ -11,8 +11,7 @@ import pytest
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model
 from deltaid.online.changes import Change, Onset, estimate_after
-from deltaid.online.contact_part import contact_of
-from deltaid.online.cycle import step_graph
+from deltaid.online.cycle import contact_of, step_graph
 from deltaid.online.estimates import friction_bounds
 from deltaid.online.graph import StepGraph
 from deltaid.online.kalman import Estimate

@@ -6,10 +6,9 @@ import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
-from deltaid.online.contact_part import standard_parts
-from deltaid.online.cycle import step_graph
+from deltaid.online.cycle import standard_parts, step_graph
+from deltaid.online.graph import Field, Layout
 from deltaid.online.knowledge import knowledge
-from deltaid.online.layout import Field, Layout
 from deltaid.online.online import FeedForward
 from deltaid.online.settings import OnlineSettings
 from online_runs import LOAD, outputs, robot, running

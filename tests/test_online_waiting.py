@@ -9,11 +9,11 @@ import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
-from deltaid.exports.structured_text import structured_text
+from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE
 from deltaid.model.model import Model, load
+from deltaid.online.graph import Field, Layout
 from deltaid.online.instant import AlignedInputs, Waits, line, waits
-from deltaid.online.layout import Field, Layout
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import Watched, watch
@@ -104,7 +104,7 @@ def test_structured_text_lets_signals_wait_too() -> None:
     run.tau[17] = np.nan
     online = deltaid.Online(model, settings)
     expected = online.run(run.q, run.qd, run.tau, run.held.astype(float)).outputs
-    program = Program(structured_text(model, "rob", DOUBLE, ("online",), settings))
+    program = Program(plc_program(model, "rob", DOUBLE, ("online",), settings).text)
     block = program.units["rob_online"]()
     for k in range(cycles):
         row = {"q": run.q[k].tolist(), "qd": run.qd[k].tolist(), "tau": run.tau[k].tolist()}

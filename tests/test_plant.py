@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import ComputedTorque, PDFeedForward, tuned
-from deltaid.control.plant import DriveRipple, Held, Payload, Plant, point_mass
-from deltaid.control.running import Running
+from deltaid.control.plant import DriveRipple, Held, Payload, Plant, Running, point_mass
 from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import MotionTrajectory, SampledTrajectory
 from deltaid.dynamics.motor_side import link_side, motor_inertia, motor_speeds

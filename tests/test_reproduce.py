@@ -16,13 +16,18 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import identify
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
-from deltaid.reproduce import irb360_files
-from deltaid.reproduce.accuracy import Accuracy, DriveMotion, accuracy, drive_motion, motion_terms
+from deltaid.reproduce import irb360_result
+from deltaid.reproduce.accuracy import (
+    Accuracy,
+    DriveMotion,
+    accuracy,
+    drive_motion,
+    motion_terms,
+    sweep,
+)
 from deltaid.reproduce.descent import WAYS, descend
-from deltaid.reproduce.nominal import ABOVE, BELOW, nominal_robot, regularisation
-from deltaid.reproduce.surrogate_files import FILES
-from deltaid.reproduce.surrogate_result import SurrogateSettings
-from deltaid.reproduce.sweep import sweep
+from deltaid.reproduce.surrogate_result import FILES, SurrogateSettings
+from deltaid.reproduce.table_one import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.robot.inertia import consistency
 from identified import identified
 
@@ -231,7 +236,7 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> 
 
 
 @pytest.mark.parametrize(
-    ("example", "names"), [("surrogate", FILES), ("irb360", irb360_files.FILES)]
+    ("example", "names"), [("surrogate", FILES), ("irb360", irb360_result.FILES)]
 )
 def test_a_file_that_cannot_be_written_is_told_before_any_work(
     tmp_path: Path, example: str, names: Sequence[str]

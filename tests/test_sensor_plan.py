@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DescriptionError
-from deltaid.motion.excitation.criterion import by_bodies
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.problem import by_bodies
 from deltaid.robot.load import load_robot
 from deltaid.sensors.planning.bench import PlanSettings
 from deltaid.sensors.planning.knowledge import unknowns

@@ -17,9 +17,8 @@ import pytest
 
 from c_library import FURTHER, OK, WARNINGS, Library, build
 from deltaid.exports.digits import Care, OutputPart
-from deltaid.exports.pairs import pairs_of_c, split
 from deltaid.exports.straight_line import Array, straight_line
-from deltaid.exports.text import SINGLE, rendered
+from deltaid.exports.text import SINGLE, pairs_of_c, rendered, split
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.online.instant import pose

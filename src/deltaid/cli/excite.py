@@ -22,17 +22,18 @@ from deltaid.cli.output import (
 )
 from deltaid.errors import DeltaidError, within
 from deltaid.files import together, write_bytes
-from deltaid.motion.excitation.settings import CriterionName, ExcitationSettings, PurposeName
+from deltaid.motion.excitation.settings import (
+    VERIFICATION_OFFSET,
+    CriterionName,
+    ExcitationSettings,
+    PurposeName,
+)
 
 if TYPE_CHECKING:
     from threading import Event
 
     from deltaid.motion.excitation.excite import Excitation
     from deltaid.robot.joint_units import JointUnits
-
-
-# Start values of the verification motion: as many seeds further on as anybody will ask starts for.
-_VERIFICATION_OFFSET = 100_000
 
 
 def excite(
@@ -125,7 +126,7 @@ def excite(
         second = None
         if verify_out is not None:
             say("optimising the verification motion")
-            second = exciter.optimise(stop, offset=_VERIFICATION_OFFSET)
+            second = exciter.optimise(stop, offset=VERIFICATION_OFFSET)
     with together():
         if output is not None:
             result.save(output)

@@ -49,7 +49,7 @@ def reproduce(
 
 def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
     """Reproduce Sec. VII, and print its errors."""
-    from deltaid.reproduce import surrogate_files
+    from deltaid.reproduce import surrogate_result
     from deltaid.reproduce.surrogate import reproduce_surrogate
     from deltaid.reproduce.surrogate_page import (
         comparison_columns,
@@ -61,7 +61,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
     settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
     result = _reproduced(
         lambda say: reproduce_surrogate(settings, progress=say),
-        surrogate_files, surrogate_page, folder, as_json,
+        surrogate_result, surrogate_page, folder, as_json,
     )  # fmt: skip
     if as_json:
         return
@@ -80,7 +80,7 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
 
 def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
     """Reproduce Sec. VIII, and print its errors."""
-    from deltaid.reproduce import irb360_files
+    from deltaid.reproduce import irb360_result
     from deltaid.reproduce.irb360 import reproduce_irb360
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
     from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
@@ -88,7 +88,7 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
     result = _reproduced(
         lambda say: reproduce_irb360(settings, progress=say),
-        irb360_files, irb360_page, folder, as_json,
+        irb360_result, irb360_page, folder, as_json,
     )  # fmt: skip
     if as_json:
         return
@@ -109,7 +109,7 @@ def _reproduced(
     as_json: bool,
 ) -> _Result:
     """The result of an example, which has been written into a folder."""
-    from deltaid.reproduce.surrogate_files import REPORT, require_folder
+    from deltaid.reproduce.surrogate_result import REPORT, require_folder
     from deltaid.view.html import write_page
 
     require_folder(folder, files.FILES)

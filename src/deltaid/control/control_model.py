@@ -70,8 +70,7 @@ class ControlModel:
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        M = self.dynamics.mass_matrix(q, self.p)
-        return np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
+        return np.diagonal(self.dynamics.mass_matrix(q, self.p), axis1=1, axis2=2).mean(axis=0)
 
     def least_eigenvalue(self, q: Samples) -> float:
         """Smallest eigenvalue of M, scaled to a unit diagonal of its mean, at drive coordinates.

@@ -61,21 +61,19 @@ class PD:
 
     def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """Torques of the law, which asks nothing of the model."""
-        return _pd(self.stiffness, self.damping, measured, desired)
+        return -self.stiffness * (measured.q - desired.q) - self.damping * (
+            measured.qd - desired.qd
+        )
 
 
-@dataclass(frozen=True)
-class PDFeedForward:
+class PDFeedForward(PD):
     """Inverse dynamics of the desired motion, and PD."""
-
-    stiffness: Gains
-    damping: Gains
 
     def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """Torques of the law."""
         d = desired
         ahead = model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd)
-        return ahead + _pd(self.stiffness, self.damping, measured, desired)
+        return ahead + super().torque(model, measured, desired)
 
 
 @dataclass(frozen=True)
@@ -91,18 +89,14 @@ class ComputedTorque:
         return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
 
 
-@dataclass(frozen=True)
-class AugmentedPD:
+class AugmentedPD(PD):
     """Paden's and Panja's: PD that stays passive along a motion."""
-
-    stiffness: Gains
-    damping: Gains
 
     def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """Torques of the law."""
         m, d = measured, desired
         along = model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd)
-        return along + _pd(self.stiffness, self.damping, measured, desired)
+        return along + super().torque(model, measured, desired)
 
 
 @dataclass(frozen=True)
@@ -117,8 +111,7 @@ class SlotineLi:
         m, d = measured, desired
         error, error_rate = m.q - d.q, m.qd - d.qd
         velocity = d.qd - self.slope * error
-        acceleration = d.qdd - self.slope * error_rate
-        along = model.torque(d.z, m.q, m.qd, velocity, acceleration, velocity)
+        along = model.torque(d.z, m.q, m.qd, velocity, d.qdd - self.slope * error_rate, velocity)
         return along - self.gain * (m.qd - velocity)
 
 
@@ -143,7 +136,3 @@ def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
         "slotine-li": SlotineLi(w, mass * w),
     }
     return laws[name]
-
-
-def _pd(stiffness: Gains, damping: Gains, measured: MeasuredState, desired: Desired) -> Samples:
-    return -stiffness * (measured.q - desired.q) - damping * (measured.qd - desired.qd)

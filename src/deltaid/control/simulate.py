@@ -132,8 +132,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         if not plant.robot.sensors:
             return {}
         motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
-        rng = np.random.default_rng(0)
-        return simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
+        return simulated_sensors(compiled(plant.robot), plant.p, *motion, np.random.default_rng(0))
 
 
 def simulate(

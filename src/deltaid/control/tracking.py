@@ -20,8 +20,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import Controller, MeasuredState
-from deltaid.control.plant import Plant, as_plant
-from deltaid.control.running import Running
+from deltaid.control.plant import Plant, Running, as_plant
 from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.dynamics.limits import effort_limits
 from deltaid.mechanism.kinematics import Samples

@@ -113,8 +113,7 @@ def open_trajectory(
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
     recording = with_filter(log, None if log.has_derivatives else log.motion_cutoff)
-    windows = recording.windows(kinematics)
-    parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in windows]
+    parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in recording.windows(kinematics)]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(time) <= _DEGREE:
         raise RecordingError(

@@ -21,6 +21,8 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     """
     robot, layout = subject.robot, subject.dynamics.layout
     bodies = [RigidBody(subject.body(name)) for name in layout.bodies]
+    # Bodies of the robot, of which some share one set of parameters.
+    moved = subject.dynamics.kinematics.mechanism.bodies
     limits = [robot.drive_limits.get(drive) for drive in robot.drives]
     ranges = [(l and l.range) or (-np.inf, np.inf) for l in limits]
     terms = robot.friction_terms
@@ -31,7 +33,9 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "names": np.array(layout.names),
         "units": np.array(layout.units),
         "bodies": np.array(layout.bodies),
-        "count": np.array([_count(subject, name) for name in layout.bodies]),
+        "count": np.array(
+            [sum(b.count for b in moved if b.name == name) for name in layout.bodies]
+        ),
         "mass": np.array([body.mass for body in bodies]),
         "com": np.array([body.com for body in bodies]),
         "inertia_about_link": np.array([body.about_link for body in bodies]),
@@ -61,9 +65,3 @@ def npz_file(subject: Model) -> bytes:
     arrays: dict[str, Any] = dict(model_arrays(subject))
     np.savez(file, **arrays)
     return file.getvalue()
-
-
-def _count(subject: Model, name: str) -> int:
-    """How many bodies of the robot share one set of parameters."""
-    bodies = subject.dynamics.kinematics.mechanism.bodies
-    return sum(body.count for body in bodies if body.name == name)

@@ -4,7 +4,7 @@ Every step of a graph rounds its result. What that does to the outputs is known 
 w̄ the derivative of an output by the step's result w, rounding w to 24 bits moves the output by up
 to |w̄ w| 2⁻²⁴. Most steps of a robot's equations do little. Near a singularity a few, the loops
 closed and the Jacobian inverted, do a thousand times as much, and these are carried as the sum of
-two numbers (`pairs`). Which ones, is decided at states from all over the workspace and beyond it,
+two numbers (`text`). Which ones, is decided at states from all over the workspace and beyond it,
 up to a condition of the Jacobian of `CONDITION`.
 """
 
@@ -25,7 +25,7 @@ CONDITION, SHARE = 100.0, 2e-7
 _BEYOND, _DRAWN, _KEPT = 2.5, 40_000, 80
 # What one rounding to a float moves a number by at most, as a share of it.
 _ROUNDING = 2.0**-24
-# Operations that round nothing, and those that have a form for pairs (`pairs`).
+# Operations that round nothing, and those that have a form for pairs (`text`).
 _EXACT = {ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_FABS, ca.OP_IF_ELSE_ZERO}
 PAIRED = _EXACT | {
     ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_SQ, ca.OP_DIV, ca.OP_INV, ca.OP_SQRT, ca.OP_SIN,
@@ -109,8 +109,7 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     good = (found.condition < CONDITION) & side
     good[0] = True  # home, so that there is one
     z, condition = z[good], found.condition[good]
-    near = np.argsort(condition)[::-1][:_KEPT]
-    z = np.vstack([z[:_KEPT], z[near]])
+    z = np.vstack([z[:_KEPT], z[np.argsort(condition)[::-1][:_KEPT]]])
     again, same = kinematics.forward_unchecked(kinematics.inverse(z))
     return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
 

@@ -142,16 +142,9 @@ def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Expo
     return Export({".fmu": unit.content}, unit.warnings)
 
 
-def _casadi(subject: Model, stem: str, choices: Choices) -> Export:
-    return Export({".casadi": casadi_file(subject)})
-
-
-def _mjcf(subject: Model, stem: str, choices: Choices) -> Export:
-    return Export({".xml": mjcf(subject)})
-
-
-def _npz(subject: Model, stem: str, choices: Choices) -> Export:
-    return Export({".npz": npz_file(subject)})
+def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarget:
+    """A target of one file that leaves no choice."""
+    return ExportTarget((suffix,), lambda subject, *_: Export({suffix: content(subject)}))
 
 
 def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
@@ -164,10 +157,10 @@ TARGETS: Mapping[TargetName, ExportTarget] = {
     "st": ExportTarget((".st", ".plcopen.xml"), _st, "code", longest=20),
     "fmu": ExportTarget((".fmu",), partial(_unit, forward=True), "unit"),
     "fmu-inverse": ExportTarget((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
-    "casadi": ExportTarget((".casadi",), _casadi),
-    "mjcf": ExportTarget((".xml",), _mjcf),
+    "casadi": _single(".casadi", casadi_file),
+    "mjcf": _single(".xml", mjcf),
     "urdf": ExportTarget((".urdf", ".loops.json"), _urdf),
-    "npz": ExportTarget((".npz",), _npz),
+    "npz": _single(".npz", npz_file),
 }
 
 

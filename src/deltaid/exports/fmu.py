@@ -20,16 +20,18 @@ import casadi as ca
 from deltaid.control.simulation import LONGEST_STEP
 from deltaid.exports.c_code import ParameterTable, accelerations, c_code, parameter_table
 from deltaid.exports.fmu_binaries import Compiler, binaries, found_compiler
-from deltaid.exports.fmu_description import Described, build_description, model_description
-from deltaid.exports.fmu_variables import (
+from deltaid.exports.fmu_description import (
+    Described,
     Variables,
+    build_description,
     carrier,
     forward_variables,
     inverse_variables,
+    model_description,
 )
 from deltaid.exports.options import FmiVersion
-from deltaid.exports.straight_line import Array, number, straight_line
-from deltaid.exports.text import c_comment, rendered
+from deltaid.exports.straight_line import Array, straight_line
+from deltaid.exports.text import DOUBLE, c_comment, rendered
 from deltaid.model.model import Model
 from deltaid.progress import Progress
 
@@ -62,10 +64,11 @@ def fmu(
     Raises:
         DeltaidError: the name is no identifier of C.
     """
-    sources, token = _sources(subject, name, forward=forward, version=version)
+    variables = forward_variables(subject) if forward else inverse_variables(subject)
+    variables = variables if version == "2" else variables.with_time()
+    sources, token = _sources(subject, name, variables, forward=forward, version=version)
     compiler = compiler or found_compiler()
     made, warning = binaries(name, sources, version, compiler, progress)
-    variables = _variables(subject, forward=forward, version=version)
     files = tuple(path for path in sources if path.endswith(".c"))
     unit = Described(name, subject.provenance, token, files)
     texts = {"modelDescription.xml": model_description(unit, variables, version)}
@@ -76,17 +79,11 @@ def fmu(
     return FmuExport(content, (warning,) if warning else ())
 
 
-def _variables(subject: Model, *, forward: bool, version: FmiVersion) -> Variables:
-    found = forward_variables(subject) if forward else inverse_variables(subject)
-    return found if version == "2" else found.with_time()
-
-
 def _sources(
-    subject: Model, name: str, *, forward: bool, version: FmiVersion
+    subject: Model, name: str, variables: Variables, *, forward: bool, version: FmiVersion
 ) -> tuple[dict[str, str], str]:
     """C files by name, and the token that the unit tells them by."""
     code = c_code(subject, name)
-    variables = _variables(subject, forward=forward, version=version)
     table = parameter_table(subject, "table")
     values = {
         "major": int(version),
@@ -98,10 +95,10 @@ def _sources(
         "n_reals": len(variables.all),
         "places": variables.places,
         "held": "r + PAYLOAD, " if "PAYLOAD" in variables.places else "",
-        "start": [number(v.start or 0.0) for v in variables.all],
+        "start": [DOUBLE.c_number(v.start or 0.0) for v in variables.all],
         "settable": [int(v.settable) for v in variables.all],
         "table": table.rows,
-        "longest_step": number(LONGEST_STEP),
+        "longest_step": DOUBLE.c_number(LONGEST_STEP),
         **(_functions(subject, table) if forward else {}),
     }
     unsigned = rendered("unit.c.jinja", guid="", **values)

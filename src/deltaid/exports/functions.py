@@ -16,7 +16,7 @@ from deltaid.exports.digits import OutputPart
 from deltaid.exports.straight_line import Array
 from deltaid.exports.text import DOUBLE, Precision, c_comment
 from deltaid.model.model import Model
-from deltaid.online.layout import Layout
+from deltaid.online.graph import StepGraph
 
 # What functions return, by name: number and meaning.
 STATUSES: Mapping[str, tuple[int, str]] = {
@@ -132,6 +132,17 @@ class ExportedFunction:
         """The outputs as parts of `everything`."""
         return [OutputPart(output.size) for output in self.outputs]
 
+    def entry_notes(self, rows: str) -> list[str]:
+        """What each entry of the outputs is, where that is not plain; `rows` says of how many rows
+        {} the entries are."""
+        notes = []
+        for output in self.outputs:
+            if output.entries:
+                count = output.size // len(output.entries)
+                notes.append(f"{output.name}{rows.format(count) if count > 1 else ''}:")
+            notes += [f"  [{k}] {name}, {unit}" for k, (name, unit) in enumerate(output.entries)]
+        return notes
+
     @property
     def everything(self) -> ca.SX:
         """Outputs, each row by row, then what is demanded, in one column."""
@@ -146,21 +157,14 @@ class ExportedCycle:
     Attributes:
         name: without the prefix.
         doc: what it does, for the header.
-        state, inputs, outputs: fields; each of the three is a struct.
-        x, u: state and inputs, symbols.
-        following, y: next state and outputs, whose last number is 0 where the cycle was good.
+        graph: state, inputs and outputs, each a struct; the last output is 0 where the cycle was
+            good.
         spoilt, spoilt_y: next state and outputs where an input is no finite number.
     """
 
     name: str
     doc: str
-    state: Layout
-    inputs: Layout
-    outputs: Layout
-    x: ca.SX
-    u: ca.SX
-    following: ca.SX
-    y: ca.SX
+    graph: StepGraph
     spoilt: ca.SX
     spoilt_y: ca.SX
 
@@ -181,6 +185,5 @@ def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) ->
     rows = []
     for k, i in enumerate(kept):
         p[int(i)] = symbols[k]
-        value = precision.c_number(subject.p[i])
-        rows.append((c_comment(layout.names[i]), layout.units[i], value))
+        rows.append((c_comment(layout.names[i]), layout.units[i], precision.c_number(subject.p[i])))
     return ParameterTable(rows, Array(name, symbols, is_table=True), p)

@@ -14,8 +14,7 @@ from deltaid.exports.straight_line import Array
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.tree_joints import tree_joints
 from deltaid.model.model import Model
-from deltaid.online.contact_part import standard_parts
-from deltaid.online.cycle import step_graph
+from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.settings import OnlineSettings
 
 
@@ -43,8 +42,7 @@ def further_cycles(
 def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunction:
     forces = ConstraintForces(subject.robot)
     e = forces.equations
-    values = ca.vertcat(*[channel.value for channel in e.channels])
-    F = ca.substitute([values], [e.p], [table.p])[0]
+    F = ca.substitute([ca.vertcat(*[channel.value for channel in e.channels])], [e.p], [table.p])[0]
     entries = tuple(zip(forces.names, forces.units, strict=True))
     doc = "Forces in struts, joints and bearings; deltaid's docs/forces.md has frames and signs."
     inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd), table.array)
@@ -72,8 +70,7 @@ def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
 def _regressor(subject: Model, table: ParameterTable) -> ExportedFunction:
     e: Equations = subject.dynamics.equations
     layout = subject.dynamics.layout
-    load = ca.substitute([e.carried], [e.p], [table.p])[0]
-    Y = ca.substitute([e.Y], [e.load], [load])[0]
+    Y = ca.substitute([e.Y], [e.load], [ca.substitute([e.carried], [e.p], [table.p])[0]])[0]
     inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd), table.array)
     losing = (
         " Losses that depend on load take the load of the table's parameters."
@@ -117,13 +114,7 @@ def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
         "online",
         f"Payload, friction{' and contact' if more else ''} while the robot runs: one cycle of "
         f"{settings.period:.9g} s. The parameters of the model are inside, not in the table.",
-        graph.state,
-        graph.inputs,
-        graph.outputs,
-        graph.x,
-        graph.u,
-        graph.following,
-        graph.y,
+        graph,
         spoilt,
         spoilt_y,
     )

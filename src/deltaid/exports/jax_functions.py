@@ -80,8 +80,7 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
     require("jax", by="jax_functions", name="JAX", install="pip install jax")
     import jax
 
-    from deltaid.exports.jax_graph import as_jax
-    from deltaid.exports.jax_kinematics import forward_kinematics
+    from deltaid.exports.jax_graph import as_jax, forward_kinematics
 
     subject = load(model)
     e, m = subject.dynamics.equations, subject.dynamics.kinematics.mechanism

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from deltaid.exports.tree import Tree, Vector
+from deltaid.mechanism.tree_joints import i4_direction
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
@@ -174,17 +175,12 @@ def _middle(platform: H4Platform | Par4Platform | I4Platform, s: float) -> Itera
     """What joins the two parts of a platform that turns the tool."""
     lift = 0.014 * s * _Z
     if isinstance(platform, I4Platform):
-        e = 0.12 * s * np.array([*_along(platform), 0.0])
+        e = 0.12 * s * i4_direction(platform)
         yield Rod("HP1", "rack", "steel", lift - e, lift + e, 0.008 * s)
         return
     par4 = isinstance(platform, Par4Platform)
     half = (0.5 * platform.length if par4 else platform.half_length) * _X
     yield Rod(platform.bodies[1], "middle", "steel", lift - half, lift + half, 0.012 * s)
-
-
-def _along(platform: I4Platform) -> tuple[float, float]:
-    angle = np.deg2rad(platform.direction_deg)
-    return float(np.cos(angle)), float(np.sin(angle))
 
 
 def _tool(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
@@ -194,8 +190,7 @@ def _tool(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
     yield Rod(body, "tip", "tool", -0.045 * s * _Z, -0.075 * s * _Z, 0.011 * s, round=False)
     if body == "EE":
         half = s * np.array([0.016, 0.004, 0.004])
-        centre = s * np.array([0.024, 0.0, -0.04])
-        yield BoxShape(body, "mark", "tool", centre, np.eye(3), half)
+        yield BoxShape(body, "mark", "tool", s * np.array([0.024, 0.0, -0.04]), np.eye(3), half)
 
 
 def tool_body(tree: Tree) -> str:

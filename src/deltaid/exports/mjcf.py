@@ -17,9 +17,17 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.errors import DeltaidError
 from deltaid.exports.looks import Shape, shapes, tool_body
-from deltaid.exports.mjcf_scene import assets, draw, draw_middle, extent, scene, struts
+from deltaid.exports.mjcf_scene import (
+    assets,
+    extent,
+    geom,
+    middle,
+    scalar_first,
+    scene,
+    struts,
+)
 from deltaid.exports.spanning_tree import spanning_tree
-from deltaid.exports.text import numbers, xml_comment
+from deltaid.exports.text import element, xml_comment
 from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreePoint, joint_forces
 from deltaid.files import new_folder
 from deltaid.model.model import Model
@@ -40,57 +48,46 @@ def mjcf(subject: Model) -> str:
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
     home = tree.joint_coordinates(subject.home)
-    root = ET.Element("mujoco", model=subject.name)
-    root.append(ET.Comment(xml_comment(subject.provenance)))
-    ET.SubElement(
-        root,
-        "compiler",
-        angle="radian",
-        autolimits="true",
-        inertiafromgeom="auto",  # bodies without `inertial` are frames without shapes
-    )
-    ET.SubElement(
-        root,
-        "option",
-        timestep=numbers([_STEP]),
-        gravity=numbers(subject.robot.gravity),
-        integrator="implicitfast",
-    )
-    _defaults(root)
     drawn = shapes(subject, tree)
     seen = extent(subject, drawn)
-    assets(root, seen)
-    world = ET.SubElement(root, "worldbody")
-    scene(world, seen)
-    base = ET.SubElement(world, "body", name="base")
-    for shape in drawn:
-        if not shape.body:
-            draw(base, shape)
     order: list[str] = []
-    for body in tree.children(""):
-        _body(base, subject, tree, body, drawn, forces, home, order)
-    struts(root, subject, tree)
-    _equality(root, tree)
-    _actuators(root, subject)
-    _sensors(root, subject, tree)
-    keyframe = ET.SubElement(root, "keyframe")
-    ET.SubElement(keyframe, "key", name="home", qpos=numbers(home[name] for name in order))
+    base = element(
+        "body",
+        *(geom(shape) for shape in drawn if not shape.body),
+        *(_body(subject, tree, b, drawn, forces, home, order) for b in tree.children("")),
+        name="base",
+    )
+    root = element(
+        "mujoco",
+        ET.Comment(xml_comment(subject.provenance)),
+        element(
+            "compiler",
+            angle="radian",
+            autolimits="true",
+            inertiafromgeom="auto",  # bodies without `inertial` are frames without shapes
+        ),
+        element("option", timestep=_STEP, gravity=subject.robot.gravity, integrator="implicitfast"),
+        element(
+            "default",
+            element("equality", solref=_SOLREF, solimp=_SOLIMP),
+            element("joint", solreffriction=_SOLREF, solimpfriction=_SOLIMP),
+            element("geom", contype="0", conaffinity="0", mass="0", group="1"),
+            element("site", size="0.004", group="4"),
+        ),
+        *assets(seen),
+        element("worldbody", *scene(seen), base),
+        struts(subject, tree),
+        _equality(tree),
+        _actuators(subject),
+        _sensors(subject, tree),
+        element("keyframe", element("key", name="home", qpos=[home[name] for name in order])),
+        model=subject.name,
+    )
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _defaults(root: ET.Element) -> None:
-    default = ET.SubElement(root, "default")
-    ET.SubElement(default, "equality", solref=numbers(_SOLREF), solimp=numbers(_SOLIMP))
-    ET.SubElement(
-        default, "joint", solreffriction=numbers(_SOLREF), solimpfriction=numbers(_SOLIMP)
-    )
-    ET.SubElement(default, "geom", contype="0", conaffinity="0", mass="0", group="1")
-    ET.SubElement(default, "site", size="0.004", group="4")
-
-
 def _body(
-    parent: ET.Element,
     subject: Model,
     tree: Tree,
     body: TreeBody,
@@ -98,7 +95,7 @@ def _body(
     forces: dict[str, JointForces],
     home: dict[str, float],
     order: list[str],
-) -> None:
+) -> ET.Element:
     """A body and all on it; `order` collects joints as MuJoCo counts them.
 
     MuJoCo wants the frame where the joints are at `ref`, and every axis in that frame.
@@ -107,35 +104,31 @@ def _body(
     inertia = RigidBody(body.p)
     T = inertia.about_com
     entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
-    quat = np.roll(Rotation.from_matrix(R).as_quat(), 1)  # MuJoCo has the scalar first
-    place = {"pos": numbers(r), "quat": numbers(quat)}
-    if _needs_mount(body, R):
-        parent = ET.SubElement(parent, "body", {"name": f"{body.name}_mount"} | place)
-        place = {}
-    element = ET.SubElement(parent, "body", {"name": body.name} | place)
-    ET.SubElement(
-        element,
-        "inertial",
-        pos=numbers(inertia.com),
-        mass=numbers([inertia.mass]),
-        fullinertia=numbers(entries),
-    )
-    for joint, axis in zip(body.joints, axes, strict=True):
-        order.append(joint.name)
-        _joint(element, subject, joint, axis, forces, home)
-    for shape in drawn:
-        if shape.body == body.name:
-            draw(element, shape)
-    for cut in tree.cuts:
-        if cut.first.body == body.name and cut.first.name.endswith("_strut"):
-            draw_middle(element, subject, body.name, float(cut.first.position[0]))
-    for point in _points(tree):
-        if point.body == body.name:
-            ET.SubElement(element, "site", name=point.name, pos=numbers(point.position))
+    order += [joint.name for joint in body.joints]
+    parts = [
+        element("inertial", pos=inertia.com, mass=inertia.mass, fullinertia=entries),
+        *(_joint(subject, *both, forces, home) for both in zip(body.joints, axes, strict=True)),
+        *(geom(shape) for shape in drawn if shape.body == body.name),
+        *(
+            middle(subject, body.name, float(cut.first.position[0]))
+            for cut in tree.cuts
+            if cut.first.body == body.name and cut.first.name.endswith("_strut")
+        ),
+        *(
+            element("site", name=point.name, pos=point.position)
+            for point in _points(tree)
+            if point.body == body.name
+        ),
+    ]
     if any(strut.body == body.name for strut in tree.struts):  # turned by 180° about z
-        ET.SubElement(element, "site", name=f"{body.name}_pull", quat="0 0 0 1")
-    for child in tree.children(body.name):
-        _body(element, subject, tree, child, drawn, forces, home, order)
+        parts.append(element("site", name=f"{body.name}_pull", quat="0 0 0 1"))
+    children = tree.children(body.name)
+    parts += [_body(subject, tree, child, drawn, forces, home, order) for child in children]
+    place = {"pos": r, "quat": scalar_first(R)}
+    if not _needs_mount(body, R):
+        return element("body", *parts, name=body.name, **place)
+    mounted = element("body", *parts, name=body.name)
+    return element("body", mounted, name=f"{body.name}_mount", **place)
 
 
 def _points(tree: Tree) -> Iterator[TreePoint]:
@@ -172,88 +165,91 @@ def _at_home(
 
 
 def _joint(
-    element: ET.Element,
     subject: Model,
     joint: TreeJoint,
     axis: Float[np.ndarray, " 3"],
     forces: dict[str, JointForces],
     home: dict[str, float],
-) -> None:
+) -> ET.Element:
     """A joint; its coordinate at the model's own pose is `ref`."""
-    found = ET.SubElement(
-        element,
+    own, limits = forces.get(joint.name, JointForces()), subject.robot.drive_limits.get(joint.name)
+    return element(
         "joint",
         name=joint.name,
         type="slide" if joint.slides else "hinge",
-        axis=numbers(axis),
-        ref=numbers([home[joint.name]]),
+        axis=axis,
+        ref=home[joint.name],
+        damping=own.viscous or None,
+        frictionloss=own.coulomb or None,
+        armature=own.armature or None,
+        stiffness=own.stiffness or None,
+        springref=own.rest if own.stiffness else None,
+        range=(limits and limits.range) or None,
     )
-    own = forces.get(joint.name, JointForces())
-    for key, value in (
-        ("damping", own.viscous),
-        ("frictionloss", own.coulomb),
-        ("armature", own.armature),
-        ("stiffness", own.stiffness),
-    ):
-        if value:
-            found.set(key, numbers([value]))
-    if own.stiffness:
-        found.set("springref", numbers([own.rest]))
-    limits = subject.robot.drive_limits.get(joint.name)
-    if limits and limits.range:
-        found.set("range", numbers(limits.range))
 
 
-def _equality(root: ET.Element, tree: Tree) -> None:
-    equality = ET.SubElement(root, "equality")
-    for cut in tree.cuts:
-        ET.SubElement(
-            equality,
-            "connect",
-            name=cut.name,
-            body1=cut.first.body,
-            body2=cut.second.body,
-            anchor=numbers(cut.first.position),
-        )
-    for coupling in tree.couplings:
-        ET.SubElement(
-            equality,
-            "joint",
-            name=coupling.joint,
-            joint1=coupling.joint,
-            joint2=coupling.follows,
-            polycoef=numbers([0.0, coupling.ratio, 0.0, 0.0, 0.0]),
-        )
+def _equality(tree: Tree) -> ET.Element:
+    return element(
+        "equality",
+        *(
+            element(
+                "connect",
+                name=cut.name,
+                body1=cut.first.body,
+                body2=cut.second.body,
+                anchor=cut.first.position,
+            )
+            for cut in tree.cuts
+        ),
+        *(
+            element(
+                "joint",
+                name=coupling.joint,
+                joint1=coupling.joint,
+                joint2=coupling.follows,
+                polycoef=[0.0, coupling.ratio, 0.0, 0.0, 0.0],
+            )
+            for coupling in tree.couplings
+        ),
+    )
 
 
-def _actuators(root: ET.Element, subject: Model) -> None:
+def _actuators(subject: Model) -> ET.Element:
     """A motor a drive: its control is the torque [N m] or force [N] at the joint."""
-    actuators = ET.SubElement(root, "actuator")
+    motors = []
     for drive in subject.robot.drives:
-        motor = ET.SubElement(actuators, "motor", name=drive, joint=drive, gear="1")
         limits = subject.robot.drive_limits.get(drive)
-        if limits and limits.effort:
-            for key in ("ctrlrange", "forcerange"):
-                motor.set(key, numbers([-limits.effort, limits.effort]))
+        span = [-limits.effort, limits.effort] if limits and limits.effort else None
+        motors.append(
+            element("motor", name=drive, joint=drive, gear="1", ctrlrange=span, forcerange=span)
+        )
+    return element("actuator", *motors)
 
 
-def _sensors(root: ET.Element, subject: Model, tree: Tree) -> None:
+def _sensors(subject: Model, tree: Tree) -> ET.Element:
     """Drives, what the struts of each limb carry together, and where the tool is.
 
     A force sensor has the force of the driven body on the struts in the axes of the site, whose x
     points up the struts: pull is positive. Joints keep the platform upright here, not pairs of
     struts, so how a pair shares its force is not known.
     """
-    sensors = ET.SubElement(root, "sensor")
+    sensors = []
     for drive in subject.robot.drives:
-        ET.SubElement(sensors, "jointpos", name=f"{drive}_position", joint=drive)
-        ET.SubElement(sensors, "jointvel", name=f"{drive}_velocity", joint=drive)
-        ET.SubElement(sensors, "actuatorfrc", name=f"{drive}_effort", actuator=drive)
-    for body in dict.fromkeys(strut.body for strut in tree.struts):
-        ET.SubElement(sensors, "force", name=f"strut{body[1:]}_force", site=f"{body}_pull")
-    ET.SubElement(sensors, "framepos", name="tool_position", objtype="site", objname="tool")
-    ET.SubElement(sensors, "framequat", name="tool_orientation", objtype="site", objname="tool")
-    ET.SubElement(sensors, "framelinvel", name="tool_velocity", objtype="site", objname="tool")
+        sensors += [
+            element("jointpos", name=f"{drive}_position", joint=drive),
+            element("jointvel", name=f"{drive}_velocity", joint=drive),
+            element("actuatorfrc", name=f"{drive}_effort", actuator=drive),
+        ]
+    limbs = dict.fromkeys(strut.body for strut in tree.struts)
+    tool = {"objtype": "site", "objname": "tool"}
+    return element(
+        "sensor",
+        *sensors,
+        *(element("force", name=f"strut{b[1:]}_force", site=f"{b}_pull") for b in limbs),
+        element("framepos", name="tool_position", **tool),
+        element("framequat", name="tool_orientation", **tool),
+        element("framelinvel", name="tool_velocity", **tool),
+    )
 
 
 INDEX = "index.csv"

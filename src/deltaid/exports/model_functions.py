@@ -25,10 +25,6 @@ def model_functions(
     subject: Model, table: ParameterTable, precision: Precision
 ) -> list[ExportedFunction]:
     """Kinematics, then dynamics; what calls another one stands behind it."""
-    return [*_kinematics(subject, precision), *_dynamics(subject, table, precision)]
-
-
-def _kinematics(subject: Model, precision: Precision) -> list[ExportedFunction]:
     m = subject.dynamics.kinematics.mechanism
     reach = Demand(m.reach, precision.closed, "OUT_OF_REACH")
     inverse = ExportedFunction(
@@ -38,7 +34,7 @@ def _kinematics(subject: Model, precision: Precision) -> list[ExportedFunction]:
         (Output("q", m.q),),
         (reach,),
     )
-    return [inverse, _forward(subject, precision)]
+    return [inverse, _forward(subject, precision), *_dynamics(subject, table, precision)]
 
 
 def _forward(subject: Model, precision: Precision) -> ExportedFunction:
@@ -80,7 +76,7 @@ def _forward(subject: Model, precision: Precision) -> ExportedFunction:
 def _dynamics(
     subject: Model, table: ParameterTable, precision: Precision
 ) -> list[ExportedFunction]:
-    e: Equations = subject.dynamics.equations
+    e = subject.dynamics.equations
     z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
     tau = Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
     losing = " (but for losses that depend on load)" if subject.robot.load_drives else ""
@@ -164,5 +160,4 @@ def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
     if not losing:
         return responses
     qdd, G = responses[:, 0], responses[:, 1:]
-    x = carried(robot, tau, e.qd, qdd, e.p)
-    return qdd - G @ losses(robot, x, G, e.qd, e.p)
+    return qdd - G @ losses(robot, carried(robot, tau, e.qd, qdd, e.p), G, e.qd, e.p)

@@ -164,8 +164,7 @@ def _i4(subject: Model, platform: I4Platform) -> _Part:
 
 def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> str:
     """Name of the part that carries the tool; empty for the middle."""
-    numbers = {"middle": "", "first": "1", "second": "2"}
-    number = numbers[platform.tool_on]
+    number = {"middle": "", "first": "1", "second": "2"}[platform.tool_on]
     return number and f"{platform.bodies[0]}{number}"
 
 

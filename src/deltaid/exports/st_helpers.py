@@ -6,10 +6,9 @@ statement, so that each is rounded to a REAL.
 
 import numpy as np
 
-from deltaid.exports.pairs import COSINE, QUARTER, SINE, TaylorSeries
 from deltaid.exports.st_statements import literal
 from deltaid.exports.st_units import Unit, Variable
-from deltaid.exports.text import SINGLE, Precision
+from deltaid.exports.text import COSINE, QUARTER, SINE, SINGLE, Precision, TaylorSeries
 
 # What no coordinate, rate, acceleration or torque of a robot exceeds in SI units; squares of it and
 # their products are far from overflow in either precision. And what no result exceeds.

@@ -59,7 +59,7 @@ _BRANCHED = {
         "ELSE {w} := EXP({a}); END_IF;"
     ),
 }
-# Calls of functions of the file's own (`st_pairs`); to subtract is to add the negative.
+# Calls of functions of the file's own (`st_helpers`); to subtract is to add the negative.
 _PAIRED = {
     ca.OP_ADD: ("pair_sum", "{a}", "{r}", "{b}", "{s}"),
     ca.OP_SUB: ("pair_sum", "{a}", "{r}", "-{b}", "-{s}"),

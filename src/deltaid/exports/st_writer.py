@@ -180,13 +180,7 @@ class Writer:
 
 
 def notes_of(f: ExportedFunction) -> tuple[str, ...]:
-    notes = [f.doc]
-    for output in f.outputs:
-        rows = output.size // len(output.entries) if output.entries else 1
-        if output.entries:
-            notes.append(f"{output.name}{f', each of {rows} rows' if rows > 1 else ''}:")
-        notes += [f"  [{k}] {name}, {unit}" for k, (name, unit) in enumerate(output.entries)]
-    return tuple(notes)
+    return (f.doc, *f.entry_notes(", each of {} rows"))
 
 
 def each(n: int, statement: str) -> list[str]:

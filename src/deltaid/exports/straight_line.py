@@ -162,8 +162,7 @@ def _needed(f: ca.Function) -> list[bool]:
             slots.pop(written[0], None)
             continue
         found[k] = op == ca.OP_OUTPUT or slots.pop(written[0], False)
-        chosen = read[:1] if op == ca.OP_IF_ELSE_ZERO else read
-        for slot in chosen:
+        for slot in read[:1] if op == ca.OP_IF_ELSE_ZERO else read:
             slots[slot] = slots.get(slot, False) or found[k]
     return found
 
@@ -270,11 +269,6 @@ class _C(Dialect):
         if op not in simple:
             raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
         return simple[op]
-
-
-def number(x: float) -> str:
-    """A double as C text that reads back with every bit."""
-    return DOUBLE.c_number(x)
 
 
 def wrapped(text: str) -> list[str]:

@@ -1,28 +1,161 @@
 """IEC 61131-3 structured text of a model: the functions that C has, as one file of units.
 
 Functions return a status and have their results as outputs, which count only where it is OK. What
-keeps something from one cycle to the next, the pose z, is a function block. A controller that
-stops on floating-point exceptions meets none here (`st_statements`): numbers too large for any
-robot are refused at the door, and nothing is divided or rooted unseen.
+keeps something from one cycle to the next, the pose z or the state of a cycle, is a function block.
+A controller that stops on floating-point exceptions meets none here (`st_statements`): numbers too
+large for any robot are refused at the door, and nothing is divided or rooted unseen.
 """
 
 import re
 from dataclasses import dataclass
 
+import casadi as ca
+
 from deltaid.errors import DeltaidError
 from deltaid.exports.digits import care_for
-from deltaid.exports.functions import parameter_table
+from deltaid.exports.functions import ExportedCycle, parameter_table
 from deltaid.exports.further_functions import further_cycles, further_functions
 from deltaid.exports.model_functions import model_functions
-from deltaid.exports.plcopen import plcopen_xml
-from deltaid.exports.st_cycle import cycle_units, start_of
-from deltaid.exports.st_helpers import helpers, pair_functions
+from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT, helpers, pair_functions
 from deltaid.exports.st_statements import plain
-from deltaid.exports.st_units import Unit, Variable, comments, constants
-from deltaid.exports.st_writer import Writer
+from deltaid.exports.st_units import Unit, Variable, comments, constants, plcopen_xml
+from deltaid.exports.st_writer import Writer, each
+from deltaid.exports.straight_line import Array
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
+from deltaid.online.graph import Field, Layout
 from deltaid.online.settings import OnlineSettings
+
+
+def start_of(writer: Writer, c: ExportedCycle) -> Variable:
+    """The constant that a state begins with."""
+    values = tuple(plain(writer.precision, x) for x in c.graph.state.initial)
+    return Variable(
+        f"{writer.prefix}_{c.name}_start", writer.precision.st_type, len(values), values
+    )
+
+
+def cycle_units(writer: Writer, c: ExportedCycle) -> tuple[Unit, Unit]:
+    """PREFIX_NAME_step, a function of state and inputs, and PREFIX_NAME, which keeps the state."""
+    return _step(writer, c), _block(writer, c)
+
+
+def _step(writer: Writer, c: ExportedCycle) -> Unit:
+    name, graph = f"{writer.prefix}_{c.name}_step", c.graph
+    n, m = graph.state.size, graph.outputs.size
+    scratch: dict[str, None] = {}
+    given = [Array("x", graph.x), Array("u", graph.u)]
+    both = ca.vertcat(graph.following, graph.y)
+    body = [
+        f"{name} := {writer.status('BAD_INPUT')};",
+        *writer.sane("u", graph.inputs.size, LARGEST_INPUT),
+        f"{name} := {writer.status('SINGULAR')};",
+        *writer.computed(given, "found", both, scratch),
+        *writer.sane("found", n + m, LARGEST_RESULT),
+        *each(n, "after[i] := found[i];"),
+        *each(m, f"y[i] := found[i + {n}];"),
+        f"IF found[{n + m - 1}] > 0.0 THEN RETURN; END_IF;",
+        f"{name} := {writer.status('OK')};",
+    ]
+    return Unit(
+        "FUNCTION",
+        name,
+        "INT",
+        (f"One step of {writer.prefix}_{c.name}, which calls it.",),
+        (writer.array("x", n), writer.array("u", graph.inputs.size)),
+        (writer.array("after", n), writer.array("y", m)),
+        (Variable("i", "INT"), writer.array("found", n + m)),
+        writer.sorted(scratch),
+        writer.precision.st_type,
+        tuple(body),
+    )
+
+
+def _block(writer: Writer, c: ExportedCycle) -> Unit:
+    name, graph, n = f"{writer.prefix}_{c.name}", c.graph, c.graph.state.size
+    given = [field for field in graph.outputs.fields if field.name != "status"]
+    scratch: dict[str, None] = {}
+    start = start_of(writer, c)
+    body = [
+        f"IF reset THEN {_all(n, f'state[i] := {start.name}[i];')}; END_IF;",
+        *(
+            line
+            for field in graph.inputs.fields
+            for line in _copied("u", graph.inputs, field, True)
+        ),
+        f"status := {name}_step(x := state, u := u, after => after, y => y);",
+        f"IF status = {writer.status('OK')} THEN",
+        *(f"    {line}" for line in each(n, "state[i] := after[i];")),
+        "ELSE",
+        *(f"    {line}" for line in _spoilt(writer, c, scratch)),
+        "END_IF;",
+        *(line for field in given for line in _copied("y", graph.outputs, field, False)),
+    ]
+    notes = [
+        c.doc,
+        "A cycle that is not OK learns nothing; its outputs are what is known without it.",
+        *(
+            f"state[{graph.state.places[f.name].start}]: {f.name}, {f.doc}"
+            for f in graph.state.fields
+        ),
+    ]
+    reset = Variable("reset", "BOOL", None, (), ("forget everything first",))
+    state = Variable("state", writer.precision.st_type, n, start.values)
+    return Unit(
+        "FUNCTION_BLOCK",
+        name,
+        "",
+        tuple(notes),
+        (*(_declared(writer, field) for field in graph.inputs.fields), reset),
+        (*(_declared(writer, field) for field in given), Variable("status", "INT")),
+        (
+            state,
+            writer.array("after", n),
+            writer.array("bad", n + graph.outputs.size),
+            writer.array("u", graph.inputs.size),
+            writer.array("y", graph.outputs.size),
+            Variable("i", "INT"),
+        ),
+        writer.sorted(scratch),
+        writer.precision.st_type,
+        tuple(body),
+    )
+
+
+def _declared(writer: Writer, field: Field) -> Variable:
+    note = f"{field.doc} [{field.unit}]" if field.unit else field.doc
+    return Variable(
+        field.name, writer.precision.st_type, field.size if field.size > 1 else None, (), (note,)
+    )
+
+
+def _copied(vector: str, layout: Layout, field: Field, into: bool) -> list[str]:
+    """A field to its place in a vector, or from there."""
+    at = layout.places[field.name].start
+    if field.size == 1:
+        pair = (f"{vector}[{at}]", field.name)
+    else:
+        pair = (f"{vector}[i + {at}]" if at else f"{vector}[i]", f"{field.name}[i]")
+    target, source = pair if into else pair[::-1]
+    return (
+        each(field.size, f"{target} := {source};") if field.size > 1 else [f"{target} := {source};"]
+    )
+
+
+def _spoilt(writer: Writer, c: ExportedCycle, scratch: dict[str, None]) -> list[str]:
+    """What a bad cycle makes of the state, and gives."""
+    values = ca.vertsplit(ca.densify(c.spoilt))
+    changed = [i for i, value in enumerate(values) if not ca.is_equal(value, c.graph.x[i], 1)]
+    column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
+    m = c.graph.outputs.size
+    lines = writer.computed([Array("state", c.graph.x)], "bad", column, scratch)
+    lines += each(m, "y[i] := bad[i];")
+    return [*lines, *(f"state[{i}] := bad[{m + k}];" for k, i in enumerate(changed))]
+
+
+def _all(n: int, statement: str) -> str:
+    return " ".join(line.strip() for line in each(n, statement)).removesuffix(";")
+
 
 DEFAULT = OnlineSettings()
 
@@ -46,24 +179,19 @@ class PlcProgram:
     @property
     def text(self) -> str:
         """As one file of structured text."""
-        units = [unit.text() for unit in self.units]
-        return "\n".join([*comments(self.notes), "", constants(self.listed), *units])
+        return "\n".join(
+            [
+                *comments(self.notes),
+                "",
+                constants(self.listed),
+                *[unit.text() for unit in self.units],
+            ]
+        )
 
     @property
     def xml(self) -> str:
         """As a file that development systems import."""
         return plcopen_xml(self.prefix, "\n".join(self.notes), self.listed, self.units)
-
-
-def structured_text(
-    subject: Model,
-    prefix: str,
-    precision: Precision = DOUBLE,
-    further: tuple[str, ...] = (),
-    online: OnlineSettings = DEFAULT,
-) -> str:
-    """`plc_program` as one file of structured text."""
-    return plc_program(subject, prefix, precision, further, online).text
 
 
 def plc_program(
@@ -95,11 +223,15 @@ def plc_program(
         *further_functions(subject, table, further),
     ]
     single = precision is SINGLE
-    care = care_for(subject, table.array.name) if single else None
-    writer = Writer(subject, prefix, precision, care)
+    writer = Writer(
+        subject, prefix, precision, care_for(subject, table.array.name) if single else None
+    )
     cycles = further_cycles(subject, further, online)
-    pairs = pair_functions(prefix) if single else []
-    units = [*helpers(prefix, precision), *pairs, *map(writer.unit, functions)]
+    units = [
+        *helpers(prefix, precision),
+        *(pair_functions(prefix) if single else []),
+        *map(writer.unit, functions),
+    ]
     units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
     values = tuple(plain(precision, x) for x in subject.p if x)
     parameters = Variable(

@@ -11,6 +11,7 @@ Fixed frames have none: they are part of the link that they stand on.
 """
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -20,7 +21,7 @@ from jaxtyping import Float
 from deltaid.errors import Doubt
 from deltaid.exports.looks import Rod, Shape, shapes, strut_radius, tool_body
 from deltaid.exports.spanning_tree import spanning_tree
-from deltaid.exports.text import numbers, xml_comment
+from deltaid.exports.text import element, numbers, xml_comment
 from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreeStrut, joint_forces
 from deltaid.exports.urdf_parts import colours, control, visual
 from deltaid.model.model import Model
@@ -58,64 +59,78 @@ def urdf(subject: Model) -> UrdfExport:
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "URDF")
     drawn = shapes(subject, tree)
-    # Drake reads the inertia of motors and gears from names of its own, which others pass over.
-    root = ET.Element("robot", {"name": subject.name, "xmlns:drake": "http://drake.mit.edu"})
-    root.append(ET.Comment(xml_comment(subject.provenance)))
-    colours(root)
-    ET.SubElement(root, "link", name=_WORLD)
-    base = ET.SubElement(root, "link", name=_BASE)
-    _placeholder(base)
-    for shape in drawn:
-        if not shape.body:
-            visual(base, shape)
-    _fixed(root, _BASE, _WORLD, np.zeros(3))
-    for body in tree.bodies:
-        _link_and_joints(root, subject, tree, body, drawn, forces)
-    for strut in _pairs(tree):
-        _drawn_strut(root, subject, strut)
-    for point in (point for cut in tree.cuts for point in (cut.first, cut.second)):
-        ET.SubElement(root, "link", name=point.name)
-        _fixed(root, point.name, point.body, point.position)
-    ET.SubElement(root, "link", name="tool0")
-    _fixed(root, "tool0", tool_body(tree), np.zeros(3))
-    control(root, subject, tree.joint_coordinates(subject.home), forces)
+    points = [point for cut in tree.cuts for point in (cut.first, cut.second)]
+    root = element(
+        "robot",
+        ET.Comment(xml_comment(subject.provenance)),
+        *colours(),
+        element("link", name=_WORLD),
+        element(
+            "link",
+            _placeholder(),
+            *(visual(shape) for shape in drawn if not shape.body),
+            name=_BASE,
+        ),
+        _fixed(_BASE, _WORLD, np.zeros(3)),
+        *(
+            part
+            for body in tree.bodies
+            for part in _link_and_joints(subject, tree, body, drawn, forces)
+        ),
+        *(part for strut in _pairs(tree) for part in _drawn_strut(subject, strut)),
+        *(
+            part
+            for point in points
+            for part in (
+                element("link", name=point.name),
+                _fixed(point.name, point.body, point.position),
+            )
+        ),
+        element("link", name="tool0"),
+        _fixed("tool0", tool_body(tree), np.zeros(3)),
+        *control(subject, tree.joint_coordinates(subject.home), forces),
+        name=subject.name,
+        # Drake reads the inertia of motors and gears from its own names, which others pass over.
+        **{"xmlns:drake": "http://drake.mit.edu"},
+    )
     ET.indent(root)
     text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     return UrdfExport(text, _loops(subject, tree, forces, _placeholders(root)), _warnings(forces))
 
 
 def _link_and_joints(
-    root: ET.Element,
     subject: Model,
     tree: Tree,
     body: TreeBody,
     drawn: tuple[Shape, ...],
     forces: dict[str, JointForces],
-) -> None:
+) -> Iterator[ET.Element]:
     """Links without mass of their own between the joints, the body on the last one."""
     parent, R, r = body.parent or _BASE, body.R, body.r
     following = {c.joint: c for c in tree.couplings}
     for k, joint in enumerate(body.joints):
         last = k == len(body.joints) - 1
         name = body.name if last else f"{body.name}_{joint.name}"
-        link = ET.SubElement(root, "link", name=name)
         if last:
-            _inertial(link, body)
-            for shape in (*drawn, *_single(subject, tree, body)):
-                if shape.body == body.name:
-                    visual(link, shape)
+            inertia = RigidBody(body.p)
+            shown = (*drawn, *_single(subject, tree, body))
+            yield element(
+                "link",
+                _inertial(inertia.com, inertia.mass, inertia.about_com),
+                *(visual(shape) for shape in shown if shape.body == body.name),
+                name=name,
+            )
         else:
-            _placeholder(link)
-        element = ET.SubElement(root, "joint", name=joint.name, type=_kind(subject.robot, joint))
-        _place(element, parent, name, R, r)
-        ET.SubElement(element, "axis", xyz=numbers(joint.axis))
-        _limit(element, subject.robot, joint)
+            yield element("link", _placeholder(), name=name)
+        moved = element("joint", name=joint.name, type=_kind(subject.robot, joint))
+        moved.extend([*_place(parent, name, R, r), element("axis", xyz=joint.axis)])
+        moved.extend(_limit(subject.robot, joint))
         if joint.name in following:
-            _mimic(element, following[joint.name].follows, following[joint.name].ratio)
+            moved.append(_mimic(following[joint.name].follows, following[joint.name].ratio))
         own = forces.get(joint.name)
         if own and (own.viscous or own.coulomb):
-            values = {"damping": numbers([own.viscous]), "friction": numbers([own.coulomb])}
-            ET.SubElement(element, "dynamics", values)
+            moved.append(element("dynamics", damping=own.viscous, friction=own.coulomb))
+        yield moved
         parent, R, r = name, np.eye(3), np.zeros(3)
 
 
@@ -135,37 +150,39 @@ def _single(subject: Model, tree: Tree, body: TreeBody) -> list[Shape]:
     ]
 
 
-def _drawn_strut(root: ET.Element, subject: Model, strut: TreeStrut) -> None:
+def _drawn_strut(subject: Model, strut: TreeStrut) -> Iterator[ET.Element]:
     """One of a pair, to look at: beside the middle along y, tilting as the middle does.
 
     The pair's inertia is that of the body in their middle, which moves as they do.
     """
     limb = int(strut.body[1:])
     geometry = subject.robot.limb_geometry[limb - 1]
-    link = ET.SubElement(root, "link", name=strut.name)
-    _placeholder(link)
     line = geometry.strut * np.eye(3)[0]
-    visual(link, Rod(strut.name, strut.name, "strut", np.zeros(3), line, strut_radius(subject)))
-    joint = ET.SubElement(root, "joint", name=f"{strut.name}_tilt", type="continuous")
+    rod = Rod(strut.name, strut.name, "strut", np.zeros(3), line, strut_radius(subject))
+    yield element("link", _placeholder(), visual(rod), name=strut.name)
     side = strut.first.position - geometry.upper_arm * np.eye(3)[0]
-    _place(joint, f"{strut.body}_limb{limb}_swing", strut.name, np.eye(3), side)
-    ET.SubElement(joint, "axis", xyz="0.0 0.0 1.0")
-    _mimic(joint, f"limb{limb}_tilt", 1.0)
+    yield element(
+        "joint",
+        *_place(f"{strut.body}_limb{limb}_swing", strut.name, np.eye(3), side),
+        element("axis", xyz="0.0 0.0 1.0"),
+        _mimic(f"limb{limb}_tilt", 1.0),
+        name=f"{strut.name}_tilt",
+        type="continuous",
+    )
 
 
-def _mimic(element: ET.Element, follows: str, ratio: float) -> None:
-    values = {"multiplier": numbers([ratio]), "offset": "0.0"}
-    ET.SubElement(element, "mimic", {"joint": follows} | values)
+def _mimic(follows: str, ratio: float) -> ET.Element:
+    return element("mimic", joint=follows, multiplier=ratio, offset="0.0")
 
 
-def _fixed(root: ET.Element, link: str, on: str, position: Float[np.ndarray, " 3"]) -> None:
-    fixed = ET.SubElement(root, "joint", name=f"{link}_fixed", type="fixed")
-    _place(fixed, on, link, np.eye(3), position)
+def _fixed(link: str, on: str, position: Float[np.ndarray, " 3"]) -> ET.Element:
+    parts = _place(on, link, np.eye(3), position)
+    return element("joint", *parts, name=f"{link}_fixed", type="fixed")
 
 
-def _placeholder(link: ET.Element) -> None:
+def _placeholder() -> ET.Element:
     mass, moment = PLACEHOLDER
-    _mass_and_moments(link, np.zeros(3), mass, moment * np.eye(3))
+    return _inertial(np.zeros(3), mass, moment * np.eye(3))
 
 
 def _placeholders(root: ET.Element) -> list[str]:
@@ -175,35 +192,28 @@ def _placeholders(root: ET.Element) -> list[str]:
     return [name for name, of in found.items() if of is not None and of.get("value") == mass]
 
 
-def _inertial(link: ET.Element, body: TreeBody) -> None:
+def _inertial(com: Float[np.ndarray, " 3"], mass: float, T: Float[np.ndarray, "3 3"]) -> ET.Element:
     """Mass, and inertia about the centre of mass in the link's axes."""
-    inertia = RigidBody(body.p)
-    _mass_and_moments(link, inertia.com, inertia.mass, inertia.about_com)
-
-
-def _mass_and_moments(
-    link: ET.Element, com: Float[np.ndarray, " 3"], mass: float, T: Float[np.ndarray, "3 3"]
-) -> None:
-    element = ET.SubElement(link, "inertial")
-    ET.SubElement(element, "origin", xyz=numbers(com), rpy=numbers(np.zeros(3)))
-    ET.SubElement(element, "mass", value=numbers([mass]))
     entries = {
-        f"i{a}{b}": (i, j) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
+        f"i{a}{b}": T[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
     }
-    ET.SubElement(element, "inertia", {key: numbers([T[place]]) for key, place in entries.items()})
+    return element(
+        "inertial",
+        element("origin", xyz=com, rpy=np.zeros(3)),
+        element("mass", value=mass),
+        element("inertia", **entries),
+    )
 
 
 def _place(
-    element: ET.Element,
-    parent: str,
-    child: str,
-    R: Float[np.ndarray, "3 3"],
-    r: Float[np.ndarray, " 3"],
-) -> None:
+    parent: str, child: str, R: Float[np.ndarray, "3 3"], r: Float[np.ndarray, " 3"]
+) -> tuple[ET.Element, ...]:
     """A joint's frame in its parent link; URDF's roll, pitch and yaw are about fixed axes."""
-    ET.SubElement(element, "origin", xyz=numbers(r), rpy=numbers(roll_pitch_yaw(R)))
-    ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=child)
+    return (
+        element("origin", xyz=r, rpy=roll_pitch_yaw(R)),
+        element("parent", link=parent),
+        element("child", link=child),
+    )
 
 
 def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
@@ -213,7 +223,7 @@ def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
     return "revolute" if limits and limits.range else "continuous"
 
 
-def _limit(element: ET.Element, robot: RobotDescription, joint: TreeJoint) -> None:
+def _limit(robot: RobotDescription, joint: TreeJoint) -> Iterator[ET.Element]:
     """What the description says of drives and of a bar's stroke; URDF demands it of slides."""
     limits, turns = robot.drive_limits.get(joint.name), not joint.slides
     if joint.name not in robot.drives and turns:
@@ -221,12 +231,14 @@ def _limit(element: ET.Element, robot: RobotDescription, joint: TreeJoint) -> No
     low, high = (limits and limits.range) or (-_FAR, _FAR)
     if joint.name == "slide" and robot.telescope is not None and robot.telescope.stroke:
         low, high = robot.telescope.stroke
-    effort = (limits and limits.effort) or _STRONG
-    speed = (limits and limits.top_speed) or _FAST
-    values = {"effort": numbers([effort]), "velocity": numbers([speed])}
-    if _kind(robot, joint) != "continuous":
-        values |= {"lower": numbers([low]), "upper": numbers([high])}
-    ET.SubElement(element, "limit", values)
+    bounded = _kind(robot, joint) != "continuous"
+    yield element(
+        "limit",
+        effort=(limits and limits.effort) or _STRONG,
+        velocity=(limits and limits.top_speed) or _FAST,
+        lower=low if bounded else None,
+        upper=high if bounded else None,
+    )
 
 
 def _loops(

@@ -106,8 +106,7 @@ class ConstraintForces(WithParameters, Shown):
     @cached_property
     def _coefficients(self) -> ca.Function:
         e = self.equations
-        C = ca.densify(ca.jacobian(self._values, e.p))
-        return ca.Function("C", [e.z, e.qd, e.qdd], [C])
+        return ca.Function("C", [e.z, e.qd, e.qdd], [ca.densify(ca.jacobian(self._values, e.p))])
 
 
 def motion_of(recording: Recording, kinematics: Kinematics) -> Iterator[Motion]:

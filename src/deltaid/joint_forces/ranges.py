@@ -10,7 +10,7 @@ where u are the unknowns in units of their prior's standard deviation (`joint_fo
 the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
 by the scatter of the recordings as for all intervals (`estimation.scatter`). Without active
 cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
-triangular R of data and prior, it is a linear function over a ball and cones (`joint_forces.ball`).
+triangular R of data and prior, it is a linear function over a ball and cones (`ConsistentBall`).
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +35,7 @@ from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.sources import model_filtered
-from deltaid.joint_forces.ball import ConsistentBall
-from deltaid.joint_forces.unknowns import ForceUnknowns, unknowns
+from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
@@ -141,11 +140,18 @@ def evidence(
     """What recordings say about a model's parameters, filtered as for its identification.
 
     Raises:
+        DescriptionError: the model comes from no recordings.
         RecordingError: a log cannot be used, or is not one that the model comes from.
         IdentificationError: the motion does not determine base parameters.
     """
     model = load(model)
-    known = _identification(model)
+    known = model.identified
+    if known is None:
+        raise DescriptionError(
+            "is a robot at its prior, which comes from no recordings",
+            where=model.source,
+            cure="identify a model from them first, and give its file",
+        )
     dynamics: Dynamics = model.dynamics
     cutoff, keep_all = known.settings.cutoff, known.settings.keep_all
     recordings = open_recordings(
@@ -162,16 +168,6 @@ def evidence(
     estimate = estimate_base(base, information, groups=gathered)
     shape = geometry(dynamics, recordings, base, information, model.p)
     return ForceEvidence(information, estimate, shape), Determinacy(model, base)
-
-
-def _identification(model: Model) -> IdentifiedModel:
-    if model.identified is None:
-        raise DescriptionError(
-            "is a robot at its prior, which comes from no recordings",
-            where=model.source,
-            cure="identify a model from them first, and give its file",
-        )
-    return model.identified
 
 
 def _require_sources(model: IdentifiedModel, recordings: Sequence[Recording]) -> None:

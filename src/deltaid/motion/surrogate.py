@@ -117,8 +117,7 @@ def simulate_recording(
         columns |= _named("q", q) | _named("qd", qd) | _named("qdd", qdd) | _named("tau", tau)
     else:
         measured = np.round(q / noise.encoder_step) * noise.encoder_step
-        largest = np.abs(tau).max(axis=0)
-        noisy = tau + noise.torque * largest * rng.standard_normal(tau.shape)
+        noisy = tau + noise.torque * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
         columns |= _named("q", measured) | _named("tau", noisy)
     if dynamics.robot.sensors:
         columns |= simulated_sensors(dynamics, p, z, qd, qdd, None if noise is None else rng)

@@ -20,9 +20,8 @@ from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
-from deltaid.online.graph import StateField
+from deltaid.online.graph import Field, StateField
 from deltaid.online.kalman import Estimate, Update
-from deltaid.online.layout import Field
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
 

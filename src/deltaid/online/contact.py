@@ -173,8 +173,7 @@ def _beyond(residual: ContactResidual) -> ca.SX:
     """
     rho, bound = residual.value, _BREAKAWAY * residual.bound
     if residual.lifted is not None and residual.light is not None and residual.heavy is not None:
-        loose = residual.covariance + ca.diag(bound * bound)
-        weighted = cholesky_solve(loose, residual.lifted)
+        weighted = cholesky_solve(residual.covariance + ca.diag(bound * bound), residual.lifted)
         share = ca.dot(weighted, residual.lifted)
         mass = ca.dot(weighted, rho) * share / (share * share + 1e-30)
         rho -= residual.lifted * ca.fmin(ca.fmax(mass, residual.light), residual.heavy)

@@ -1,13 +1,16 @@
-"""The whole cycle of one robot as one graph."""
+"""The whole cycle of one robot as one graph, and contact as a part of it: covariance of the
+residual, and what a cycle gives of it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
+import numpy as np
 
 from deltaid.model.model import Model
+from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, friction_part
-from deltaid.online.graph import CyclePart, StepGraph, assembled
+from deltaid.online.graph import CyclePart, Field, OutputField, StateField, StepGraph, assembled
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
@@ -21,7 +24,6 @@ class Cycle:
         model, settings, known: what the cycle is of.
         signals: what is read, filtered.
         estimates: what is known of load, model and friction.
-        anew: 1 where filters begin anew behind this cycle, as the gripper told of another load.
     """
 
     model: Model
@@ -29,7 +31,6 @@ class Cycle:
     known: OnlineKnowledge
     signals: Signals
     estimates: CycleEstimates
-    anew: ca.SX
 
 
 # Makes a further part, such as one that looks for contact.
@@ -57,7 +58,7 @@ def step_graph(
     read, first = signals(model, known, settings, anew)
     bounds = friction_bounds(model, known, settings.friction_range)
     found = estimates(read, known, settings, touched, bounds)
-    cycle = Cycle(model, settings, known, read, found, anew)
+    cycle = Cycle(model, settings, known, read, found)
     parts = [
         first,
         found.part,
@@ -70,3 +71,145 @@ def step_graph(
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
     x, y = ca.substitute([x, y], [touched], [contact])
     return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)
+
+
+# A load that is let go may hang on for a moment: the share of it that may still be there falls with
+# this time constant [s].
+_HANGS_ON = 0.02
+# Moments of a load that nobody told, as shares of the largest.
+_ASIDE = 0.2
+# A contact's time is counted up to here [s].
+_FOREVER = 1e6
+# While something pushes the robot, and filters remember it [s], nothing is learnt, for so long
+# at most [s]: what stays is no push but something the model lacks, and estimates take it up.
+_REMEMBERED, _LONGEST = 0.03, 1.0
+# How much larger a residual is than expected, χ² of each drive, is learnt over [s] where it is
+# larger and where it is smaller, from so much at most; what chance makes where all noise is known;
+# and what is thought of speeds of unknown noise.
+_GROWS, _FALLS, _MOST, _TOLERATED, _UNKNOWN = 2.0, 10.0, 25.0, 2.0, 9.0
+
+
+def standard_parts(model: Model) -> tuple[MorePart, ...]:
+    """What a cycle looks for beside loads and friction: contacts, where the model is identified.
+
+    Without the intervals of an identification nothing says what is a contact.
+    """
+    return () if model.identified is None else (contact_of,)
+
+
+def contact_of(cycle: Cycle) -> CyclePart:
+    """The part of a cycle that looks for contact."""
+    s, settings, robot = cycle.signals, cycle.settings, cycle.model.robot
+    residual, hung = _residual(cycle)
+    moves, dof = residual.levers.shape
+    u = settings.contact_threshold(dof)
+    since, rests, excess = map(ca.SX.sym, ("contact_time", "contact_rests", "excess"))
+    known = settings.speed_noise is not None
+    larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
+    residual = replace(residual, covariance=residual.covariance * larger)
+    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, s.settled)
+    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
+    pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
+    waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
+    found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
+    falls = _FALLS if known else 2 * _FALLS  # what is guessed is left slowly
+    memory = ca.if_else(found > excess, _GROWS, falls)
+    learns = ca.logic_and(s.settled, seen.found < 0.5)
+    learnt = excess + settings.period / memory * learns * (found - excess)
+    unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
+    kept = (
+        StateField(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
+        StateField(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
+        StateField(
+            Field("excess", 1, "how much larger residuals are", initial=1 if known else _UNKNOWN),
+            excess,
+            learnt,
+        ),
+        hung,
+    )
+    given = (
+        OutputField(Field("contact", 1, "1 while there is a contact"), seen.found),
+        OutputField(
+            Field("contact_size", 1, "size of the residual, 1 at the threshold"), seen.size
+        ),
+        OutputField(
+            Field("contact_limb", 1, "drive whose limb is touched, 0 the platform, -1 no contact"),
+            seen.limb,
+        ),
+        OutputField(Field("contact_force", moves, "force on the platform point", "N"), seen.force),
+        OutputField(
+            Field("contact_effort", dof, "torque from outside on each drive", unit), seen.effort
+        ),
+        OutputField(
+            Field(
+                "contact_information",
+                moves * moves,
+                "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found",
+            ),
+            ca.vec(seen.information),
+        ),
+    )
+    return CyclePart(kept, given)
+
+
+def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
+    """The residual with its covariance: of what is estimated, of torques that the model has not,
+    of torque noise behind the filter, and of noise of speeds in the momentum, K M v; and what is
+    kept of a load that was let go.
+
+    Torques that the model has not are no longer than their own time taken for what they are: so
+    they are left in the residual, and their whole size is in its covariance.
+    """
+    s, e, settings = cycle.signals, cycle.estimates, cycle.settings
+    model, n = cycle.model, s.columns.shape[1]
+    x, P = e.before.x[:n], e.before.P[:n, :n]
+    partly, hung = _partly(cycle, ca.fmax(x[0], 0))
+    behind = e.lacking**2 + cycle.known.noise**2 * (0.5 * settings.corner * settings.period)
+    lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
+    aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
+    S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
+    if settings.speed_noise is not None:
+        speeds = (
+            settings.corner
+            * _mass_matrix(cycle, x)
+            @ ca.diag(ca.DM(np.array(settings.speed_noise)))
+        )
+        S += speeds @ speeds.T
+    mechanism = model.dynamics.kinematics.mechanism
+    levers = ca.Function(
+        "levers", [mechanism.z], [mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]]
+    )(s.z)
+    residual = ContactResidual(
+        value=s.residual - s.columns @ x,
+        covariance=S,
+        bound=s.dry,
+        levers=levers,
+        lifted=lifted[:, 0],
+        light=-x[0] * untold,
+        heavy=(1 - x[0]) * untold,
+    )
+    return residual, hung
+
+
+def _partly(cycle: Cycle, mass: ca.SX) -> tuple[ca.SX, StateField]:
+    """How much of a load may be there that the gripper says is not, or not yet known, and what is
+    kept for that.
+
+    Args:
+        mass: of the load held, in units of the largest one.
+    """
+    e, hung = cycle.estimates, ca.SX.sym("hangs_on")
+    expected = ca.if_else(cycle.signals.gripper > 0.5, 1.0, mass)
+    let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
+    left = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
+    field = Field("hangs_on", 1, "of the load let go last, what may still be there")
+    return ca.if_else(e.differs, expected, hung), StateField(field, hung, left)
+
+
+def _mass_matrix(cycle: Cycle, x: ca.SX) -> ca.SX:
+    """Of the robot with the load that is held, x in units of its largest entries."""
+    momentum, known, model = cycle.signals.momentum, cycle.known, cycle.model
+    p, first = ca.SX(model.p), model.layout.body(known.entries.body).start
+    for i, k in enumerate(known.entries.shown):
+        p[first + k] += known.load_scales[i] * x[i]
+    return ca.Function("M", [momentum.z, momentum.p], [momentum.M])(cycle.signals.z, p)

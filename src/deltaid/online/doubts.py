@@ -85,10 +85,10 @@ def _delay(settings: OnlineSettings, replay: Replay) -> Float[np.ndarray, " driv
 
 def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Iterator[Doubt]:
     drives = replay.log.columns.torque
-    if replay.rate < _SLOW:
+    if replay.log.rate < _SLOW:
         yield Doubt(
-            f"{replay.rate:.4g} rows a second are few: masses are off by some per cent more than "
-            "their intervals say, and contacts are told later and for longer",
+            f"{replay.log.rate:.4g} rows a second are few: masses are off by some per cent more "
+            "than their intervals say, and contacts are told later and for longer",
             cause="the recording is thinned out",
             cure="record at the controller's rate, 1000 a second is good",
             key="rate",
@@ -253,8 +253,7 @@ def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Dou
     if alike:
         said = f"torques are {_in_words(found[0], half[0])}"
     else:
-        each = [f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off]
-        said = listed(each)
+        said = listed([f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off])
     given = ",".join(f"{1e3 * lag:.2g}" for lag in (found[:1] if alike else found))
     words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
     put_right = listed(words) if known.any() else "no lag"

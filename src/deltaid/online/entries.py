@@ -77,8 +77,7 @@ class LoadEntries:
             return ten[0]
         across = self.axis or (1, 2, 3)
         mc = ca.vertcat(*(ten[k] for k in across))
-        reach = ca.sqrt(ca.sumsqr(mc) + 1e-30) / (extent * ten[0])
-        mc = mc / ca.fmax(1, reach)
+        mc = mc / ca.fmax(1, ca.sqrt(ca.sumsqr(mc) + 1e-30) / (extent * ten[0]))
         most = extent**2 * ten[0]
         least = _LEAST * most
         for i, k in enumerate(across):

@@ -27,10 +27,9 @@ import numpy as np
 
 from deltaid.model.model import Model
 from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
-from deltaid.online.graph import CyclePart, OutputField, chosen
+from deltaid.online.graph import CyclePart, Field, OutputField, chosen
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import OnlineKnowledge
-from deltaid.online.layout import Field
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
@@ -54,7 +53,6 @@ class CycleEstimates:
         held: 1 while a load is held, behind this cycle.
         changed: 1 where that is another one from now on.
         differs: 1 where the gripper tells something else than what was held before.
-        load: entries of the load, consistent; zero while none is held.
         lacking: size of torques that the model has not, δ.
         part: of the graph.
     """
@@ -64,7 +62,6 @@ class CycleEstimates:
     held: ca.SX
     changed: ca.SX
     differs: ca.SX
-    load: ca.SX
     lacking: ca.SX
     part: CyclePart
 
@@ -104,8 +101,7 @@ def estimates(
     change = judge_change(seen, states.held, s.gripper, behind.x[0], spread, least, settings)
     judged = ca.logic_and(s.gripper <= -0.5, ca.fabs(seen.score) > settings.alarm)
     calm = weight * (1 - judged)
-    of_drives = slice(states.count - dof, states.count)
-    sizes = lacking.kept(behind.part(of_drives), calm, period)
+    sizes = lacking.kept(behind.part(slice(states.count - dof, states.count)), calm, period)
     behind = estimate_after(_bounded(behind, s.at_friction, bounds, calm), seen, change, n_load)
     loaded = behind.part(slice(0, n_load))
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
@@ -139,7 +135,6 @@ def estimates(
         change.held,
         change.changed,
         differs,
-        load,
         lacking.size,
         CyclePart(kept, given),
     )

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.online.online import HALF, Online, OnlineEstimate
+from deltaid.estimation.scatter import NORMAL
+from deltaid.online.online import Online, OnlineEstimate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
@@ -116,10 +117,6 @@ class Loads:
         self._held: _Held | None = None
         self._found: list[WeighedLoad] = []
 
-    def broken(self) -> None:
-        """Nothing is known behind a hole."""
-        self._close(None)
-
     def add(self, time: Times, found: OnlineEstimate) -> None:
         """Take some more cycles."""
         begin = 0
@@ -129,7 +126,7 @@ class Loads:
             if self._held is not None and found.held[k] and start - self._held.start < _STEP:
                 start = self._held.start  # the same load, better seen
                 self._held = None
-            self._close(float(time[k]))
+            self.close(float(time[k]))
             if found.held[k]:
                 self._held = _Held(start)
             begin = int(k)
@@ -150,18 +147,18 @@ class Loads:
             low, high = found.mass_interval[rows][k]
             self._held.soon = float(found.mass[rows][k]), float(low), float(high)
 
-    def _close(self, end: float | None) -> None:
+    def close(self, end: float | None = None) -> None:
+        """The load is left at a time [s]; None where that is not known, as at a hole."""
         load, self._held = self._held, None
         if load is None or load.entries is None or load.std is None:
             return
-        if end is not None and end - load.start < _STEP and not self._told:
-            return
-        if load.entries[0] < self._least and not self._told:
+        brief = end is not None and end - load.start < _STEP
+        if not self._told and (brief or load.entries[0] < self._least):
             return
         largest = self._scales * load.entries[0] / self._scales[0]
         entries = []
         for i, (name, unit) in enumerate(self._names):
-            value, half = float(load.entries[i]), HALF * float(load.std[i])
+            value, half = float(load.entries[i]), NORMAL * float(load.std[i])
             low = max(value - half, 0.0) if name in ("m", "Ixx", "Iyy", "Izz") else value - half
             shown = i == 0 or half < _SHOWN * float(largest[i])
             entries.append(LoadEntry(name, unit, value, low, value + half, shown))
@@ -169,7 +166,7 @@ class Loads:
 
     def finished(self) -> tuple[WeighedLoad, ...]:
         """All of them, the last one closed."""
-        self._close(None)
+        self.close()
         return tuple(self._found)
 
 
@@ -191,10 +188,6 @@ class Touches:
         self._now: _Touched | None = None
         self._found: list[Touch] = []
 
-    def broken(self) -> None:
-        """Nothing is known behind a hole."""
-        self._close()
-
     def add(self, time: Times, found: OnlineEstimate) -> None:
         """Take some more cycles."""
         out = found.outputs
@@ -202,7 +195,7 @@ class Touches:
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
             now = self._now
             if now is None or instant - now.end > _APART:
-                self._close()
+                self.close()
                 none = np.zeros(len(self._drives) + 1)
                 now = self._now = _Touched(instant, instant, 0.0, none[:0], none[:0], none)
             now.end = instant
@@ -211,19 +204,18 @@ class Touches:
                 now.size = size
                 now.force, now.effort = out["contact_force"][k], out["contact_effort"][k]
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """The contact ends, as at a hole."""
         touch, self._now = self._now, None
         if touch is None:
             return
         limb = int(touch.votes.argmax())
-        if limb:
-            force, effort = None, float(touch.effort[limb - 1])
-        else:
-            force, effort = tuple(touch.force.tolist()), None
+        force = None if limb else tuple(touch.force.tolist())
+        effort = float(touch.effort[limb - 1]) if limb else None
         place = self._drives[limb - 1] if limb else "platform"
         self._found.append(Touch(touch.start, touch.end, place, force, effort, touch.size))
 
     def finished(self) -> tuple[Touch, ...]:
         """All of them, the last one closed."""
-        self._close()
+        self.close()
         return tuple(self._found)

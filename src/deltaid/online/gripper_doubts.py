@@ -6,7 +6,6 @@ import numpy as np
 
 from deltaid.errors import Doubt
 from deltaid.online.events import WeighedLoad
-from deltaid.online.grip_timing import Offset
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.suspicion import RunEvidence
 
@@ -27,54 +26,42 @@ def gripper_doubts(
         grip_time: from the signal to the load, as it is known [s].
         is_column: whether a column tells, which should change.
     """
-    constant = tuple(_constant(seen)) if is_column else ()
-    wrong = tuple(_inverted(seen, loads)) or tuple(_apart(seen, grip_time))
-    return constant or wrong or tuple(_without_part(loads))
-
-
-def _constant(seen: RunEvidence) -> Iterator[Doubt]:
-    if seen.told <= {EMPTY} or seen.told <= {HOLDS}:
+    if is_column and (seen.told <= {EMPTY} or seen.told <= {HOLDS}):
         what = "empty" if EMPTY in seen.told else "something held"
-        yield Doubt(
+        constant = Doubt(
             f"the gripper tells of {what} from the first row to the last",
             cause="the column is not the gripper's, or was not recorded",
             cure="give the column that changes with each pick, or leave --gripper out: loads are "
             "then found from torques alone",
         )
-
-
-def _weightless(loads: Sequence[WeighedLoad]) -> int:
-    """How many weigh nothing, if that is worth a word; else 0."""
+        return (constant,)
     nothing = sum(load.mass.low <= 0 for load in loads)
-    return nothing if nothing >= max(1, _SHARE * len(loads)) else 0
-
-
-def _inverted(seen: RunEvidence, loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
-    nothing = _weightless(loads)
-    if nothing and seen.touched_empty > _TOUCHED * seen.empty:
-        yield Doubt(
+    weightless = nothing >= max(1, _SHARE * len(loads))
+    if weightless and seen.touched_empty > _TOUCHED * seen.empty:
+        inverted = Doubt(
             f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
             f"{seen.touched_empty:.3g} s while the gripper tells of nothing held",
             cause="the signal is 0 while something is held, and 1 while not",
             cure="give the numbers that mean held in a mapping, load: {column: …, when: [0]}",
         )
-
-
-def _without_part(loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
-    nothing = _weightless(loads)
-    if nothing:
-        yield Doubt(
-            f"{nothing} of {len(loads)} loads weigh nothing that torques show",
-            cause="the gripper closed without a part, or its signal is another one",
-            cure="check what the column holds",
-        )
+        return (inverted,)
+    if apart := tuple(_apart(seen, grip_time)):
+        return apart
+    without_part = Doubt(
+        f"{nothing} of {len(loads)} loads weigh nothing that torques show",
+        cause="the gripper closed without a part, or its signal is another one",
+        cure="check what the column holds",
+    )
+    return (without_part,) if weightless else ()
 
 
 def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     """Signals that come before or after what they tell of."""
     kinds = {"are taken": seen.taken, "are left": seen.left}
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
-    off = {w: o for w, o in shown.items() if abs(_least(o, grip_time)) > _OFF}
+    # By how much they are off at least.
+    least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}
+    off = {w: o for w, o in shown.items() if abs(least[w]) > _OFF}
     if not off:
         return
     low, high = max(o.low for o in off.values()), min(o.high for o in off.values())
@@ -99,11 +86,6 @@ def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
         if alike and early
         else "record a signal that comes with the load, or leave --gripper out",
     )
-
-
-def _least(offset: Offset, grip_time: float) -> float:
-    """By how much it is off at least [s]."""
-    return float(np.clip(grip_time, offset.low, offset.high)) - grip_time
 
 
 def _in_words(low: float, high: float, grip_time: float) -> str:

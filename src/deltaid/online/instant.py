@@ -22,8 +22,7 @@ from deltaid.identification.sources import delays_of
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model
-from deltaid.online.graph import StateField, chosen, only_if
-from deltaid.online.layout import Field, Layout
+from deltaid.online.graph import Field, Layout, StateField, chosen, only_if
 from deltaid.online.settings import OnlineSettings
 
 # What a gripper says.

@@ -139,8 +139,7 @@ def _smooth_sign(rest: float) -> Sign:
 
 def _rate(matrix: ca.SX, x: ca.SX, xd: ca.SX) -> ca.SX:
     """The matrix's rate ∂matrix/∂x ẋ."""
-    flat = ca.vec(ca.densify(matrix))
-    return ca.sparsify(ca.reshape(ca.jtimes(flat, x, xd), *matrix.shape))
+    return ca.sparsify(ca.reshape(ca.jtimes(ca.vec(ca.densify(matrix)), x, xd), *matrix.shape))
 
 
 @dataclass(frozen=True)

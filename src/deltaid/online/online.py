@@ -9,20 +9,17 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
+from deltaid.estimation.scatter import NORMAL
 from deltaid.kernel.batch import BatchKernel
 from deltaid.kernel.recurrence import Recurrence
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.online.contact_part import standard_parts
-from deltaid.online.cycle import MorePart, step_graph
+from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
 from deltaid.online.instant import NOT_TOLD
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.shown import Named
-
-# Half of a 95 % interval in standard deviations.
-HALF = 1.959964
 
 Rows = Float[np.ndarray, "samples dof"]
 
@@ -103,7 +100,7 @@ class OnlineEstimate(Named):
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
         """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
         be held unnoticed."""
-        half = HALF * self.load_std[..., 0]
+        half = NORMAL * self.load_std[..., 0]
         low, high = self.mass - half, self.mass + half + self.unnoticed
         return np.maximum(np.stack([low, high], axis=-1), 0.0)
 
@@ -127,8 +124,7 @@ class FeedForward:
             p[k] = self.friction[i]
         for i, k in enumerate(known.entries.shown):
             p[first + k] += self.load[i]
-        tau = ca.substitute([e.torque], [e.p], [p])[0]
-        self.tau: ca.SX = tau / ca.SX(model.gains)
+        self.tau: ca.SX = ca.substitute([e.torque], [e.p], [p])[0] / ca.SX(model.gains)
         self._kinematics = model.dynamics.kinematics
 
     def __call__(
@@ -144,8 +140,7 @@ class FeedForward:
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        z = self._kinematics.forward(q)
-        x = np.concatenate([z, qd, qdd])[:, None]
+        x = np.concatenate([self._kinematics.forward(q), qd, qdd])[:, None]
         return self._kernel(x, uniform=np.concatenate([load, friction]))[:, 0]
 
     @cached_property
@@ -215,8 +210,7 @@ class Online(Named):
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
-        told = NOT_TOLD if gripper is None else float(gripper)
-        parts = [q, *self._velocity(qd), tau, [told]]
+        parts = [q, *self._velocity(qd), tau, [NOT_TOLD if gripper is None else float(gripper)]]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
     def run(
@@ -235,8 +229,7 @@ class Online(Named):
             gripper: 1 holds, 0 empty, -1 not told.
         """
         told = np.full(len(q), NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
-        parts = [q, *self._velocity(qd), tau, told]
-        return self._estimate(self._advance(np.column_stack(parts)))
+        return self._estimate(self._advance(np.column_stack([q, *self._velocity(qd), tau, told])))
 
     def _velocity(self, qd: np.ndarray | None) -> list[np.ndarray]:
         if (qd is None) != (self.settings.speed == "differenced"):

@@ -79,11 +79,6 @@ class Replay:
     doubts: tuple[Doubt, ...]
 
     @property
-    def rate(self) -> float:
-        """Cycles a second [Hz]."""
-        return self.log.rate
-
-    @property
     def has_velocity(self) -> bool:
         """Whether recorded velocities are taken."""
         return not self.speeds.differenced
@@ -96,7 +91,7 @@ class Replay:
     def settings(self, given: OnlineSettings) -> OnlineSettings:
         """Settings with what the recording decides: rate, speeds, and lags where these are open."""
         return replace(
-            given.at_rate(self.rate),
+            given.at_rate(self.log.rate),
             speed="measured" if self.has_velocity else "differenced",
             speed_noise=self.speeds.noise,
             delay=self.delay if given.delay is None else given.delay,
@@ -152,12 +147,11 @@ class Replay:
         )
 
     def _without_power(self, time: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
-        around = 0.5 / self.rate
+        around = 0.5 / self.log.rate
         spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
         if not spans:
             return np.zeros(len(time), dtype=bool)
-        ends = joined_times(np.array(spans)).ravel()
-        return np.searchsorted(ends, time) % 2 == 1
+        return np.searchsorted(joined_times(np.array(spans)).ravel(), time) % 2 == 1
 
 
 def open_replay(
@@ -188,8 +182,7 @@ def open_replay(
                 cure="leave out one of the two",
             )
         mapping = mapping.changed(load=Load(column=gripper)).known_as(mapping.source)
-    kinematics = model.dynamics.kinematics
-    opened = open_log(log, kinematics, mapping, need_rest=False)
+    opened = open_log(log, model.dynamics.kinematics, mapping, need_rest=False)
     if opened.rate < _LEAST_RATE:
         raise RecordingError(
             f"has {opened.rate:.4g} rows a second; contact and payload are found from cycles of a "

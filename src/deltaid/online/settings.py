@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from deltaid.errors import DeltaidError
 from deltaid.online.contact import threshold
 
@@ -69,14 +71,14 @@ class OnlineSettings:
     torque_ends: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("rate", "corner", "extent", "rest_speed", "friction_time", "alarm"):
-            self._positive(name, getattr(self, name))
-        for name in ("largest_mass", "least_mass"):
-            if getattr(self, name) is not None:
-                self._positive(name, getattr(self, name))
-        for name in ("noise", "unmodelled"):
-            for value in getattr(self, name) or ():
-                self._positive(name, value)
+        for name in (
+            "rate", "corner", "extent", "rest_speed", "friction_time", "alarm",
+            "largest_mass", "least_mass", "noise", "unmodelled",
+        ):  # fmt: skip
+            given = getattr(self, name)
+            for value in np.atleast_1d(() if given is None else given):
+                if not 0 < value < 1e9:
+                    raise DeltaidError(f"must be a positive number, and is {value:g}", where=name)
         if not 0 <= self.friction_range < 1:
             raise DeltaidError(
                 f"must lie between 0 and 1, and is {self.friction_range:g}", where="friction_range"
@@ -92,16 +94,13 @@ class OnlineSettings:
                 where="corner",
                 cure="take at most a fifth of the rate",
             )
-        if self.torque not in ("sampled", "held"):
-            raise DeltaidError(f"must be 'sampled' or 'held', not {self.torque!r}", where="torque")
-        if self.speed not in ("measured", "differenced"):
-            raise DeltaidError(
-                f"must be 'measured' or 'differenced', not {self.speed!r}", where="speed"
-            )
-
-    def _positive(self, name: str, value: float) -> None:
-        if not 0 < value < 1e9:
-            raise DeltaidError(f"must be a positive number, and is {value:g}", where=name)
+        for name, first, second in (
+            ("torque", "sampled", "held"),
+            ("speed", "measured", "differenced"),
+        ):
+            value = getattr(self, name)
+            if value not in (first, second):
+                raise DeltaidError(f"must be '{first}' or '{second}', not {value!r}", where=name)
 
     def contact_threshold(self, dof: int) -> float:
         """How large a residual must be for a contact, in deviations (`online.contact`)."""

@@ -7,10 +7,9 @@ import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
-from deltaid.online.graph import CyclePart, StateField, all_finite, chosen, only_if
+from deltaid.online.graph import CyclePart, Field, Layout, StateField, all_finite, chosen, only_if
 from deltaid.online.instant import inputs_of, instant, line, pose, waits
 from deltaid.online.knowledge import OnlineKnowledge
-from deltaid.online.layout import Field, Layout
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum, filtered_torque
 from deltaid.online.settings import OnlineSettings
 
@@ -212,5 +211,4 @@ def _pose_kept(near: ca.SX, finite: ca.SX, z: ca.SX, model: Model) -> StateField
     """The pose; where loops do not close yet it goes on from where it came, or from home."""
     home = ca.SX(model.home)
     field = Field("z", z.numel(), "pose [x, y, z, psi]", initial=tuple(model.home.tolist()))
-    onwards = chosen(finite, chosen(all_finite(z), z, home), near)
-    return StateField(field, near, z, onwards)
+    return StateField(field, near, z, chosen(finite, chosen(all_finite(z), z, home), near))

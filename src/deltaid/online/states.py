@@ -16,10 +16,9 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.changes import Change
-from deltaid.online.graph import StateField
+from deltaid.online.graph import Field, StateField
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import OnlineKnowledge
-from deltaid.online.layout import Field
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
 
@@ -71,12 +70,10 @@ class States:
         stays = ca.SX(np.exp(-self.period / memory))
         of_load = np.flatnonzero(self.kinds == 0)
         loose = np.exp(-self.period / _LOOSE)
-        on_its_way = self.gripping > 0.5 * self.period
-        stays[: len(of_load)] = ca.if_else(on_its_way, loose, stays[0])
+        stays[: len(of_load)] = ca.if_else(self.gripping > 0.5 * self.period, loose, stays[0])
         prior = ca.vertcat(*(self.held if kind == 0 else ca.SX(1) for kind in self.kinds))
         P = ca.tril2symm(ca.SX(ca.Sparsity.lower(self.count), self.P))
-        wanders = ca.SX((self.kinds == 3).astype(float))
-        return Estimate(self.x, P).forgotten(stays, prior, wanders)
+        return Estimate(self.x, P).forgotten(stays, prior, ca.SX((self.kinds == 3).astype(float)))
 
     def kept(self, behind: Estimate, change: Change) -> tuple[StateField, ...]:
         """Fields of the state."""

@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.online.cycle import Cycle
-from deltaid.online.graph import CyclePart, OutputField
+from deltaid.online.graph import CyclePart, Field, OutputField
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.instant import EMPTY, HOLDS
-from deltaid.online.layout import Field
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.replay import Cycles
 
@@ -119,14 +118,13 @@ class Suspicion:
         empty: Bool[np.ndarray, " rows"],
     ) -> None:
         m = torque - residual - friction
-        columns = np.stack([m, friction, self._rate(m + friction), torque], axis=2)
+        model = m + friction
+        rate = np.gradient(model, self._period, axis=0) if len(model) > 1 else np.zeros_like(model)
+        columns = np.stack([m, friction, rate, torque], axis=2)
         columns *= empty[:, None, None]
         products = np.einsum("tdi,tdj->tdij", columns, columns)
         starts = np.arange(0, len(products), max(1, round(1 / self._period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
-
-    def _rate(self, x: Float[np.ndarray, "rows drives"]) -> Float[np.ndarray, "rows drives"]:
-        return np.gradient(x, self._period, axis=0) if len(x) > 1 else np.zeros_like(x)
 
     def _look_for_stuck(self, rows: Cycles) -> None:
         """The longest time for which a torque is the same, no end of its channel, while its drive
@@ -177,5 +175,4 @@ def _gain(
     inverse = inverse / size[:, :, None] / size[:, None, :]
     x = np.einsum("dij,dj->di", inverse, b.sum(axis=0))
     left = b - np.einsum("pdij,dj->pdi", A, x)
-    score = np.einsum("dj,pdj->pd", inverse[:, 0], left)
-    return x[:, 0], np.sqrt(np.sum(score**2, axis=0))
+    return x[:, 0], np.sqrt(np.sum(np.einsum("dj,pdj->pd", inverse[:, 0], left) ** 2, axis=0))

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -15,7 +15,7 @@ from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touch, Touches, WeighedLoad
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
-from deltaid.online.replay import Cycles, Replay
+from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
@@ -131,119 +131,87 @@ def watch(
             where=model.source,
             cure="identify a model from a recording first, `deltaid identify`",
         )
-    settings = replay.settings(settings)
+    settings, told = replay.settings(settings), replay.is_told
     online = Online(model, settings, more=(measured_of,))
-    run = _WatchRun(online, replay.is_told, max(1, -(-replay.log.samples // _SERIES)))
+    late = waits(model, settings).whole * settings.period
+    loads, touches = Loads(online, told), Touches(model.robot)
+    suspicion = Suspicion(settings.period, replay.ends, online.known.unmodelled)
+    every = max(1, -(-replay.log.samples // _SERIES))
+    parts, cycles, bad, seconds = list[WatchSeries](), 0, 0, 0.0
+    q = np.zeros((1, model.dynamics.dof))  # compiles
+    online.run(q, q if replay.has_velocity else None, q)
     for rows in replay.rows():
         progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
-        run.add(rows)
-    progress("judging what speaks against it")
-    return run.watched(replay)
-
-
-@dataclass
-class _WatchRun:
-    """A recording on its way through."""
-
-    online: Online
-    told: bool
-    every: int
-    series: list[WatchSeries] = field(default_factory=list[WatchSeries])
-    cycles: int = 0
-    bad: int = 0
-    seconds: float = 0.0
-
-    def __post_init__(self) -> None:
-        settings = self.online.settings
-        self.late = waits(self.online.model, settings).whole * settings.period
-        self.loads = Loads(self.online, self.told)
-        self.touches = Touches(self.online.model.robot)
-        ends = settings.torque_ends or (np.inf,) * len(self.online.model.robot.drives)
-        self.suspicion = Suspicion(settings.period, ends, self.online.known.unmodelled)
-        dof = self.online.model.dynamics.dof
-        q = np.zeros((1, dof))  # compiles
-        self.online.run(q, q if self.online.settings.speed == "measured" else None, q)
-        self.online.reset()
-
-    def add(self, rows: Cycles) -> None:
-        """Run through some more cycles."""
         if rows.begins:
-            self.online.reset()
-            self.loads.broken()
-            self.touches.broken()
+            online.reset()
+            loads.close()
+            touches.close()
         begin = time.process_time()
-        found = self.online.run(rows.q, rows.qd, rows.tau, rows.gripper)
-        self.seconds += time.process_time() - begin
-        self.cycles += len(rows.time)
-        self.bad += int(np.sum(~found.good))
-        at = rows.time - self.late
+        found = online.run(rows.q, rows.qd, rows.tau, rows.gripper)
+        seconds += time.process_time() - begin
+        cycles += len(rows.time)
+        bad += int(np.sum(~found.good))
+        at = rows.time - late
         events = np.maximum(at, rows.time[0]) if rows.begins else at  # what was held before
-        self.loads.add(events, found)
-        self.touches.add(events, found)
-        self.suspicion.add(rows, found)
-        self.series.append(self._thinned(at, found))
-
-    def _thinned(self, at: Float[np.ndarray, " rows"], found: OnlineEstimate) -> WatchSeries:
-        """Every so-manieth cycle; of the residual the one of largest size since."""
-        out, n = found.outputs, len(at)
-        size = out["contact_size"][:, 0]
-        ends = np.arange(self.every - 1, n, self.every)
-        if not ends.size:
-            ends = np.array([n - 1])
-        starts = np.concatenate([[0], ends[:-1] + 1])
-        peak = np.array([a + size[a : b + 1].argmax() for a, b in zip(starts, ends, strict=True)])
-        moves = out["contact_force"].shape[1]
-        u = self.online.settings.contact_threshold(found.residual.shape[1])
-        A = out["contact_information"][ends].reshape(-1, moves, moves)
-        best, worst = least_force(A, u)
-        if not self.told:  # straight up or down, a load may hide its weight of a push
-            worst = worst + _GRAVITY * self.online.known.load_scales[0]
-        interval = found.mass_interval[ends]
-        return WatchSeries(
-            time=at[ends],
-            mass=found.mass[ends],
-            low=interval[:, 0],
-            high=interval[:, 1],
-            held=found.held[ends].astype(float),
-            size=size[peak],
-            limb=out["contact_limb"][peak, 0],
-            force=out["contact_force"][peak],
-            effort=out["contact_effort"][peak],
-            best=best,
-            worst=worst,
-        )
-
-    def watched(self, replay: Replay) -> Watched:
-        """All that was found."""
-        online = self.online
-        series = _joined(self.series)
-        finite = np.isfinite(series.worst)
-        loads, touches = self.loads.finished(), self.touches.finished()
-        return Watched(
-            robot=online.model.robot,
-            log=replay.log.path.name,
-            cycles=self.cycles,
-            bad=self.bad,
-            rate=replay.rate,
-            told=replay.is_told,
-            false_alarms=online.settings.false_alarms,
-            loads=loads,
-            touches=touches,
-            friction=_friction(online),
-            best=float(np.median(series.best[finite])),
-            worst=float(np.median(series.worst[finite])),
-            seconds=self.seconds / max(self.cycles, 1),
-            series=series,
-            doubts=doubts(
-                online.model, replay, online.settings, self.suspicion.seen, loads, touches
-            ),
-        )
-
-
-def _joined(parts: list[WatchSeries]) -> WatchSeries:
+        loads.add(events, found)
+        touches.add(events, found)
+        suspicion.add(rows, found)
+        parts.append(_thinned(online, at, found, every, told))
+    progress("judging what speaks against it")
     names = WatchSeries.__dataclass_fields__
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    series = WatchSeries(**joined)
+    finite = np.isfinite(series.worst)
+    held, pushes = loads.finished(), touches.finished()
+    return Watched(
+        robot=model.robot,
+        log=replay.log.path.name,
+        cycles=cycles,
+        bad=bad,
+        rate=replay.log.rate,
+        told=told,
+        false_alarms=settings.false_alarms,
+        loads=held,
+        touches=pushes,
+        friction=_friction(online),
+        best=float(np.median(series.best[finite])),
+        worst=float(np.median(series.worst[finite])),
+        seconds=seconds / max(cycles, 1),
+        series=series,
+        doubts=doubts(model, replay, settings, suspicion.seen, held, pushes),
+    )
+
+
+def _thinned(
+    online: Online, at: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
+) -> WatchSeries:
+    """Every so-manieth cycle; of the residual the one of largest size since."""
+    out, n = found.outputs, len(at)
+    size = out["contact_size"][:, 0]
+    ends = np.arange(every - 1, n, every)
+    if not ends.size:
+        ends = np.array([n - 1])
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    peak = np.array([a + size[a : b + 1].argmax() for a, b in zip(starts, ends, strict=True)])
+    moves = out["contact_force"].shape[1]
+    u = online.settings.contact_threshold(found.residual.shape[1])
+    A = out["contact_information"][ends].reshape(-1, moves, moves)
+    best, worst = least_force(A, u)
+    if not told:  # straight up or down, a load may hide its weight of a push
+        worst = worst + _GRAVITY * online.known.load_scales[0]
+    interval = found.mass_interval[ends]
     return WatchSeries(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        time=at[ends],
+        mass=found.mass[ends],
+        low=interval[:, 0],
+        high=interval[:, 1],
+        held=found.held[ends].astype(float),
+        size=size[peak],
+        limb=out["contact_limb"][peak, 0],
+        force=out["contact_force"][peak],
+        effort=out["contact_effort"][peak],
+        best=best,
+        worst=worst,
     )
 
 

@@ -7,7 +7,6 @@ as for Fig. 8; and the friction law chosen from the fast recording alone.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,9 +20,11 @@ from deltaid.identification.identify import identify
 from deltaid.identification.torque_error import predict
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.record import Settings
-from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
+from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.progress import Progress
 from deltaid.recording.recording import Recording, open_recordings
 from deltaid.reproduce.irb360_result import (
     Candidate,
@@ -43,15 +44,11 @@ from deltaid.reproduce.table_one import (
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
-Progress = Callable[[str], None]
-
 # Names of what is compared; the law is chosen with 'RG geom' as prior.
 BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
     "base parameters", "ID simple", "ID geom", "ID geom, drive 4 retuned", "ID geom, law chosen"
 )  # fmt: skip
 _PRIORS = {SIMPLE: "RG simple", GEOM: "RG geom"}
-# Start values of the verification motions: as many seeds on as anybody will ask starts for.
-_OFFSET = 100_000
 
 
 @dataclass(frozen=True)
@@ -106,13 +103,14 @@ def reproduce_irb360(
         for name, recording in recordings.items():
             write_recording(recording, Path(folder) / name)
         candidates = _candidates(priors, Path(folder) / "identify.csv", progress)
-        tracks, verified = [], []
+        tracks, verified = dict[str, Track](), dict[tuple[str, str], Verified]()
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
             log = Path(folder) / f"{motion}.csv"
-            (one,) = open_recordings([log], dynamics.kinematics, keep_all=True)
-            tracks.append(_track(motion, settings, scene, one))
-            verified += [_verify(c, motion, one) for c in candidates]
+            (recording,) = open_recordings([log], dynamics.kinematics, keep_all=True)
+            tracks[motion] = _track(scene.runs[motion], settings, scene, recording)
+            for name, candidate in candidates.items():
+                verified[name, motion] = _verify(candidate, recording)
     return Irb360(
         settings=settings,
         dynamics=dynamics,
@@ -122,8 +120,8 @@ def reproduce_irb360(
         runs=scene.runs,
         recordings=recordings,
         candidates=candidates,
-        tracks=tuple(tracks),
-        verified=tuple(verified),
+        tracks=tracks,
+        verified=verified,
         seconds=time.perf_counter() - began,
     )
 
@@ -132,27 +130,20 @@ def _motions(
     robot: RobotDescription, settings: Irb360Settings, progress: Progress
 ) -> dict[str, Run]:
     """Optimised motions: fast ones from two sets of start values, and one with drive 4 slow."""
-    asked = ExcitationSettings(
-        harmonics=settings.harmonics,
-        duration=settings.duration,
-        repeats=settings.repeats,
-        starts=settings.starts,
-        seed=settings.seed,
-    )
     progress("preparing the excitation")
-    exciter = Exciter(compiled(robot), asked)
+    exciter = Exciter(compiled(robot), settings.excitation)
     progress("optimising the fast motions")
     runs = {"identify": exciter.optimise().run}
-    again = replace(asked, repeats=1)
-    runs["fast"] = Exciter(compiled(robot), again).optimise(offset=_OFFSET).run
+    again = replace(settings.excitation, repeats=1)
+    runs["fast"] = Exciter(compiled(robot), again).optimise(offset=VERIFICATION_OFFSET).run
     progress("optimising the slow motion")
-    runs["slow"] = Exciter(compiled(slow(robot)), again).optimise(offset=_OFFSET).run
+    runs["slow"] = Exciter(compiled(slow(robot)), again).optimise(offset=VERIFICATION_OFFSET).run
     return runs
 
 
 def _candidates(
     priors: dict[str, RobotDescription], log: Path, progress: Progress
-) -> tuple[Candidate, ...]:
+) -> dict[str, Candidate]:
     """Everything that the fast recording gives."""
     found = {}
     for name, column in _PRIORS.items():
@@ -160,17 +151,17 @@ def _candidates(
         result = identify(
             priors[column], [log], settings=Settings(friction="described", effects="none")
         )
-        found[name] = Candidate(name, result.model.robot, result.model.p, result)
+        found[name] = Candidate(result.model.robot, result.model.p, result)
     geom = found[GEOM].identification
     assert geom is not None
     progress("choosing friction laws")
     chosen = identify(priors["RG geom"], [log], settings=Settings(effects="none"))
-    return (
-        Candidate(BASE, geom.model.robot, geom.problem.estimate.full, None),
-        *found.values(),
-        Candidate(RETUNED_4, geom.model.robot, _retuned(found[GEOM]), None),
-        Candidate(CHOSEN, chosen.model.robot, chosen.model.p, chosen),
-    )
+    return {
+        BASE: Candidate(geom.model.robot, geom.problem.estimate.full, None),
+        **found,
+        RETUNED_4: Candidate(geom.model.robot, _retuned(found[GEOM]), None),
+        CHOSEN: Candidate(chosen.model.robot, chosen.model.p, chosen),
+    }
 
 
 def _retuned(candidate: Candidate) -> Parameters:
@@ -181,28 +172,26 @@ def _retuned(candidate: Candidate) -> Parameters:
     return p
 
 
-def _verify(candidate: Candidate, motion: str, one: Recording) -> Verified:
-    dynamics, thinned = compiled(candidate.robot), one.thinned
-    parts = list(predict(dynamics, candidate.p, one))
+def _verify(candidate: Candidate, recording: Recording) -> Verified:
+    parts = list(predict(compiled(candidate.robot), candidate.p, recording))
     error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
-    predicted = np.vstack([part.filtered_predicted for part in parts])[:: thinned // one.stride]
-    return Verified(candidate.name, motion, np.sqrt(np.mean(error**2, axis=0)), predicted)
+    predicted = np.vstack([part.filtered_predicted for part in parts])
+    rows = slice(None, None, recording.thinned // recording.stride)
+    return Verified(np.sqrt(np.mean(error**2, axis=0)), predicted[rows])
 
 
-def _track(motion: str, settings: Irb360Settings, scene: "_Scene", one: Recording) -> Track:
+def _track(run: Run, settings: Irb360Settings, scene: _Scene, recording: Recording) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
-    parts, thinned = list(predict(scene.dynamics, scene.truth, one)), one.thinned
-    run = scene.runs[motion]
+    parts, thinned = list(predict(scene.dynamics, scene.truth, recording)), recording.thinned
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = scene.dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = scene.dynamics.torque(z, qd, qdd, scene.truth) + scene.unmodelled(qd)
     noise = settings.torque_noise * np.abs(tau).max(axis=0)
     return Track(
-        motion=motion,
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
-        measured=np.vstack([part.filtered_measured for part in parts])[:: thinned // one.stride],
-        noise=noise * (one.low_pass.noise_gain if one.low_pass else 1.0),
+        measured=np.vstack([p.filtered_measured for p in parts])[:: thinned // recording.stride],
+        noise=noise * (recording.low_pass.noise_gain if recording.low_pass else 1.0),
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),
     )

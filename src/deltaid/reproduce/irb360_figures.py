@@ -58,7 +58,7 @@ def figure_8(result: Irb360) -> Figure:
 
 def friction_curve(result: Irb360) -> Figure:
     """Friction of drive 4 over its speed: true, and as each model has it."""
-    speed = np.geomspace(0.03, np.abs(result.track("fast").speed[:, 3]).max(), 200)
+    speed = np.geomspace(0.03, np.abs(result.tracks["fast"].speed[:, 3]).max(), 200)
     figure = go.Figure()
     figure.add_scatter(
         x=speed,
@@ -70,12 +70,12 @@ def friction_curve(result: Irb360) -> Figure:
     for name in (GEOM, RETUNED_4, CHOSEN):
         figure.add_scatter(
             x=speed,
-            y=curve(result.candidate(name), speed),
+            y=curve(result.candidates[name], speed),
             name=name,
             mode="lines",
             line={"color": _COLORS[name], "width": 2},
         )
-    slow = result.track("slow").speed_max
+    slow = result.tracks["slow"].speed_max
     figure.add_vline(x=slow, line={"color": style.PRIOR, "dash": "dot"})
     figure.add_annotation(
         x=np.log10(slow), y=0.02, yref="paper", text="largest speed of the slow motion",
@@ -99,10 +99,10 @@ def curve(candidate: Candidate, speed: np.ndarray) -> np.ndarray:
 def _traces(
     figure: go.Figure, result: Irb360, motion: str, names: tuple[str, ...], *, drive: int, row: int
 ) -> None:
-    track = result.track(motion)
+    track = result.tracks[motion]
     time = track.time.astype(np.float32)
     lines = [("measured", track.measured, style.MEASURED, 3.0)]
-    lines += [(n, result.result(n, motion).predicted, _COLORS[n], 1.3) for n in names]
+    lines += [(n, result.verified[n, motion].predicted, _COLORS[n], 1.3) for n in names]
     for name, values, color, width in lines:
         figure.add_scatter(
             x=time,

@@ -37,7 +37,16 @@ def irb360_page(result: Irb360) -> Page:
             _setting(result),
             _table_one(result),
             Section(
-                "Verification on a slow motion (Fig. 7)", (_rms_table(result), figure_7(result))
+                "Verification on a slow motion (Fig. 7)",
+                (
+                    Table(
+                        rms_columns(result),
+                        rms_rows(result),
+                        "Root mean square of measured minus predicted torque, after the filter. "
+                        "The paper's errors are of its own machine and its own slow motion.",
+                    ),
+                    figure_7(result),
+                ),
             ),
             _friction(result),
             _files(),
@@ -62,18 +71,18 @@ def rms_rows(result: Irb360) -> Rows:
         for name, values in paper
     ]
     for motion in ("slow", "fast"):
-        for candidate in result.candidates:
-            rms = result.result(candidate.name, motion).rms
-            rows.append((candidate.name, motion, *(number(v, 3) for v in rms)))
-        rows.append(("noise alone", motion, *(number(v, 3) for v in result.track(motion).noise)))
+        for name in result.candidates:
+            rms = result.verified[name, motion].rms
+            rows.append((name, motion, *(number(v, 3) for v in rms)))
+        rows.append(("noise alone", motion, *(number(v, 3) for v in result.tracks[motion].noise)))
     return tuple(rows)
 
 
 def _facts(result: Irb360) -> tuple[Fact, ...]:
-    slow, fast = result.track("slow"), result.track("fast")
+    slow, fast = result.tracks["slow"], result.tracks["fast"]
 
     def drive_4(name: str, motion: str = "slow") -> str:
-        return f"{result.result(name, motion).rms[3]:.3f} N m"
+        return f"{result.verified[name, motion].rms[3]:.3f} N m"
 
     return (
         Fact("Drive 4, identified", drive_4(GEOM), "slow motion; the paper's robot: 0.20 N m"),
@@ -91,7 +100,7 @@ def _setting(result: Irb360) -> Section:
     settings, f = result.settings, result.friction
     rows = []
     for motion, (speed, acceleration) in (("slow", SLOW), ("fast", FAST)):
-        track = result.track(motion)
+        track = result.tracks[motion]
         rows.append(
             (
                 motion,
@@ -131,7 +140,7 @@ def _table_one(result: Irb360) -> Section:
     models = {
         name: candidate.identification.model
         for name in (SIMPLE, GEOM)
-        if (candidate := result.candidate(name)).identification is not None
+        if (candidate := result.candidates[name]).identification is not None
     }
     rows = []
     for name, printed in TABLE.items():
@@ -179,7 +188,7 @@ _DETERMINED_TEXT = (
 
 def _friction_table(result: Irb360) -> Table:
     names, rows = result.dynamics.layout.names, []
-    fits = [result.candidate(name) for name in (SIMPLE, GEOM)]
+    fits = [result.candidates[name] for name in (SIMPLE, GEOM)]
     for joint, values in FRICTION.items():
         for kind, value in zip(("viscous", "coulomb"), values, strict=True):
             at = names.index(f"{kind}.{joint}")
@@ -190,7 +199,7 @@ def _friction_table(result: Irb360) -> Table:
     at = names.index("rotor.drive4")
     found = (number(float(f.p[at]), 3) for f in fits)
     rows.append(("rotor.drive4", number(ROTOR, 3), number(result.truth[at], 3), *found))
-    columns = ("", "the paper", "stand-in", *(f"here: {f.name}" for f in fits))
+    columns = ("", "the paper", "stand-in", *(f"here: {name}" for name in (SIMPLE, GEOM)))
     return Table(
         columns,
         tuple(rows),
@@ -199,17 +208,8 @@ def _friction_table(result: Irb360) -> Table:
     )
 
 
-def _rms_table(result: Irb360) -> Table:
-    return Table(
-        rms_columns(result),
-        rms_rows(result),
-        "Root mean square of measured minus predicted torque, after the filter. The paper's errors "
-        "are of its own machine and its own slow motion.",
-    )
-
-
 def _friction(result: Irb360) -> Section:
-    model = result.candidate(CHOSEN).identification
+    model = result.candidates[CHOSEN].identification
     assert model is not None
     choice, robot = model.model.friction_choice, model.model.robot
     assert choice is not None

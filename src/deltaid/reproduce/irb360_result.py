@@ -1,6 +1,9 @@
-"""What reproducing Sec. VIII is asked for, and what it finds."""
+"""What reproducing Sec. VIII is asked for, what it finds, and that as files that others can go on
+with."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -9,29 +12,24 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.identify import Identification
 from deltaid.motion.excitation.run import Run
-from deltaid.reproduce.table_one import Drive4Friction
+from deltaid.motion.surrogate import write_recording
+from deltaid.reproduce.surrogate_result import REPORT, RESULTS, RecordingSettings, write_results
+from deltaid.reproduce.table_one import (
+    COLUMNS,
+    DETERMINED,
+    RMS_BASE,
+    RMS_IDENTIFIED,
+    RMS_RETUNED,
+    TABLE,
+    Drive4Friction,
+)
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import save_yaml
 
 
 @dataclass(frozen=True)
-class Irb360Settings:
-    """How much of Sec. VIII to do.
-
-    Attributes:
-        seed: of motions and noise.
-        starts: of each motion's optimisation.
-        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`.
-        torque_noise: of the recordings, a share of each drive's largest torque.
-        rate: sampling rate [Hz].
-    """
-
-    seed: int = 0
-    starts: int = 4
-    harmonics: int = 8
-    duration: float = 20.0
-    repeats: int = 2
-    torque_noise: float = 0.02
-    rate: float = 1000.0
+class Irb360Settings(RecordingSettings):
+    """How much of Sec. VIII to do."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +37,11 @@ class Candidate:
     """Parameters to compare on the verification motions.
 
     Attributes:
-        name: as tables have it, such as 'ID geom'.
         robot: whose friction laws they belong to.
         p: the parameters.
         identification: where they come from; None for what is derived from another one.
     """
 
-    name: str
     robot: RobotDescription
     p: Parameters
     identification: Identification | None
@@ -56,13 +52,10 @@ class Verified:
     """One candidate on one verification motion.
 
     Attributes:
-        candidate, motion: names.
         rms: root mean square of measured minus predicted torque, through the filter [N m].
         predicted: torques through the filter at the times of the motion's `Track` [N m].
     """
 
-    candidate: str
-    motion: str
     rms: Float[np.ndarray, " dof"]
     predicted: Float[np.ndarray, "samples dof"]
 
@@ -72,13 +65,11 @@ class Track:
     """One verification motion as measured, through the filter, thinned to the rate it allows.
 
     Attributes:
-        motion: 'slow', as in Sec. VIII C, or 'fast', as fast as the identification.
         time [s], speed [rad/s], measured [N m].
         noise: what the true model leaves of the measured torques, root mean square [N m].
         speed_max, acceleration_max: of drive 4 [rad/s, rad/s²].
     """
 
-    motion: str
     time: Float[np.ndarray, " samples"]
     speed: Float[np.ndarray, "samples dof"]
     measured: Float[np.ndarray, "samples dof"]
@@ -97,9 +88,10 @@ class Irb360:
         priors: by column of Table I.
         runs: the motions by name: identify, slow, fast.
         recordings: by file name.
-        candidates: what is compared.
-        tracks: the verification motions.
-        verified: every candidate on each of them.
+        candidates: what is compared, by name.
+        tracks: the verification motions: 'slow', as in Sec. VIII C, and 'fast', as fast as the
+            identification.
+        verified: every candidate on each of them, by both names.
         seconds: for all of it.
     """
 
@@ -110,22 +102,88 @@ class Irb360:
     priors: dict[str, RobotDescription]
     runs: dict[str, Run]
     recordings: dict[str, pl.DataFrame]
-    candidates: tuple[Candidate, ...]
-    tracks: tuple[Track, ...]
-    verified: tuple[Verified, ...]
+    candidates: dict[str, Candidate]
+    tracks: dict[str, Track]
+    verified: dict[tuple[str, str], Verified]
     seconds: float
-
-    def candidate(self, name: str) -> Candidate:
-        """A candidate by name."""
-        return next(c for c in self.candidates if c.name == name)
-
-    def result(self, candidate: str, motion: str) -> Verified:
-        """A candidate on a motion."""
-        return next(v for v in self.verified if (v.candidate, v.motion) == (candidate, motion))
-
-    def track(self, motion: str) -> Track:
-        """A verification motion by name."""
-        return next(t for t in self.tracks if t.motion == motion)
 
 
 QUICK = Irb360Settings(harmonics=5, duration=10.0, repeats=1)
+
+
+# Everything in the folder.
+FILES = (
+    REPORT, RESULTS, "rg-simple.yaml", "rg-geom.yaml", "identify.csv", "slow.csv", "fast.csv",
+    "id-simple.yaml", "id-geom.yaml", "id-geom-law-chosen.yaml",
+)  # fmt: skip
+
+
+def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:
+    """Write results.json, priors, recordings and models.
+
+    Raises:
+        DeltaidError: a file cannot be written.
+    """
+    written = []
+    for robot in result.priors.values():
+        written.append(folder / f"{robot.name}.yaml")
+        save_yaml(robot, written[-1])
+    for name, recording in result.recordings.items():
+        written.append(folder / name)
+        write_recording(recording, written[-1])
+    for name, candidate in result.candidates.items():
+        if candidate.identification is not None:
+            file = name.lower().replace(",", "").replace(" ", "-")
+            written.append(folder / f"{file}.yaml")
+            candidate.identification.model.save(written[-1])
+    return (*written, write_results(as_dictionary(result), folder))
+
+
+def as_dictionary(result: Irb360) -> dict[str, Any]:
+    """All numbers in SI units. The keys are explained in docs/cli.md."""
+    names, truth = result.dynamics.layout.names, result.truth
+    models = {
+        name: candidate.identification.model
+        for name, candidate in result.candidates.items()
+        if candidate.identification
+    }
+    return {
+        "seed": result.settings.seed,
+        "torque_noise": result.settings.torque_noise,
+        "seconds": result.seconds,
+        "paper": {
+            "columns": list(COLUMNS),
+            "table": {name: list(values) for name, values in TABLE.items()},
+            "determined": list(DETERMINED),
+            "rms_base": list(RMS_BASE),
+            "rms_identified": list(RMS_IDENTIFIED),
+            "rms_retuned": RMS_RETUNED,
+        },
+        "truth": {
+            name: float(value) for name, value in zip(names, truth, strict=True) if value != 0
+        },
+        "models": {
+            name: {
+                "parameters": [
+                    p.model_dump() for p in model.parameters if p.determined_by != "structure"
+                ],
+                "friction": {
+                    joint: law.model_dump(exclude_none=True)
+                    for joint, law in model.robot.friction.items()
+                },
+                "choice": model.friction_choice and model.friction_choice.model_dump(),
+            }
+            for name, model in models.items()
+        },
+        "motions": {
+            motion: {
+                "speed_deg_s": float(np.rad2deg(track.speed_max)),
+                "acceleration_deg_s2": float(np.rad2deg(track.acceleration_max)),
+                "noise": track.noise.tolist(),
+                "rms": {
+                    name: result.verified[name, motion].rms.tolist() for name in result.candidates
+                },
+            }
+            for motion, track in result.tracks.items()
+        },
+    }

@@ -7,7 +7,6 @@ objective stop; and how all of it depends on γ.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,27 +21,24 @@ from deltaid.estimation.reduction import Reduction
 from deltaid.identification.identify import identify
 from deltaid.model.options import Method
 from deltaid.model.record import Settings
-from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
+from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.progress import Progress
 from deltaid.reproduce.accuracy import (
     Accuracy,
     DriveMotion,
     accuracy,
     drive_motion,
     motion_terms,
+    sweep,
 )
 from deltaid.reproduce.descent import Descents, descend
-from deltaid.reproduce.nominal import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.reproduce.surrogate_result import Fit, Reproduction, SurrogateSettings, Sweep
-from deltaid.reproduce.sweep import sweep
+from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-
-Progress = Callable[[str], None]
-
-# Start values of the verification motion: as many seeds on as anybody will ask starts for.
-_VERIFICATION_OFFSET = 100_000
 
 
 @dataclass(frozen=True)
@@ -121,20 +117,11 @@ def _motions(
     """Two motions within the limits of a robot whose masses and friction lie above the truth, so
     that the true torques keep their limits too."""
     progress("preparing the excitation")
-    exciter = Exciter(
-        compiled(planned_with),
-        ExcitationSettings(
-            harmonics=settings.harmonics,
-            duration=settings.duration,
-            repeats=settings.repeats,
-            starts=settings.starts,
-            seed=settings.seed,
-        ),
-    )
+    exciter = Exciter(compiled(planned_with), settings.excitation)
     progress(f"optimising the motion from {settings.starts} starts")
     first = exciter.optimise()
     progress("optimising the verification motion")
-    return first.run, exciter.optimise(offset=_VERIFICATION_OFFSET).run
+    return first.run, exciter.optimise(offset=VERIFICATION_OFFSET).run
 
 
 def _times(run: Run, settings: SurrogateSettings) -> np.ndarray:
@@ -215,12 +202,7 @@ def _sweeps(
         if not fit.certified:
             continue
         progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
-        points = sweep(
-            scene.dynamics,
-            fit.identification,
-            scene.period,
-            scene.truth,
-            np.array(settings.gammas),
-        )
+        gammas, problem = np.array(settings.gammas), fit.identification
+        points = sweep(scene.dynamics, problem, scene.period, scene.truth, gammas)
         sweeps.append(Sweep(fit.prior, fit.noisy, points))
     return tuple(sweeps)

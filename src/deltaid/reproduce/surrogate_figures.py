@@ -7,8 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from deltaid.identification.demo import mass_reference
-from deltaid.reproduce.accuracy import MotionTerms
-from deltaid.reproduce.paper import CLAIMS
+from deltaid.reproduce.accuracy import CLAIMS, MotionTerms
 from deltaid.reproduce.surrogate_result import Fit, Reproduction
 from deltaid.view import style
 from deltaid.view.page import Figure
@@ -126,8 +125,7 @@ def torque_figure(
             if fit.noisy:
                 _line(figure, result, fit, of(fit.terms)[:, i], i + 1, 1, first=i == 0)
             error = of(result.terms)[:, i] - of(fit.terms)[:, i]
-            own = i == 0 and not fit.noisy
-            _line(figure, result, fit, error, i + 1, 2, first=own)
+            _line(figure, result, fit, error, i + 1, 2, first=i == 0 and not fit.noisy)
         figure.update_yaxes(title_text=drive, row=i + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(drives))
     figure.update_yaxes(exponentformat="power")

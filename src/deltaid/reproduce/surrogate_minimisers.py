@@ -60,7 +60,11 @@ def minimisers_section(result: Reproduction) -> Section:
             ),
             Table(
                 ("from", "method", "M on", "M off", "friction", "M on*", "M off*", "friction*"),
-                tuple(row for prior, d in result.descents.items() for row in _errors(prior, d)),
+                tuple(
+                    (prior, WAY_LABELS[way.way][0], *_judged(way.at_end), *_judged(way.at_usual))
+                    for prior, descents in result.descents.items()
+                    for way in descents.ways
+                ),
                 "How far the model is from the truth where each method ends, and (*) where it "
                 "would have ended with a gradient tolerance of 1e-6.",
             ),
@@ -83,13 +87,6 @@ def _effort_of(way: Descent) -> tuple[str, ...]:
         number(float(way.objective[-1])),
         number(float(way.gradient[-1]), 2),
         f"{number(way.smallest, 2)} ({way.smallest_name})",
-    )
-
-
-def _errors(prior: str, descents: Descents) -> Rows:
-    return tuple(
-        (prior, WAY_LABELS[way.way][0], *_judged(way.at_end), *_judged(way.at_usual))
-        for way in descents.ways
     )
 
 

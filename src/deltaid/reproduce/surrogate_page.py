@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from deltaid.reproduce.accuracy import Accuracy
-from deltaid.reproduce.paper import CLAIMS
+from deltaid.reproduce.accuracy import CLAIMS, Accuracy
 from deltaid.reproduce.surrogate_figures import (
     identified,
     mass_figure,
@@ -11,9 +10,8 @@ from deltaid.reproduce.surrogate_figures import (
     sweep_figure,
     torque_figure,
 )
-from deltaid.reproduce.surrogate_files import FILES, REPORT
 from deltaid.reproduce.surrogate_minimisers import minimisers_section
-from deltaid.reproduce.surrogate_result import Fit, Reproduction
+from deltaid.reproduce.surrogate_result import FILES, REPORT, Fit, Reproduction
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 
@@ -53,16 +51,6 @@ def comparison_rows(result: Reproduction) -> Rows:
         for claim in CLAIMS
     )
     return tuple(rows)
-
-
-def _definite_row(result: Reproduction) -> tuple[str, ...]:
-    fits = (f for f in result.fits if f.certified)
-    cells = (_count(f.accuracy.definite, f.accuracy.samples) for f in fits)
-    return ("Cholesky factor of M", "at all samples", *cells)
-
-
-def _count(some: int, of: int) -> str:
-    return f"{of} (all)" if some == of else f"{some} of {of}"
 
 
 def _name(fit: Fit) -> str:
@@ -118,7 +106,9 @@ def _setting(result: Reproduction) -> Section:
 def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
     places = [*(claim.place.removeprefix("Sec. VII, ") for claim in CLAIMS), "at Fig. 6"]
-    rows = (*comparison_rows(result), _definite_row(result))
+    judged = [(f.accuracy.definite, f.accuracy.samples) for f in result.fits if f.certified]
+    counts = (f"{n} (all)" if some == n else f"{some} of {n}" for some, n in judged)
+    rows = (*comparison_rows(result), ("Cholesky factor of M", "at all samples", *counts))
     return Section(
         "The paper's numbers beside ours",
         (

@@ -17,7 +17,6 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.regularizer import parameter_scale
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.model.model import ModelLike, load
-from deltaid.motion.excitation.criterion import Criterion, by_bodies
 from deltaid.motion.excitation.graph import ExcitationGraph, torques_without_friction
 from deltaid.motion.excitation.optimize import (
     Judge,
@@ -27,7 +26,14 @@ from deltaid.motion.excitation.optimize import (
     optimise,
     random_start,
 )
-from deltaid.motion.excitation.problem import ExcitationProblem, Torques, Velocity, Weighting
+from deltaid.motion.excitation.problem import (
+    Criterion,
+    ExcitationProblem,
+    Torques,
+    Velocity,
+    Weighting,
+    by_bodies,
+)
 from deltaid.motion.excitation.run import Run, plan_run, run_use, write_run
 from deltaid.motion.excitation.settings import ExcitationSettings
 from deltaid.motion.fourier import Series
@@ -151,11 +157,14 @@ class Exciter(Shown, Plotted):
         self._series = _series(dynamics, settings)
         self._torques = Torques(self._values, torques_without_friction(dynamics))
         dof, n = dynamics.dof, len(heads)
-        blank = Weighting(np.ones(dof), np.ones(n), np.eye(n))
-        self._shape = self._problem(blank, np.ones(dof))
+        self._shape = self._problem(Weighting(np.ones(dof), np.ones(n), np.eye(n)), np.ones(dof))
         self.torque_reference, self._speed, self._column_rms = self._references()
         self.problem = self._problem(self._weighting(), self._speed)
-        self._judge = self._judged_by_bodies() if settings.by == "sensors" else None
+        self._judge: Judge | None = None
+        if settings.by == "sensors":
+            samples = settings.duration * settings.repeats * settings.rate
+            noise = settings.torque_noise * self.torque_reference
+            self._judge = by_bodies(dynamics, noise, samples)
 
     def optimise(
         self, stop: Event | None = None, progress: Progress | bool | None = None, *, offset: int = 0
@@ -222,11 +231,6 @@ class Exciter(Shown, Plotted):
         rows = zip(self.base.formulas, self._values, std, units, strict=True)
         return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
 
-    def _judged_by_bodies(self) -> Judge:
-        s = self.settings
-        noise, seconds = s.torque_noise * self.torque_reference, s.duration * s.repeats
-        return by_bodies(self.dynamics, noise, seconds * s.rate)
-
     def _criterion(self, x: np.ndarray) -> float:
         G = self.problem.information(x, 10 * self.problem.samples)
         return self.problem.criterion.evaluate(G)[0]
@@ -246,8 +250,7 @@ class Exciter(Shown, Plotted):
         """Largest torques and speeds, and column sizes, over random motions within the limits."""
         states = []
         for seed in range(_REFERENCES):
-            x = random_start(self._shape, seed)
-            s = self._series.state(x, self._shape.grid())
+            s = self._series.state(random_start(self._shape, seed), self._shape.grid())
             if np.any(s[self.dynamics.dof :]):
                 states.append(s)
         if not states:

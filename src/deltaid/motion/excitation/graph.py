@@ -77,8 +77,7 @@ class ExcitationGraph:
     def exact_regressor(self) -> BatchKernel:
         """s → regressor entries as they are."""
         m = self._exact
-        s = ca.vertcat(m.z, m.zd, m.zdd)
-        return BatchKernel(s, self._entries(m))
+        return BatchKernel(ca.vertcat(m.z, m.zd, m.zdd), self._entries(m))
 
     @cached_property
     def pullback(self) -> BatchKernel:

@@ -13,8 +13,7 @@ from scipy import optimize
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError
-from deltaid.motion.excitation.criterion import Judge
-from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, Vector
+from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, Judge, Vector
 from deltaid.motion.fourier import FourierMotion
 
 # Sharpness of the limits' smooth maxima: blunt first, so that the solver sees whole stretches of
@@ -145,8 +144,7 @@ def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
     moves = problem.graph.dynamics.robot.task.moves
     centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
     z = series.centre + centres * series.size
-    states = np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T
-    use = problem.use_of(states).max(axis=0)
+    use = problem.use_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T).max(axis=0)
     best = 0 if use[0] <= 0.8 else int(np.argmin(use))
     x = np.zeros(series.length)
     x[1:].reshape(series.dof, -1)[:, 0] = centres[best]

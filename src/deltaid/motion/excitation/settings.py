@@ -9,7 +9,8 @@ from deltaid.errors import DeltaidError, unknown
 CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
 PurposeName = Literal["torques", "sensors"]
 
-
+# Start values of a verification motion: as many seeds on as anybody will ask starts for.
+VERIFICATION_OFFSET = 100_000
 _HERE = "ExcitationSettings"
 
 
