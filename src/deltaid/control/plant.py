@@ -226,9 +226,8 @@ class _Gear:
         yielding = inv(loaded.dynamics.mass_matrix(q, link)[0], assume_a="pos")
         yielding += np.diag(1 / motor_inertia(robot, p))
         self._d = 2 * plant.damping * np.sqrt(self._k / np.diagonal(yielding))
-        self.longest = float(
-            _OF_A_GEAR / np.sqrt(np.linalg.eigvals(self._k[:, None] * yielding).real.max())
-        )
+        fastest = np.sqrt(np.linalg.eigvals(self._k[:, None] * yielding).real.max())
+        self.longest = float(_OF_A_GEAR / fastest)
         steady = loaded.dynamics.inverse_dynamics(q, qd, np.zeros_like(q), link)
         self.position, self.speed, self.links = q, qd, q - steady / self._k
 

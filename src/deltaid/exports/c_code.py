@@ -148,9 +148,8 @@ def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
 
 
 def _note(field: Field) -> str:
-    return "\n     * ".join(
-        textwrap.wrap(plain_letters(f"{field.doc} [{field.unit}]" if field.unit else field.doc), 88)
-    )
+    text = f"{field.doc} [{field.unit}]" if field.unit else field.doc
+    return "\n     * ".join(textwrap.wrap(plain_letters(text), 88))
 
 
 @dataclass(frozen=True)

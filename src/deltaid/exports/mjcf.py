@@ -59,7 +59,6 @@ def mjcf(subject: Model) -> str:
     )
     root = element(
         "mujoco",
-        ET.Comment(xml_comment(subject.provenance)),
         element(
             "compiler",
             angle="radian",
@@ -83,6 +82,7 @@ def mjcf(subject: Model) -> str:
         element("keyframe", element("key", name="home", qpos=[home[name] for name in order])),
         model=subject.name,
     )
+    root.insert(0, ET.Comment(xml_comment(subject.provenance)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -124,11 +124,11 @@ def _body(
         parts.append(element("site", name=f"{body.name}_pull", quat="0 0 0 1"))
     children = tree.children(body.name)
     parts += [_body(subject, tree, child, drawn, forces, home, order) for child in children]
-    place = {"pos": r, "quat": scalar_first(R)}
+    quat = scalar_first(R)
     if not _needs_mount(body, R):
-        return element("body", *parts, name=body.name, **place)
+        return element("body", *parts, name=body.name, pos=r, quat=quat)
     mounted = element("body", *parts, name=body.name)
-    return element("body", mounted, name=f"{body.name}_mount", **place)
+    return element("body", mounted, name=f"{body.name}_mount", pos=r, quat=quat)
 
 
 def _points(tree: Tree) -> Iterator[TreePoint]:

@@ -30,9 +30,8 @@ from deltaid.online.settings import OnlineSettings
 def start_of(writer: Writer, c: ExportedCycle) -> Variable:
     """The constant that a state begins with."""
     values = tuple(plain(writer.precision, x) for x in c.graph.state.initial)
-    return Variable(
-        f"{writer.prefix}_{c.name}_start", writer.precision.st_type, len(values), values
-    )
+    name = f"{writer.prefix}_{c.name}_start"
+    return Variable(name, writer.precision.st_type, len(values), values)
 
 
 def cycle_units(writer: Writer, c: ExportedCycle) -> tuple[Unit, Unit]:
@@ -223,9 +222,8 @@ def plc_program(
         *further_functions(subject, table, further),
     ]
     single = precision is SINGLE
-    writer = Writer(
-        subject, prefix, precision, care_for(subject, table.array.name) if single else None
-    )
+    care = care_for(subject, table.array.name) if single else None
+    writer = Writer(subject, prefix, precision, care)
     cycles = further_cycles(subject, further, online)
     units = [
         *helpers(prefix, precision),

@@ -62,7 +62,6 @@ def urdf(subject: Model) -> UrdfExport:
     points = [point for cut in tree.cuts for point in (cut.first, cut.second)]
     root = element(
         "robot",
-        ET.Comment(xml_comment(subject.provenance)),
         *colours(),
         element("link", name=_WORLD),
         element(
@@ -93,6 +92,7 @@ def urdf(subject: Model) -> UrdfExport:
         # Drake reads the inertia of motors and gears from its own names, which others pass over.
         **{"xmlns:drake": "http://drake.mit.edu"},
     )
+    root.insert(0, ET.Comment(xml_comment(subject.provenance)))
     ET.indent(root)
     text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     return UrdfExport(text, _loops(subject, tree, forces, _placeholders(root)), _warnings(forces))

@@ -169,16 +169,12 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
     S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
     if settings.speed_noise is not None:
-        speeds = (
-            settings.corner
-            * _mass_matrix(cycle, x)
-            @ ca.diag(ca.DM(np.array(settings.speed_noise)))
-        )
+        noise = ca.diag(ca.DM(np.array(settings.speed_noise)))
+        speeds = settings.corner * _mass_matrix(cycle, x) @ noise
         S += speeds @ speeds.T
     mechanism = model.dynamics.kinematics.mechanism
-    levers = ca.Function(
-        "levers", [mechanism.z], [mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]]
-    )(s.z)
+    T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
+    levers = ca.Function("levers", [mechanism.z], [T])(s.z)
     residual = ContactResidual(
         value=s.residual - s.columns @ x,
         covariance=S,

@@ -125,9 +125,8 @@ def _share(
 
 def _factored(M: Float[np.ndarray, "samples dof dof"]) -> int:
     """How many of the matrices have a Cholesky factor: those whose leading minors are positive."""
-    return int(
-        np.all([np.linalg.det(M[:, :k, :k]) > 0 for k in range(1, M.shape[1] + 1)], axis=0).sum()
-    )
+    minors = [np.linalg.det(M[:, :k, :k]) > 0 for k in range(1, M.shape[1] + 1)]
+    return int(np.all(minors, axis=0).sum())
 
 
 @dataclass(frozen=True)
