@@ -12,7 +12,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from deltaid.exports.tree import Tree, Vector
-from deltaid.mechanism.tree_joints import i4_direction
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
@@ -175,7 +174,7 @@ def _middle(platform: H4Platform | Par4Platform | I4Platform, s: float) -> Itera
     """What joins the two parts of a platform that turns the tool."""
     lift = 0.014 * s * _Z
     if isinstance(platform, I4Platform):
-        e = 0.12 * s * i4_direction(platform)
+        e = 0.12 * s * platform.direction
         yield Rod("HP1", "rack", "steel", lift - e, lift + e, 0.008 * s)
         return
     par4 = isinstance(platform, Par4Platform)
