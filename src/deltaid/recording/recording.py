@@ -23,7 +23,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Burden, Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Uncut, Window, cut, reach
+from deltaid.recording.windows import WINDOW, Uncut, Window, blocks, reach
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
@@ -127,12 +127,15 @@ class Recording(Shown):
         burden = None
         if (repairs := self.repairs).loads or repairs.pulls:
             burden = Burden.of_loads(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
-        for rows in log.segments(self.motion_cutoff):
-            timed = in_time(rows, log.columns, log.rate)
+        for segment in log.segments(self.motion_cutoff):
+            timed = in_time(segment, log.columns, log.rate)
             repaired = self.repairs.apply(timed, log.columns, log.rate)
-            for uncut in cut(repaired, log.columns, kinematics, self.low_pass, directions, burden):
+            for rows in blocks(repaired, self.low_pass):
+                uncut = Uncut(
+                    start, rows, log.columns, kinematics, self.low_pass, directions, burden
+                )
                 if uncut.samples:
-                    yield replace(uncut, start=start)
+                    yield uncut
                 start += -(-uncut.samples // self.thinned) * self.thinned
 
     @property

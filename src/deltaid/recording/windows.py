@@ -158,22 +158,14 @@ class Window:
             yield self.wide.part(slice(start, start + size + lead - stride))
 
 
-def cut(
-    rows: Iterable[Rows],
-    columns: Columns,
-    kinematics: Kinematics,
-    low_pass: LowPass | None,
-    directions: Directions | None = None,
-    burden: Burden | None = None,
-) -> Iterator["Uncut"]:
-    """The samples of one segment as blocks from which windows can be made apart from each other."""
-    size, overlap = WINDOW, 0
-    if low_pass is not None:
-        overlap = reach(low_pass)
-        # Of long filters the overlap is what costs.
-        size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
-    for k, block in enumerate(recut(rows, size, overlap)):
-        yield Uncut(k * size, block, columns, kinematics, low_pass, directions, burden)
+def blocks(rows: Iterable[Rows], low_pass: LowPass | None) -> Iterator[Rows]:
+    """The rows of one segment as blocks from which windows can be made apart from each other."""
+    if low_pass is None:
+        return recut(rows, WINDOW)
+    overlap = reach(low_pass)
+    # Of long filters the overlap is what costs.
+    size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
+    return recut(rows, size, overlap)
 
 
 def reach(low_pass: LowPass) -> int:

@@ -181,41 +181,35 @@ class _Reader:
         if kind in _HOLDS or flags & _COMPLEX:
             holds = _HOLDS.get(kind, "complex numbers")
             yield name, Field(name, tuple(shape), holds=holds)
-        elif kind == _CELL:
-            yield from self._cell(name, math.prod(shape), end, depth)
-        elif kind in (_STRUCT, _OBJECT):
+        elif kind in (_CELL, _STRUCT, _OBJECT):
             if kind == _OBJECT:
                 self._element()
-            yield from self._struct(name, math.prod(shape), end, depth)
+            yield from self._entries(name, kind, math.prod(shape), end, depth)
         elif name:  # what has none is MATLAB's own
             yield name, self._numbers(self._element(), tuple(shape))
         self._at = _padded(end)
 
-    def _cell(
-        self, name: str, count: int, end: int, depth: int
+    def _entries(
+        self, name: str, kind: int, count: int, end: int, depth: int
     ) -> Iterator[tuple[str, Numbers | Field]]:
-        self._require_room(count, end, depth)
+        """The members of a cell, or the fields of so many structs."""
+        tails = [""] if kind == _CELL else self._fields()
+        entries = count * len(tails)
+        if entries * 8 > end - self._at or depth > _DEEPEST:
+            raise DamagedMatError(f"{self._where} claims {entries} entries at level {depth}")
         for i in range(count):
-            yield from self.matrix(f"{name}[{i}]", depth + 1)
+            base = name if kind != _CELL and count == 1 else f"{name}[{i}]"
+            for tail in tails:
+                yield from self.matrix(f"{base}{tail}", depth + 1)
 
-    def _struct(
-        self, name: str, count: int, end: int, depth: int
-    ) -> Iterator[tuple[str, Numbers | Field]]:
+    def _fields(self) -> list[str]:
+        """Names of the fields of a struct, each behind its point."""
         (length,) = self._integers(self._element(), "i4", 1)
         table = bytes(self._bytes(self._element()))
         if length < 1:
             raise DamagedMatError(f"{self._where} has names of fields of length {length}")
-        rows = [table[i : i + length] for i in range(0, len(table), length)]
-        names = [row.partition(b"\0")[0].decode("utf-8", "replace") for row in rows]
-        self._require_room(count * len(names), end, depth)
-        for i in range(count):
-            base = name if count == 1 else f"{name}[{i}]"
-            for field in names:
-                yield from self.matrix(f"{base}.{field}", depth + 1)
-
-    def _require_room(self, count: int, end: int, depth: int) -> None:
-        if count * 8 > end - self._at or depth > _DEEPEST:
-            raise DamagedMatError(f"{self._where} claims {count} entries at level {depth}")
+        rows = (table[i : i + length] for i in range(0, len(table), length))
+        return ["." + row.partition(b"\0")[0].decode("utf-8", "replace") for row in rows]
 
     def _numbers(self, element: _Element, shape: tuple[int, ...]) -> Numbers:
         kind = _TYPES.get(element.kind)
