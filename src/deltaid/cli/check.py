@@ -1,7 +1,7 @@
 """`deltaid check`: what is wrong with a description and with recordings, before they are used."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -182,12 +182,19 @@ def as_dictionary(robot: str, verdicts: "Verdicts") -> dict[str, Any]:
         "robot": as_written(robot).get("name"),
         "grade": verdicts.grade,
         "verdicts": [
-            asdict(verdict)
-            | {
+            {
+                "key": verdict.key,
+                "grade": verdict.grade,
+                "subject": verdict.subject,
+                "seen": verdict.seen,
+                "number": verdict.number,
+                "unit": verdict.unit,
+                "cause": verdict.cause,
+                "cure": verdict.cure,
                 "proposals": [
                     {"file": proposal.file, "changes": dict(proposal.changes)}
                     for proposal in verdict.proposals
-                ]
+                ],
             }
             for verdict in verdicts
         ],
