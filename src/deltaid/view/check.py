@@ -1,7 +1,6 @@
 """What checks say: tables for terminal and pages, the page of `deltaid check`, cards."""
 
 from collections.abc import Mapping, Sequence
-from itertools import compress
 
 import polars as pl
 
@@ -97,13 +96,13 @@ def check_page(
     poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
     good = [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
     first = page_table(poor) if poor else Text("All that was looked at is good.")
-    pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
-    sections = (
-        Section("To be mended" if poor else "Verdict", (first,), unfolded=True),
-        Section("Lines to paste", pasted, "what mends it, as text", unfolded=True),
-        Section("Good", (page_table(good),), "what was looked at and is as it should be"),
-    )
-    shown = (True, bool(pasted), bool(good))
+    sections = [Section("To be mended" if poor else "Verdict", (first,), unfolded=True)]
+    if lines:
+        pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
+        sections.append(Section("Lines to paste", pasted, "what mends it, as text", unfolded=True))
+    if good:
+        about = "what was looked at and is as it should be"
+        sections.append(Section("Good", (page_table(good),), about))
     grades = [verdict.grade for verdict in verdicts]
     return Page(
         title=title,
@@ -111,7 +110,7 @@ def check_page(
         verdict=_summary(grades),
         drawing=picture,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(Grade)),
-        sections=tuple(compress(sections, shown)),
+        sections=tuple(sections),
     )
 
 

@@ -180,8 +180,10 @@ def _stepper(session: Session, here: str) -> None:
 def _ways(stage: str) -> None:
     place = STAGES.index(stage)
     with ui.row().classes("ways"):
-        for before in STAGES[:place][-1:]:
+        if place:
+            before = STAGES[place - 1]
             parts.go_to(before, f"← {_TITLES[before][0]}", "flat no-caps")
         ui.space()
-        for after in STAGES[place + 1 :][:1]:
+        if place + 1 < len(STAGES):
+            after = STAGES[place + 1]
             parts.go_to(after, f"{_TITLES[after][0]} →")

@@ -50,8 +50,9 @@ def problem(error: Problem | DeltaidError) -> None:
 
 def warn(error: Problem | DeltaidError) -> None:
     """The same as a message that goes away by itself."""
-    said = f"{error.where and f'{error.where}: '}{error.what}{error.cure and f' → {error.cure}'}"
-    ui.notify(said, type="negative", multi_line=True,
+    place = f"{error.where}: " if error.where else ""
+    cure = f" → {error.cure}" if error.cure else ""
+    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True,
               timeout=20_000, close_button="Close")  # fmt: skip
 
 
