@@ -13,9 +13,8 @@ import sys
 import numpy as np
 from _table import leave
 
-from deltaid.sensors.planning.bench import PlanSettings
 from deltaid.sensors.planning.offers import Offers
-from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
+from deltaid.sensors.planning.plan import PlanSettings, SensorPlan, sensor_plan
 
 SEEDS = 5
 ENTRIES = ("U.mcx", "U.Sxx", "S.m", "S.mcx", "S.Sxx", "P.m")

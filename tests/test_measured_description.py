@@ -11,9 +11,8 @@ from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue_text, load_robot, parse
-from deltaid.sensors.planning.bench import PlanSettings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers, shipped_text
-from deltaid.sensors.planning.plan import sensor_plan
+from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
 from descriptions import CLAVEL, refusal, replaced
 
 SENSORS = """

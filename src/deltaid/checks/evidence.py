@@ -16,7 +16,8 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
-from deltaid.recording.mapping import QUANTITIES, ColumnMapping
+from deltaid.recording.mapped_columns import AllDrives, DriveColumn
+from deltaid.recording.mapping import QUANTITIES, ColumnMapping, Quantity
 from deltaid.recording.memory import Recording as InMemory
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
@@ -95,23 +96,34 @@ class Evidence:
         """The mapping's plain data, with the columns that are read under their default names."""
         written = self.mapping.model_dump(mode="json", exclude_unset=True)
         for quantity in QUANTITIES:
-            channels = getattr(self.columns, quantity)
-            if getattr(self.mapping, quantity) is None and channels:
-                slides = [self.robot.is_linear(drive) for drive in self.robot.drives]
-                names = [channel.column for channel in channels]
-                written[quantity] = [
-                    {"column": k, "unit": self.table.units.get(k, si_unit(quantity, linear=linear))}
-                    for k, linear in zip(names, slides, strict=True)
-                ]
+            if getattr(self.mapping, quantity) is None and getattr(self.columns, quantity):
+                entries = self.entries(quantity)
+                written[quantity] = [{"column": e.column, "unit": e.unit} for e in entries]
         return written
+
+    def entries(self, quantity: Quantity) -> tuple[DriveColumn, ...]:
+        """The mapping's entry of each drive; those of default names where it has none."""
+        columns, drives, units = (
+            getattr(self.mapping, quantity),
+            self.robot.drives,
+            self.table.units,
+        )
+        if isinstance(columns, AllDrives):
+            return columns.entries(len(drives), quantity)
+        if columns is not None:
+            return columns
+        names = [channel.column for channel in getattr(self.columns, quantity)]
+        usual = [si_unit(quantity, linear=self.robot.is_linear(drive)) for drive in drives]
+        pairs = zip(names, usual, strict=True)
+        return tuple(DriveColumn(column=k, unit=units.get(k, unit)) for k, unit in pairs)
 
     @cached_property
     def setup(self) -> Setup | RecordingError:
         """The recording, without the torques of what it is declared to hold."""
-        keep, cutoff = self.settings.keep_all, self.settings.cutoff
-        where = self.source, self.dynamics.kinematics, self.mapping
+        settings, kinematics = self.settings, self.dynamics.kinematics
+        given = self.source, kinematics, self.mapping, settings.cutoff
         try:
-            opened = open_recordings(*where, cutoff, keep_all=keep)
+            opened = open_recordings(*given, keep_all=settings.keep_all)
             return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
         except RecordingError as error:
             return error

@@ -7,6 +7,8 @@ description may be, and so are refused when their file is loaded.
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
+
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
 
 # m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
@@ -46,11 +48,8 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
     size *= factor if small or size > _GIANT else 1.0
     groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]
-    if small:
-        off = [group for group in groups if _longest(group) < size / _SMALL]
-    else:
-        off = [group for group in groups if _longest(group) > _OUT_OF_SCALE * size]
-    wrong = [length for group in off for length in group]
+    low, high = (size / _SMALL, np.inf) if small else (0.0, _OUT_OF_SCALE * size)
+    wrong = [length for group in groups if not low <= _longest(group) <= high for length in group]
     if not wrong:
         return _UNIT.good(f"limbs of {size:.3g} m; all lengths go with it", size)
     path, value = max(wrong, key=lambda length: abs(length[1]))

@@ -122,12 +122,13 @@ class LagColumns(TimingColumns):
     @property
     def columns(self) -> Sequence[TimingColumn]:
         """One lag a group that is free."""
-        columns = list[TimingColumn]()
-        for group in (group for group in self.groups if group.free):
-            name = "+".join(group.subjects(self.dynamics)) or "torques"
-            deviation = min(group.deviation, PRIOR_SPREAD * _SIZE)
-            columns.append(TimingColumn(group.drives, name, "s", _late, deviation, group.beside))
-        return columns
+        free = [group for group in self.groups if group.free]
+        names = ["+".join(group.subjects(self.dynamics)) or "torques" for group in free]
+        deviations = [min(group.deviation, PRIOR_SPREAD * _SIZE) for group in free]
+        return [
+            TimingColumn(group.drives, name, "s", _late, deviation, group.beside)
+            for group, name, deviation in zip(free, names, deviations, strict=True)
+        ]
 
     def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""

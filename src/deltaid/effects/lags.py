@@ -165,7 +165,7 @@ def _swept(
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
             lags = np.zeros((*part.tau.shape, delays.size))
             lags[:, :, every[k]] = late(trace, p, rows.additions)
-            parts[k] = replace(part, A=np.concatenate([part.A, lags], axis=2))
+            parts[k] = part.beside(lags)
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1

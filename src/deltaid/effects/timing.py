@@ -143,7 +143,7 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> 
     rms = np.sqrt(np.mean(warm**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(part.tau**2)) / np.maximum(rms, np.finfo(float).tiny)
     return rows.problem(
-        [replace(part, A=np.concatenate([part.A, steps, warm], axis=2))],
+        [part.beside(steps, warm)],
         np.concatenate([-timing.values[free.columns], np.zeros(len(sizes))]),
         np.concatenate([free.deviation, sizes]),
     )
@@ -212,9 +212,8 @@ def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
         return False
     corrected, dof = timing.beside(trace), len(timing.lags)
     late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)
-    part = rows.of_trace(corrected)
-    beside = [of_own_drives(late[:, :, None]), _warm(rows, corrected, timing),
-              of_own_drives(growing[:, :, None])]  # fmt: skip
-    problem = rows.problem([replace(part, A=np.concatenate([part.A, *beside], axis=2))])
+    lags, growths = (of_own_drives(x[:, :, None]) for x in (late, growing))
+    beside = lags, _warm(rows, corrected, timing), growths
+    problem = rows.problem([rows.of_trace(corrected).beside(*beside)])
     last = slice(problem.A.shape[1] - dof, None)
     return not exceeded(problem.x[last], problem.covariance(last), _SELDOM)

@@ -137,8 +137,7 @@ def rows_of(
 ) -> RecordingRows:
     """Rows of a trace with extra columns, those of friction behind, which grows with what gears
     carry by p."""
-    part = rows.of_trace(trace)
-    return replace(part, A=np.concatenate([part.A, *columns, free_friction(trace, p)], axis=2))
+    return rows.of_trace(trace).beside(*columns, free_friction(trace, p))
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:

@@ -2,7 +2,7 @@
 recordings in memory, over the free parameters of a fit with their prior."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -107,6 +107,10 @@ class RecordingRows:
     A: ColumnsOfDrives
     tau: OfDrives
     instruments: tuple[ColumnsOfDrives, ...] = ()
+
+    def beside(self, *columns: ColumnsOfDrives) -> "RecordingRows":
+        """The same with additional columns behind."""
+        return replace(self, A=np.concatenate([self.A, *columns], axis=2))
 
     @property
     def problem(self) -> LinearProblem:

@@ -69,13 +69,13 @@ Unknowns = Float[np.ndarray, " unknowns"]
 Shown = Float[np.ndarray, "channels samples"]
 
 
-def drawn_unknowns(rows: SensorRows, seed: int = 0) -> Unknowns:
-    """Unknowns of one sensor, the same for one seed and name, so in all recordings of a robot.
+def drawn_unknowns(rows: SensorRows) -> Unknowns:
+    """Unknowns of one sensor, the same for one name, so in all recordings of a robot.
 
     Biases, gains and poses are drawn as the description says; what belongs to the robot's parts,
     such as a rotor's spin, is as near to its prior as its bodies are to theirs.
     """
-    rng = np.random.default_rng([seed, zlib.crc32(rows.name.encode())])
+    rng = np.random.default_rng([0, zlib.crc32(rows.name.encode())])
     found = []
     for parameter in rows.parameters:
         own = parameter.symbol.startswith(("spin", "outer"))

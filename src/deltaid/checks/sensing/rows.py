@@ -116,10 +116,9 @@ def sensed_rows(dynamics: Dynamics, recording: Recording) -> SensedRows | None:
     parts = [part for part in parts if part.shape[1] > 1]
     if not parts:
         return None
-    sizes = [len(row_of), len(drives)]
-    for rows in sensors:
-        sizes += [len(rows.pattern[0]), len(rows.channels), 1]
-    sparse, tau, *data = np.split(np.hstack(parts), np.cumsum(sizes)[:-1])
+    each = [n for rows in sensors for n in (len(rows.pattern[0]), len(rows.channels), 1)]
+    ends = np.cumsum([len(row_of), len(drives), *each])[:-1]
+    sparse, tau, *data = np.split(np.hstack(parts), ends)
     parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
     rows_of_drives = np.zeros((len(drives), parameters + 1, samples))
     rows_of_drives[row_of, entries], rows_of_drives[:, -1] = sparse, tau

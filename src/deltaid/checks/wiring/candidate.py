@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.checks.wiring.consistent import Posed
 from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import Map, MapResidual, Patterns, poses, residual
+from deltaid.checks.wiring.residual import Map, MapResidual, Patterns, Posed, poses, residual
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.problem import Span
 from deltaid.robot.description import RobotDescription

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.checks.wiring.cures import Values
 from deltaid.checks.wiring.explained import (
     DOUBTFUL_SCALE,
     INERTIA,
     WRONG_SCALE,
     ExplainedRecording,
+    Values,
     in_unit,
     overall,
 )

@@ -19,7 +19,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import TorqueSlopes, across
 from deltaid.dynamics.grown import grown_torques
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.problem import Span
+from deltaid.estimation.problem import LinearProblem, Span
 
 # Blocks of time, and spread of the prior.
 BLOCKS, _SPREAD = 24, 0.5
@@ -112,9 +112,9 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     # All parameters: the prior, moved as far as the torques require.
     p = prior_parameters(dynamics.robot)
     noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
-    A = np.vstack([residual.Y / noise, np.diag(1.0 / (_SPREAD * residual.scale))])
-    b = np.append((tau - residual.Y @ residual.prior) / noise, np.zeros(A.shape[1]))
-    p[residual.columns] += Span.of(A).coefficients(b)
+    Y, left = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
+    known = np.diag(1.0 / (_SPREAD * residual.scale)), np.zeros(Y.shape[1])
+    p[residual.columns] += LinearProblem(Y, left, residual.rows.groups).with_known(*known).x
     p[dynamics.layout.friction] = 0.0  # its steps have no slope
     # Slopes at the kept samples are smooth enough to need no filter.
     kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.wiring.cures import Values
-from deltaid.checks.wiring.explained import ExplainedRecording
+from deltaid.checks.wiring.explained import ExplainedRecording, Values
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.model.verdict import Fault, Grade, Verdict
@@ -132,9 +131,9 @@ def velocity_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
 
 def _order(case: ExplainedRecording, swapped: list[Rate]) -> Verdict:
     entries, weakest = case.entries, min(rate.correlation for rate in swapped)
+    columns = case.evidence.columns.velocity
     pairs = ", ".join(
-        f"{entries.name('velocity', rate.drive)} is that of {case.names[rate.nearest]}"
-        for rate in swapped
+        f"{columns[rate.drive].column} is that of {case.names[rate.nearest]}" for rate in swapped
     )
     moved = {rate.nearest: entries.moved("velocity", rate.nearest, rate.drive) for rate in swapped}
     return _ORDER.poor(

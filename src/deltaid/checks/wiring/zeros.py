@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
-from deltaid.checks.wiring.cures import Entries
-from deltaid.checks.wiring.explained import ExplainedRecording
+from deltaid.checks.wiring.explained import Entries, ExplainedRecording
 from deltaid.checks.wiring.homing import Shifts, shifts
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import residual

@@ -179,9 +179,8 @@ def _left(
         free[pivots] = False
         pivot = int(np.argmax(np.abs(rows[k]) * free))
         rows[k] /= rows[k, pivot]
-        for other in range(len(rows)):
-            if other != k:
-                rows[other] -= rows[other, pivot] * rows[k]
+        others = np.arange(len(rows)) != k
+        rows[others] -= np.outer(rows[others, pivot], rows[k])
         pivots.append(pivot)
     yield from np.where(np.abs(rows[-count:]) > _ZERO, rows[-count:], 0.0)
 

@@ -1,27 +1,90 @@
 """What torques leave open of a robot, what each measurement would make of it, and what to buy next.
 
 Linear and Gaussian: rows of torques along a motion, of sensors and of measured values add up to
-information about the entries of all bodies, on top of their prior (`sensors.planning.unknowns`).
+information about the entries of all bodies, on top of their prior (`sensors.planning.knowledge`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
-from deltaid.sensors.planning.bench import Bench, Outlook, PlanSettings
-from deltaid.sensors.planning.knowledge import Unknowns, unknowns
+from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.sensors.planning.knowledge import Knowledge, Unknowns, unknowns
 from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
-from deltaid.sensors.planning.rows import generic_motion, motion_of_file
-from deltaid.sensors.planning.shopping import BODIES, GAINS, Step, shopping
+from deltaid.sensors.planning.rows import (
+    Scene,
+    generic_motion,
+    motion_of_file,
+    torque_rows,
+    torques,
+)
+from deltaid.sensors.planning.shopping import BODIES, GAINS, Goal, Step, cost_of, shopping
+from deltaid.sensors.planning.shopping import goal as goal_called
+from deltaid.sensors.planning.uses import Use, described_rows, uses
+from deltaid.sensors.weighings import weighings
 from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+Shares = Float[np.ndarray, " entries"]
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a plan assumes.
+
+    Attributes:
+        torque_noise: standard deviation of the torques' noise, as a share of each drive's largest
+            torque along the motion.
+        rate: independent samples a second, of torques and of sensors.
+        duration: of the generic motion [s].
+        prior_spread: relative standard deviation of the prior, where the description has no other.
+        gain_spread: of the drives' torque constants; None for 0.1 if these are the goal, and for
+            drives that are right else.
+        enough: share of an entry, or of the largest force, that is good enough: to know it better
+            is no gain.
+        steps: how many things are bought at most.
+        seed: of the generic motion.
+    """
+
+    torque_noise: float = 0.02
+    rate: float = 200.0
+    duration: float = 20.0
+    prior_spread: float = PRIOR_SPREAD
+    gain_spread: float | None = None
+    enough: float = 0.01
+    steps: int = 10
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What is known after something.
+
+    Attributes:
+        name, title: of it.
+        cost: of all of it.
+        shares: standard deviation of each entry as a share of its size.
+        goal: geometric mean of the goal's standard deviations, as a share.
+        gain: by how much ½ log det of the goal's covariance falls [nats].
+    """
+
+    name: str
+    title: str
+    cost: float
+    shares: Shares = field(repr=False)
+    goal: float
+    gain: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,33 +193,85 @@ def sensor_plan(
                 where="--gain-spread",
                 cure="give a spread",
             )
-        work = Bench.prepare(dynamics, planned, offers, entries, goal, settings, say)
+        p = prior_parameters(dynamics.robot)
+        Y = torques(dynamics, p, planned)
+        noise = settings.torque_noise * np.abs(Y @ p).max(axis=0)
+        count = settings.rate * planned.duration / len(planned.z)
+        scene = Scene(dynamics, p, planned, count, noise)
+        rows = torque_rows(scene, Y)
+        say("looking at what could be bought")
+        likely, sure = described_rows(scene, weighings(dynamics.robot))
+        possible, left_out = uses(scene, offers)
+        aim = goal_called(goal, entries, scene, settings.enough)
+        alone = Knowledge.before(len(entries.names)).and_rows(rows @ entries.W)
+        start = alone.and_rows(likely @ entries.W) if len(likely) else alone
+        by_torques = described = _outlook("torques", "torques alone", alone, alone, aim, entries)
+        if len(likely):
+            title = "with what the description has"
+            described = _outlook("described", title, start, alone, aim, entries)
+
+        def outlook(some: Sequence[Use]) -> Outlook:
+            """What is known after some uses together."""
+            known = start
+            for use in some:
+                known = known.and_rows(use.likely @ entries.W)
+            name, title = (
+                " + ".join(getattr(use, key) for use in some) for key in ("name", "title")
+            )
+            return _outlook(name, title, known, start, aim, entries, cost_of(some))
+
         say("comparing")
-        steps = shopping(work.start, work.goal, work.uses, entries.W, budget, settings.steps)
-        named = (*combinations, *offers.combinations)
+        steps = shopping(start, aim, possible, entries.W, budget, settings.steps)
+        bought = [step.use for step in steps]
+        tried = [_find(names, possible, offers) for names in (*combinations, *offers.combinations)]
         return SensorPlan(
             model=model,
             motion=planned.words,
             settings=settings,
             offers=offers,
-            goal=work.goal.words,
+            goal=aim.words,
             goal_name=goal,
             unknowns=entries,
-            torques=work.torques,
-            described=work.described,
-            uses=tuple(work.outlook([use]) for use in work.uses),
-            combinations=tuple(
-                work.outlook(some) for some in (work.find(names, offers) for names in named) if some
-            ),
-            steps=tuple(
-                (step, work.outlook([bought.use for bought in steps[: k + 1]]))
-                for k, step in enumerate(steps)
-            ),
-            openings=openings(
-                dynamics, planned, work.torque, work.sure, work.uses, [step.use for step in steps]
-            ),
-            notes=(*_notes(entries, goal, gain_spread), *work.left_out),
+            torques=by_torques,
+            described=described,
+            uses=tuple(outlook([use]) for use in possible),
+            combinations=tuple(outlook(some) for some in tried if some),
+            steps=tuple((step, outlook(bought[: k + 1])) for k, step in enumerate(steps)),
+            openings=openings(dynamics, planned, rows, sure, possible, bought),
+            notes=(*_notes(entries, goal, gain_spread), *left_out),
         )
+
+
+def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list[Use]:
+    """Uses by their names; none of them where the list's own combination does not fit.
+
+    Raises:
+        DeltaidError: there is none of a name.
+    """
+    by_name = {use.name: use for use in possible}
+    missing = [name for name in names if name not in by_name]
+    if missing and tuple(names) in offers.combinations:
+        return []
+    if missing:
+        raise DeltaidError(
+            f"there is nothing called '{missing[0]}' to be done on this robot",
+            where="--combine",
+            cure=f"choose from {', '.join(by_name)}",
+        )
+    return [by_name[name] for name in names]
+
+
+def _outlook(
+    name: str,
+    title: str,
+    known: Knowledge,
+    before: Knowledge,
+    aim: Goal,
+    entries: Unknowns,
+    cost: float = 0.0,
+) -> Outlook:
+    shares = known.std * entries.spread
+    return Outlook(name, title, cost, shares, aim.std(known), aim.left(before) - aim.left(known))
 
 
 def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:

@@ -132,8 +132,8 @@ def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) ->
     """Torques as drives record them, τ_i / c_i: their gains' logarithms have the columns −τ_i."""
     rows = np.zeros((*Y.shape[:2], scene.width))
     rows[:, :, : len(scene.p)] = Y
-    for i in range(Y.shape[1]):
-        rows[:, i, len(scene.p) + i] = -(Y[:, i] @ scene.p)
+    drives = np.arange(Y.shape[1])
+    rows[:, drives, len(scene.p) + drives] = -(Y @ scene.p)
     scaled = rows * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
     return compressed(scaled.reshape(-1, scene.width))
 

@@ -124,8 +124,7 @@ def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:
             continue
         rows[[done, at]] = rows[[at, done]]
         rows[done] /= rows[done, column]
-        for other in range(len(rows)):
-            if other != done:
-                rows[other] -= rows[other, column] * rows[done]
+        others = np.arange(len(rows)) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
         done += 1
     return rows
