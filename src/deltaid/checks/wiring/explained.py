@@ -91,11 +91,9 @@ class Entries:
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
-        now, scale = (
-            self.evidence.entries("position")[drive],
-            self.evidence.columns.position[drive].scale,
-        )
-        return {"zero": float(f"{now.zero - shift / scale:.6g}")}
+        now = self.evidence.entries("position")[drive].zero
+        scale = self.evidence.columns.position[drive].scale
+        return {"zero": float(f"{now - shift / scale:.6g}")}
 
     def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
         """New values of entries, by quantity, drive and key, as changes of the mapping."""
