@@ -58,9 +58,9 @@ class Lags:
 
     values: Delays  # [s]; positive where torques come late
     covariance: Covariances  # of each recording's [s²]
-    # steps, told: those that reversals show, and standard deviations, infinite for others [s]
+    # steps, step_std: those that reversals show, and standard deviations, infinite for others [s]
     steps: Delays
-    told: Delays
+    step_std: Delays
     # whether the other rows agree; where they do not, something else is wrong
     agrees: Bool[np.ndarray, "recordings dof"]
     # whether reversals show steps at once, which no filter lets through
@@ -81,7 +81,7 @@ class Lags:
         choice, groups = chosen_groups(self.values[k], self.covariance[k]), list[LagGroup]()
         for members in choice.groups:
             drives, delay = list(members), choice.delay[members[0]]
-            weights = self.told[k, drives] ** -2.0
+            weights = self.step_std[k, drives] ** -2.0
             if not weights.any():
                 groups.append(LagGroup(members, delay))
                 continue

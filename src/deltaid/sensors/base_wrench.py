@@ -29,7 +29,7 @@ from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import fixed
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.sensors import BaseWrench
-from deltaid.sensors.rows import GraphRows, SensorChannel, Shown, Unknown, wide_force, wide_moment
+from deltaid.sensors.rows import GraphRows, Shown, Unknown, wide_force, wide_moment
 from deltaid.sensors.weighings import rotation
 
 _AXES = "xyz"
@@ -70,16 +70,6 @@ class BaseWrenchRows(GraphRows):
                 where=f"sensors.{self.name}.motor_turns",
                 cure="give the ratio of its gear, 1 for a direct drive; or leave it out",
             )
-
-    @property
-    def channels(self) -> tuple[SensorChannel, ...]:
-        s = self.sensor
-        kinds = (("f", "N", s.force_noise), ("m", "N m", s.moment_noise))
-        return tuple(
-            SensorChannel(f"{self.name}.{letter}{axis}", unit, noise)
-            for letter, unit, noise in kinds
-            for axis in _AXES
-        )
 
     @property
     def graph(self) -> ca.SX:

@@ -13,7 +13,7 @@ import numpy as np
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.sensors import JointTorque
-from deltaid.sensors.rows import GraphRows, SensorChannel, Unknown, wide_force, wide_moment
+from deltaid.sensors.rows import GraphRows, Unknown, wide_force, wide_moment
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,6 @@ class JointTorqueRows(GraphRows):
                 where=f"sensors.{self.name}.drive",
                 cure="name one of these",
             )
-
-    @property
-    def channels(self) -> tuple[SensorChannel, ...]:
-        unit = self.dynamics.robot.units(self.sensor.drive).force
-        return (SensorChannel(self.name, unit, self.sensor.noise),)
 
     @property
     def still(self) -> tuple[Unknown, ...]:

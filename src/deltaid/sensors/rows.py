@@ -25,23 +25,10 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.parameter import Parameter
+from deltaid.robot.sensor_channels import SensorChannel, channels_of
+from deltaid.robot.sensors import Sensor
 
 Motion = Float[np.ndarray, "samples dof"]
-
-
-@dataclass(frozen=True)
-class SensorChannel:
-    """One number that a sensor shows.
-
-    Attributes:
-        name: as in files: 'plate.fx', 'gauge1'.
-        unit: N or N m.
-        noise: its standard deviation.
-    """
-
-    name: str
-    unit: str
-    noise: float
 
 
 class SensorRows(ABC):
@@ -109,11 +96,17 @@ class GraphRows(SensorRows):
         dynamics: of the robot.
         name: its key in the description.
         prior_spread: of the fit, which all scales of parameters are relative to.
+        sensor: as described.
     """
 
     dynamics: Dynamics
     name: str
     prior_spread: float
+    sensor: Sensor
+
+    @property
+    def channels(self) -> tuple[SensorChannel, ...]:
+        return channels_of(self.dynamics.robot, self.name, self.sensor)
 
     @property
     @abstractmethod

@@ -21,7 +21,7 @@ from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import StrutForce
-from deltaid.sensors.rows import GraphRows, SensorChannel, Unknown, wide_force
+from deltaid.sensors.rows import GraphRows, Unknown, wide_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,6 @@ class StrutForceRows(GraphRows):
 
     def __post_init__(self) -> None:
         _ = self._struts
-
-    @property
-    def channels(self) -> tuple[SensorChannel, ...]:
-        return (SensorChannel(self.name, "N", self.sensor.noise),)
 
     @property
     def still(self) -> tuple[Unknown, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
-from deltaid.sensors.planning.plan import Outlook, SensorPlan
+from deltaid.sensors.planning.plan import SensorPlan
 from deltaid.view.card import Card
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table

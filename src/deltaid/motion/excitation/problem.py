@@ -30,7 +30,7 @@ from deltaid.motion.excitation.graph import ExcitationGraph
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.motion.fourier import FourierMotion, Series, Vector
 from deltaid.sensors.planning.knowledge import Knowledge, unknowns
-from deltaid.sensors.planning.rows import PlannedMotion, Scene, torque_rows, torques
+from deltaid.sensors.planning.rows import Scene, planned_along, torque_rows, torques
 from deltaid.sensors.planning.shopping import BODIES, goal
 from deltaid.sensors.planning.uses import described_rows
 from deltaid.sensors.weighings import weighings
@@ -98,10 +98,7 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
     weighed = weighings(dynamics.robot)
 
     def judge(motion: FourierMotion) -> float:
-        time = np.arange(_SAMPLES) * motion.period / _SAMPLES
-        z, zd, zdd = motion.evaluate(time)
-        _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-        planned = PlannedMotion("", motion.period, z, qd, qdd)
+        planned = planned_along(dynamics, motion, _SAMPLES, "", motion.period)
         scene = Scene(dynamics, p, planned, samples / _SAMPLES, noise)
         rows = torque_rows(scene, torques(dynamics, p, planned))
         known = Knowledge.before(len(entries.names)).and_rows(rows @ entries.W)

@@ -24,6 +24,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
 from deltaid.effects.geometry import opened
+from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD
@@ -46,7 +47,7 @@ class Knowledge:
 
     def and_rows(self, rows: Float[np.ndarray, "rows n"]) -> "Knowledge":
         """With further rows, in units of their noise."""
-        return Knowledge(compressed(np.vstack([self.root, rows])))
+        return Knowledge(triangle(np.vstack([self.root, rows])))
 
     @cached_property
     def inverse(self) -> Float[np.ndarray, "n n"]:
@@ -69,14 +70,9 @@ class Knowledge:
         return 0.5 * float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
 
 
-def compressed(rows: Rows) -> Float[np.ndarray, "rank columns"]:
-    """Fewer rows with the same information, by QR."""
-    return rows if len(rows) <= 1 else np.asarray(np.linalg.qr(rows, mode="r"))
-
-
 def without(rows: Rows, nuisances: int) -> Float[np.ndarray, "rest others"]:
     """What rows say of their last columns whatever their first `nuisances` ones are."""
-    return compressed(rows)[nuisances:, nuisances:]
+    return triangle(rows)[nuisances:, nuisances:]
 
 
 # An entry of M̄ below this share of √(M̄_ii M̄_jj) counts as zero.

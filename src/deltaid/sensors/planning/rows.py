@@ -11,8 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.estimation.information import triangle
 from deltaid.identification.sources import model_filtered
 from deltaid.model.model import Model
+from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
@@ -20,7 +22,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.windows import Samples as Motion
 from deltaid.robot.parameter import Parameter
 from deltaid.robot.sensors import BaseWrench, Sensor
-from deltaid.sensors.planning.knowledge import compressed, without
+from deltaid.sensors.planning.knowledge import without
 from deltaid.sensors.robot_sensors import shown_by
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing
@@ -53,10 +55,16 @@ def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMot
         KinematicsError: the description's limits leave no room for a motion.
     """
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
-    time = np.arange(_SAMPLES) * motion.period / _SAMPLES
-    z, zd, zdd = motion.evaluate(time)
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     words = f"a random motion within the robot's limits, {duration:g} s (seed {seed})"
+    return planned_along(dynamics, motion, _SAMPLES, words, duration)
+
+
+def planned_along(
+    dynamics: Dynamics, motion: FourierMotion, samples: int, words: str, duration: float
+) -> PlannedMotion:
+    """So many samples of a period, which stand for a recording of some duration [s]."""
+    z, zd, zdd = motion.evaluate(np.arange(samples) * motion.period / samples)
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     return PlannedMotion(words, duration, z, qd, qdd)
 
 
@@ -135,7 +143,7 @@ def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) ->
     drives = np.arange(Y.shape[1])
     rows[:, drives, len(scene.p) + drives] = -(Y @ scene.p)
     scaled = rows * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
-    return compressed(scaled.reshape(-1, scene.width))
+    return triangle(scaled.reshape(-1, scene.width))
 
 
 def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
@@ -150,7 +158,7 @@ def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
     dense *= (np.sqrt(scene.count) / noise)[None, :, None]
     flat = dense.reshape(-1, dense.shape[2])
     stds = np.array([parameter.std for parameter in own]).reshape(-1)
-    flat = compressed(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
+    flat = triangle(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
     open_ = np.array([_is_open(parameter, sensor) for parameter in own], dtype=bool)
     parts = []
     for known in (np.ones(len(own)), ~open_):

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltaid.errors import DescriptionError
+from deltaid.estimation.information import triangle
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.measured import Axis, Measured, Placed
 from deltaid.robot.quantities import Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
-from deltaid.sensors.planning.knowledge import compressed
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
 from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
 from deltaid.sensors.robot_sensors import all_sensor_rows
@@ -186,8 +186,8 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
         )
     count = len(fitted) / len(offer.sensors)
     said = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
-    likely = compressed(np.vstack([rows.likely for rows in said]))
-    sure = compressed(np.vstack([rows.sure for rows in said]))
+    likely = triangle(np.vstack([rows.likely for rows in said]))
+    sure = triangle(np.vstack([rows.sure for rows in said]))
     work = count * offer.hours * offers.hourly
     return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
 
