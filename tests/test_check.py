@@ -7,9 +7,9 @@ import pytest
 
 import deltaid
 from checked import Data, mended_file, moved, of, scaled, written
+from deltaid.checks.description import checked_lengths
 from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
-from deltaid.checks.lengths import checked_lengths
 from deltaid.checks.run import check, of_robot
 from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.model.verdict import Grade, Verdict, worst

@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 
 from deltaid.checks.closed_loop import checked_feedback
-from deltaid.checks.description import checked_friction, checked_limits, checked_workspace
+from deltaid.checks.description import (
+    checked_friction,
+    checked_lengths,
+    checked_limits,
+    checked_workspace,
+)
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.information import checked_information, information_of, judged_information
-from deltaid.checks.lengths import checked_lengths
 from deltaid.checks.priors import checked_measured, checked_priors
 from deltaid.checks.proposals import proved, unharmed
 from deltaid.checks.residual import checked_residual
