@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
+from deltaid.robot.limbs import rotation as about_axis
 from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
 from deltaid.robot.quantities import Vector
 
@@ -80,7 +81,7 @@ def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
 
 
 def weighing(
-    one: Measured,
+    measured: Measured,
     placed: Sequence[Placed],
     layout: ParameterLayout,
     prior: Float[np.ndarray, " parameters"],
@@ -97,15 +98,15 @@ def weighing(
     c, masses = np.zeros(len(prior)), np.zeros(len(prior))
     for part in placed:
         at = layout.body(part.body)
-        c[at] += part.count * _coefficients(one, part)
+        c[at] += part.count * _coefficients(measured, part)
         masses[at.start] += part.count
-    value, std = one.value, one.std
-    if one.quantity == "centre":
+    value, std = measured.value, measured.std
+    if measured.quantity == "centre":
         value, std = 0.0, std * float(masses @ prior)
     what = " and ".join(f"{p.count} {p.body}" if p.count > 1 else p.body for p in placed)
-    along = f" along {_direction(one.axis)}" if one.axis is not None else ""
-    unit = {"mass": "kg", "inertia": "kg m²"}.get(one.quantity, "kg m")
-    return Weighing(f"{_WORDS[one.quantity]} of {what}{along}", where, unit, c, value, std)
+    along = f" along {_direction(measured.axis)}" if measured.axis is not None else ""
+    unit = {"mass": "kg", "inertia": "kg m²"}.get(measured.quantity, "kg m")
+    return Weighing(f"{_WORDS[measured.quantity]} of {what}{along}", where, unit, c, value, std)
 
 
 def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed, ...], str]]:
@@ -117,34 +118,31 @@ def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed,
         yield measured, measured.placed, f"measured[{k + 1}]"
 
 
-def _coefficients(one: Measured, placed: Placed) -> Ten:
+def _coefficients(measured: Measured, placed: Placed) -> Ten:
     """Of one body's ten parameters in the measured quantity."""
     R, d = rotation(placed.turned_deg), np.array(placed.at)
-    return np.array([_quantity(one, RigidBody(unit).moved(R, d)) for unit in np.eye(10)])
+    return np.array([_quantity(measured, RigidBody(unit).moved(R, d)) for unit in np.eye(10)])
 
 
-def _quantity(one: Measured, body: RigidBody) -> float:
+def _quantity(measured: Measured, body: RigidBody) -> float:
     """The measured quantity of a body that is described in axes of the measurement."""
     p = body.p
-    if one.axis is None:
+    if measured.axis is None:
         return float(p[0])
-    e = np.array(_AXES[one.axis] if isinstance(one.axis, str) else one.axis)
+    e = np.array(_AXES[measured.axis] if isinstance(measured.axis, str) else measured.axis)
     e = e / np.linalg.norm(e)
-    if one.quantity == "first_moment":
+    if measured.quantity == "first_moment":
         return float(e @ p[1:4])
-    if one.quantity == "centre":
-        return float(e @ p[1:4] - one.value * p[0])
-    about = body.moved(np.eye(3), -np.array(one.about))
+    if measured.quantity == "centre":
+        return float(e @ p[1:4] - measured.value * p[0])
+    about = body.moved(np.eye(3), -np.array(measured.about))
     return float(e @ about.about_link @ e)
 
 
 def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:
     """R = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch and yaw in degrees."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(np.deg2rad(turned_deg)), np.cos(np.deg2rad(turned_deg))
-    Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return Rz @ Ry @ Rx
+    roll, pitch, yaw = turned_deg
+    return about_axis("z", yaw) @ about_axis("y", pitch) @ about_axis("x", roll)
 
 
 def roll_pitch_yaw(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
