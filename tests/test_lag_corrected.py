@@ -103,20 +103,20 @@ def test_lags_come_out_to_a_small_part_of_a_sample(late: list[float]) -> None:
     deviation = np.sqrt(np.diag(lags.covariance[0]))
     assert np.all(np.abs(lags.values[0] - late) < np.maximum(4 * deviation, 2e-5))
     assert np.all(np.abs(lags.values[0] - late) < 1.2e-4)
-    assert np.all(np.isfinite(lags.told))
+    assert np.all(np.isfinite(lags.step_std))
 
 
 def test_friction_by_direction_looks_like_a_lag_but_not_where_drives_turn_round() -> None:
     lags = estimated(recorded(1.1e-3, by_direction=1.2))
     np.testing.assert_allclose(lags.values[0], 1.1e-3, atol=1.2e-4)
-    assert np.all(np.isfinite(lags.told))
+    assert np.all(np.isfinite(lags.step_std))
 
 
 def test_a_filter_of_the_drive_counts_as_lag() -> None:
     lags = estimated(recorded(0.0, loop=3e-3))
     np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
     np.testing.assert_allclose(lags.steps[0], 3e-3, atol=3e-4)  # as reversals alone tell it
-    assert np.all(np.isfinite(lags.told))
+    assert np.all(np.isfinite(lags.step_std))
 
 
 def test_groups_are_as_few_as_scatter_allows() -> None:

@@ -117,13 +117,13 @@ def test_a_filter_that_other_rows_contradict_is_not_told(told, others) -> None:
     rough, _ = others
     steps, std = np.add(rough, [0.0, 4e-3, 0.0]), np.full(3, 5e-5)
     found = told(steps, std, filtered=(1,))
-    assert np.isinf(found.told[0, 1])
+    assert np.isinf(found.step_std[0, 1])
     assert found.agrees.all()
     assert abs(found.values[0, 1] - rough[1]) < 2e-4
     assert found.covariance[0, 1, 1] == pytest.approx(3e-3**2, rel=0.1)
     assert found.covariance[0, 0, 0] < std[0] ** 2
     agreed = told(rough + 1e-5, std, filtered=(0, 1, 2))
-    assert np.all(np.isfinite(agreed.told))
+    assert np.all(np.isfinite(agreed.step_std))
 
 
 @pytest.mark.parametrize("known", [NOTHING, np.array([5e-5, np.inf, np.inf])])
