@@ -80,7 +80,7 @@ class BaseWrenchRows(GraphRows):
             part = Part(body, forces.wrench(body))
             f = ca.densify(part.world_force)
             force += body.count * f
-            moment += body.count * (part.world_moment + ca.cross(part.origin - origin, f))
+            moment += body.count * (part.world_moment + ca.cross(body.world_origin - origin, f))
         columns = ca.jacobian(ca.vertcat(force, moment), forces.p)
         columns[3:, :] += self._rotors()
         accelerations = mechanism.speeds.q.ud
