@@ -183,7 +183,7 @@ class RippleColumns(AtDrives):
 
 @dataclass(frozen=True, eq=False)
 class FittedTorques:
-    """An effect with its coefficients; a `recording.burden.Pull`."""
+    """An effect with its coefficients; a `recording.repairs.Pull`."""
 
     addition: AlongMotion
     values: tuple[float, ...]
