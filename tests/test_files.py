@@ -12,7 +12,7 @@ import pytest
 
 from command import run
 from deltaid.errors import DeltaidError
-from deltaid.files import require_writable, together, write_bytes, written_whole
+from deltaid.files import new_folder, require_writable, together, write_bytes, written_whole
 from logs import recorded, write
 
 
@@ -150,3 +150,57 @@ def test_a_command_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> 
     assert process.returncode == 128 + number
     assert "Traceback" not in told
     assert listing(tmp_path) == []
+
+
+KILLED_WHILE_WRITING = """
+import os, signal, sys
+from pathlib import Path
+from deltaid.files import together, write_bytes
+
+renamed = Path.replace
+def replace(self, target):
+    renamed(self, target)
+    os.kill(os.getpid(), int(sys.argv[2]))
+Path.replace = replace
+folder = Path(sys.argv[1])
+with together():
+    for name in "abc":
+        write_bytes(folder / name, b"new")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_all_names_change_before_a_process_ends(tmp_path: Path, number: int) -> None:
+    for name in "abc":
+        write(tmp_path / name, "old")
+    script = [sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path), str(int(number))]
+    ended = subprocess.run(script, capture_output=True, check=False)
+    assert ended.returncode == -number
+    assert [(tmp_path / name).read_text() for name in "abc"] == ["new"] * 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nobody can ask there whether a process lives")
+def test_what_a_killed_process_was_writing_goes(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys; from pathlib import Path; from deltaid import files\n"
+        "with files.new_folder(Path('folder')) as folder, files.written_whole(Path('a')) as file:\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
+    assert len(listing(tmp_path)) == 2
+    with written_whole(tmp_path / "b") as file:
+        file.write("whole")
+        assert len(listing(tmp_path)) == 1  # that of this process stays
+    assert listing(tmp_path) == ["b"]
+
+
+@pytest.mark.parametrize("name", ["n" * 300, "nul\0", "loop", "loop/within"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for attempt in (require_writable, lambda path: write_bytes(path, b"")):
+        with pytest.raises(DeltaidError, match="cannot be written"):
+            attempt(tmp_path / name)
+    with pytest.raises(DeltaidError), new_folder(tmp_path / name):
+        pass
+    assert listing(tmp_path) == ["loop"]

@@ -1,16 +1,26 @@
 """Writing files: each whole or not at all, and several together or none of them."""
 
+import glob
 import os
 import shutil
+import signal
+import socket
+import sys
 import tempfile
+import threading
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from deltaid.errors import DeltaidError
+
+# How names of files end that are being written.
+_UNFINISHED = ".part"
+# What a name that cannot be a file's is refused with: too long, a link to itself, a NUL.
+_NO_PLACE = (OSError, ValueError, RuntimeError)
 
 
 @dataclass(frozen=True)
@@ -122,9 +132,62 @@ def _begin(path: Path) -> tuple[Path, int, str]:
                 where=str(path),
                 cure="give a name in another folder",
             )
-        return target, *tempfile.mkstemp(dir=folder, prefix=".", suffix=".part")
-    except OSError as error:
+        _remove_abandoned(folder)
+        return target, *tempfile.mkstemp(
+            dir=folder, prefix=_prefix(os.getpid()), suffix=_UNFINISHED
+        )
+    except _NO_PLACE as error:
         raise _failure(path, error) from None
+
+
+def _prefix(process: int) -> str:
+    """What names of unfinished files of a process on this machine begin with."""
+    return f".deltaid-{socket.gethostname()}-{process}-"
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove unfinished files and folders of processes of this machine that were killed."""
+    if sys.platform == "win32":  # where nobody can ask whether a process lives
+        return
+    own = _prefix(0).removesuffix("0-")
+    for path in folder.glob(f"{glob.escape(own)}*{_UNFINISHED}"):
+        process = path.name.removeprefix(own).partition("-")[0]
+        if process.isdecimal() and not _is_alive(int(process)):
+            with suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):  # another account's
+        return True
+    return True
+
+
+@contextmanager
+def _signals_held() -> Generator[None, None, None]:
+    """What asks the process to end waits until the block is through.
+
+    By handlers and not by a mask of the thread: the system may give a signal to any other thread,
+    and Python's own handlers run in this one all the same.
+    """
+    held: list[int] = []
+    before = dict[int, Any]()
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) is not None:
+                before[number] = signal.signal(number, lambda number, _: held.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in held:
+        signal.raise_signal(number)
 
 
 def _appear(finished: list[_Finished]) -> None:
@@ -139,12 +202,13 @@ def _appear(finished: list[_Finished]) -> None:
         except OSError as error:
             _remove(made)
             raise _failure(file.path, error) from None
-    for file in finished:
-        try:
-            file.temporary.replace(file.target)
-        except OSError as error:
-            _remove(made)
-            raise _failure(file.path, error) from None
+    with _signals_held():
+        for file in finished:
+            try:
+                file.temporary.replace(file.target)
+            except OSError as error:
+                _remove(made)
+                raise _failure(file.path, error) from None
 
 
 def _remove(made: list[Path]) -> None:
@@ -154,10 +218,10 @@ def _remove(made: list[Path]) -> None:
             folder.rmdir()
 
 
-def _failure(path: Path, error: OSError) -> DeltaidError:
+def _failure(path: Path, error: Exception) -> DeltaidError:
     return DeltaidError(
-        f"cannot be written: {error.strerror or error}",
-        where=str(path),
+        f"cannot be written: {getattr(error, 'strerror', None) or error}",
+        where=str(path).replace("\0", "\\0"),
         cure="check the folder's permissions and the space left, or give another place",
     )
 
@@ -178,8 +242,11 @@ def new_folder(path: Path) -> Generator[Path, None, None]:
     target = _free_place(path)
     try:
         parent = next(folder for folder in target.parents if folder.is_dir())
-        temporary = Path(tempfile.mkdtemp(dir=parent, prefix=".", suffix=".part"))
-    except OSError as error:
+        _remove_abandoned(parent)
+        temporary = Path(
+            tempfile.mkdtemp(dir=parent, prefix=_prefix(os.getpid()), suffix=_UNFINISHED)
+        )
+    except _NO_PLACE as error:
         raise _failure(path, error) from None
     try:
         yield temporary
@@ -210,7 +277,10 @@ def require_new_folder(path: Path) -> None:
 
 def _free_place(path: Path) -> Path:
     """Where a path leads, if nothing is there."""
-    target = path.resolve()
+    try:
+        target = path.resolve()
+    except _NO_PLACE as error:
+        raise _failure(path, error) from None
     if os.path.lexists(target):
         raise DeltaidError(
             "is there already", where=str(path), cure="give the name of a new folder, or remove it"

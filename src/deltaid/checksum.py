@@ -1,0 +1,48 @@
+"""A checksum within a file: SHA-256 of all its bytes, where its own digits count as zeros.
+
+One text of fixed length, `EMPTY`, stands anywhere in the file, where its format holds a text as it
+is: in the metadata of Parquet, in the comment of a zip archive, in a comment of YAML. So a file is
+known to be whole before anything of it is interpreted.
+"""
+
+import hashlib
+import re
+
+from deltaid.errors import DeltaidError
+
+_NAME = b"deltaid-sha256:"
+_PLACE = re.compile(_NAME + rb"([0-9a-f]{64})")
+EMPTY = (_NAME + b"0" * 64).decode()
+
+
+def sealed(data: bytes) -> bytes:
+    """The same bytes with their checksum in the place of `EMPTY`, which they hold once."""
+    assert data.count(EMPTY.encode()) == 1
+    return data.replace(EMPTY.encode(), _NAME + hashlib.sha256(data).hexdigest().encode())
+
+
+def is_intact(data: bytes) -> bool | None:
+    """Whether a file is as it was sealed; None where it holds no checksum."""
+    places = list(_PLACE.finditer(data))
+    if len(places) != 1:
+        return None
+    (place,) = places
+    empty = data[: place.start()] + EMPTY.encode() + data[place.end() :]
+    return hashlib.sha256(empty).hexdigest().encode() == place[1]
+
+
+def require_intact(data: bytes, where: str, error: type[DeltaidError], cure: str) -> None:
+    """Refuse a file that is not as it was sealed, or that was never.
+
+    Raises:
+        DeltaidError: of the given kind.
+    """
+    match is_intact(data):
+        case None:
+            raise error(
+                "has no checksum: it is damaged, or of an earlier version", where=where, cure=cure
+            )
+        case False:
+            raise error("is damaged: its checksum is another", where=where, cure=cure)
+        case True:
+            return
