@@ -1,5 +1,7 @@
 """Work shared among threads: nothing may depend on how many there are."""
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -106,3 +108,37 @@ def test_an_identification_has_the_same_bits_on_any_number_of_threads(
             result = deltaid.identify(deltaid.load_robot("clavel-delta3"), [log])
         found.append((result.model.model_dump_json(), result.problem.gathered.places.tobytes()))
     assert found[0] == found[1]
+
+
+FORKED = """
+import multiprocessing, signal, sys
+import polars as pl
+import deltaid
+
+def identified(begun):
+    signal.alarm(50)
+    try:
+        deltaid.identify("clavel-delta3", sys.argv[1])
+    except deltaid.DeltaidError as error:
+        return str(error)
+    return "identified"
+
+if __name__ == "__main__":
+    for begun in (False, True):
+        if begun:
+            pl.DataFrame({"a": range(100)}).lazy().group_by("a").len().collect()
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            print(pool.map(identified, [begun])[0], flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no other system forks by default")
+def test_a_process_without_its_threads_refuses_to_read(tmp_path: Path) -> None:
+    """Polars that is only loaded has none yet, and works after a fork."""
+    log = write(tmp_path / "log.csv", recorded(1000))
+    script = [sys.executable, "-c", FORKED, str(log)]
+    done = subprocess.run(script, capture_output=True, text=True, timeout=100, check=True)
+    first, second = done.stdout.splitlines()
+    assert first == "identified"
+    assert "was forked from one" in second
+    assert "spawn" in second

@@ -13,6 +13,8 @@ Names are imported when first used, so that `import deltaid` costs nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from deltaid import forked as forked  # it sees to forks from now on
+
 if TYPE_CHECKING:
     from deltaid.checks.identified import identify
     from deltaid.checks.run import check

@@ -1,0 +1,48 @@
+"""A forked process has none of its parent's threads: polars would wait for them for ever."""
+
+import os
+import sys
+
+# Where Linux lists threads, and how names of polars' begin.
+_TASKS, _OF_POLARS = "/proc/self/task", ("polars-0", "polars-1")
+_began = _lost = False
+
+
+def _before() -> None:
+    """Whether polars has begun threads; where no system lists them, whether it is loaded."""
+    global _began
+    _began = "polars" in sys.modules
+    if _began and os.path.isdir(_TASKS):
+        _began = any(_name(task).startswith(_OF_POLARS) for task in os.listdir(_TASKS))
+
+
+def _name(task: str) -> str:
+    try:
+        with open(f"{_TASKS}/{task}/comm") as file:
+            return file.read()
+    except OSError:  # it has ended meanwhile
+        return ""
+
+
+def _after() -> None:
+    global _lost
+    _lost = _lost or _began
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before, after_in_child=_after)
+
+
+def require_threads() -> None:
+    """Refuse to read anything where it would never end.
+
+    Raises:
+        DeltaidError: the process was forked from one that had used polars.
+    """
+    if _lost:
+        from deltaid.errors import DeltaidError
+
+        raise DeltaidError(
+            "this process was forked from one that had read recordings, and lacks its threads",
+            cure='start processes with multiprocessing.get_context("spawn") or "forkserver"',
+        )
