@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from pydantic import ValidationError
 
+from deltaid.checksum import EMPTY, require_intact, sealed
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.files import write_bytes
 from deltaid.fleets.factor_record import (
@@ -30,12 +31,14 @@ from deltaid.fleets.factor_record import (
     RecordingFactors,
     packed,
 )
+from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 
 ENDING = ".factors.parquet"
 _KEY, _FROM = "deltaid", "deltaid_from"
+_CURE = "gather the recording again with `deltaid gather`"
 _SCHEMA = {
     "group": pl.String,
     "drive": pl.Int32,
@@ -86,10 +89,9 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
             exact = (numbers, None) if group is condensed.whole else (None, numbers.astype("f4"))
             rows.append((group.name, i, group.samples[i], group.torque_max[i], *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
-    table.write_parquet(
-        buffer, compression="zstd", metadata={_KEY: file.record.model_dump_json(), _FROM: key}
-    )
-    write_bytes(path, buffer.getvalue())
+    beside = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
+    table.write_parquet(buffer, compression="zstd", metadata=beside)
+    write_bytes(path, sealed(buffer.getvalue()))
 
 
 def read_key(path: Path) -> str | None:
@@ -107,8 +109,12 @@ def read(path: Path) -> FactorFile:
         RecordingError: it is none, is damaged, or is of a later version.
     """
     where = str(path)
+    require_threads()
     try:
-        beside, table = pl.read_parquet_metadata(path), pl.read_parquet(path)
+        data = path.read_bytes()
+        require_intact(data, where, RecordingError, _CURE)
+        beside = pl.read_parquet_metadata(BytesIO(data))
+        table = pl.read_parquet(BytesIO(data))
     except (OSError, pl.exceptions.PolarsError) as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
@@ -126,41 +132,30 @@ def read(path: Path) -> FactorFile:
         ) from None
     except DeltaidError as error:
         raise _refusal(f"holds what cannot be: {error.what}", where) from None
-    return FactorFile(record, _condensed(table, record, where), where, beside.get(_FROM, ""))
+    return FactorFile(record, _condensed(table, record), where, beside.get(_FROM, ""))
 
 
 def _refusal(reason: str, where: str) -> RecordingError:
-    cure = "gather the recording again with `deltaid gather`"
-    return RecordingError(reason, where=where, cure=cure)
+    return RecordingError(reason, where=where, cure=_CURE)
 
 
-def _condensed(table: pl.DataFrame, record: FactorRecord, where: str) -> RecordingFactors:
+def _condensed(table: pl.DataFrame, record: FactorRecord) -> RecordingFactors:
     drives, shifts = len(record.felt), len(record.quantities)
-    single, names = ["whole", "geometry"][: 1 + bool(shifts)], table["group"].to_list()[::drives]
-    rows = [(name, i) for name in names for i in range(drives)]
-    whole_file = names[: len(single)] == single and len(names) > len(single)
-    if not whole_file or table.select("group", "drive").rows() != rows:
-        raise _refusal("has lost some of its rows", where)
-    whole, geometry, rest = (table[drives * k :] for k in (0, 1, len(single)))
+    whole, geometry, rest = (table[drives * k :] for k in (0, 1, 1 + bool(shifts)))
     sizes = tuple(len(places) + 1 for places in record.felt)
     wide = tuple(n + shifts for n in sizes)
     return RecordingFactors(
         record.names,
         tuple(np.array(places, dtype=int) for places in record.felt),
-        next(iter(_groups(whole[:drives], sizes, "exact", where))),
-        _groups(rest, sizes, "rounded", where),
-        next(iter(_groups(geometry[:drives], wide, "rounded", where))) if shifts else None,
+        next(iter(_groups(whole[:drives], sizes, "exact"))),
+        _groups(rest, sizes, "rounded"),
+        next(iter(_groups(geometry[:drives], wide, "rounded"))) if shifts else None,
     )
 
 
-def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str, where: str) -> FactorGroups:
+def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorGroups:
     names = tuple(table["group"].to_list()[:: len(sizes)])
-    lengths = [n * (n + 1) // 2 for n in sizes]
-    if table[column].list.len().to_list() != lengths * len(names):
-        raise _refusal("has lost some of its numbers", where)
-    numbers = table[column].explode().to_numpy().reshape(len(names), sum(lengths))
-    if not np.all(np.isfinite(numbers)):
-        raise _refusal("holds numbers that are not finite", where)
+    numbers = table[column].explode().to_numpy().reshape(len(names), -1)
     beside = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
     return FactorGroups(names, sizes, numbers, *beside)
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
+from deltaid.checksum import require_intact, sealed_archive
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
@@ -172,7 +173,7 @@ def write_member(member: TypeMember, path: Path) -> None:
     known = asdict(member)
     arrays = {key: known.pop(key) for key in _ARRAYS}
     text = json.dumps(known, default=np.ndarray.tolist)
-    np.savez_compressed(path, known=np.array(text), **arrays)
+    path.write_bytes(sealed_archive(known=np.array(text), **arrays))
 
 
 def read_member(data: bytes, where: str) -> TypeMember:
@@ -181,6 +182,7 @@ def read_member(data: bytes, where: str) -> TypeMember:
     Raises:
         RecordingError: it is damaged.
     """
+    require_intact(data, where, RecordingError, "remove it; it is made again")
     try:
         with np.load(BytesIO(data), allow_pickle=False) as file:
             known: dict[str, Any] = json.loads(str(file["known"]))

@@ -9,9 +9,11 @@ from tempfile import TemporaryDirectory
 
 import polars as pl
 
+from deltaid.checksum import EMPTY, require_intact, sealed
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
+from deltaid.forked import require_threads
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class Place:
         data = self.read(name)
         if data is None:
             return None
+        require_threads()
+        require_intact(data, self.path_to(name), DeltaidError, "remove it; it is made again")
         try:
             return pl.read_parquet(BytesIO(data))
         except (OSError, pl.exceptions.PolarsError) as error:
@@ -95,8 +99,10 @@ class Place:
             return None
 
     def save(self, name: str, frame: pl.DataFrame) -> None:
-        """Write a Parquet table."""
-        self.save_file(name, lambda path: frame.write_parquet(path, compression="zstd"))
+        """Write a Parquet table with its checksum."""
+        buffer = BytesIO()
+        frame.write_parquet(buffer, compression="zstd", metadata={"checksum": EMPTY})
+        self.write(name, sealed(buffer.getvalue()))
 
     def factors(self, name: str, key: str | None = None) -> FactorFile | None:
         """A factor file in it; None if there is none that is whole, or it follows from others.

@@ -1,6 +1,5 @@
 """Models drawn from a posterior, as one array of parameters."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.checksum import sealed_archive
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.files import write_bytes
@@ -82,9 +82,7 @@ class Samples(Shown, Plotted, Tabled):
         path = Path(path)
         if path.suffix.lower() != ".npz":
             raise DescriptionError("must end in .npz", where=str(path))
-        file = io.BytesIO()
-        np.savez_compressed(
-            file,
+        data = sealed_archive(
             p=self.p,
             names=np.array(self.names),
             units=np.array(self.units),
@@ -97,7 +95,7 @@ class Samples(Shown, Plotted, Tabled):
             robot=np.array(self.robot.model_dump_json(exclude_none=True)),
             provenance=np.array(self.model.provenance),
         )
-        write_bytes(path, file.getvalue())
+        write_bytes(path, data)
         return path
 
     def mjcf(self, folder: str | Path) -> Path:

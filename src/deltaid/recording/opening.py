@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.forked import require_threads
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import listing
@@ -60,7 +59,6 @@ def open_log(
             or has gaps; a torque is constant; angles look like degrees; velocities are not the
             positions' derivatives; a sample is out of reach.
     """
-    require_threads()
     table, columns, mapping = resolved_table(source, kinematics, mapping)
     if not need_torque:
         states = columns.extra[len(columns.extra) - columns.states :]

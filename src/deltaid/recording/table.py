@@ -11,6 +11,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.forked import require_threads
 from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.formats.stream import content, packed_by
@@ -50,7 +51,9 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
 
     Raises:
         RecordingError: the file is missing, empty, cannot be read, or is of no kind that is known.
+        DeltaidError: the process has lost its threads, as of `require_threads`.
     """
+    require_threads()
     start = b""
     if not os.path.isdir(path):  # unlike Path.is_dir it never raises
         with content(path) as file:
