@@ -1,0 +1,74 @@
+"""Work on this machine's processes: all of it is done, no port is open, none outlives its call."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from deltaid.fleets.pool import LocalPool
+
+
+def _work(item: int) -> int:
+    if item == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if item == 4:
+        raise ValueError("four")
+    return item**2
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
+    failed: dict[int, str] = {}
+
+    def note(item: int, why: str) -> int:
+        failed[item] = why
+        return -item
+
+    assert sorted(LocalPool(workers).done(_work, range(8), note)) == [-4, -3, 0, 1, 4, 25, 36, 49]
+    assert failed[3].startswith("workers die of it")
+    assert failed[4].endswith("ValueError: four")
+
+
+WAITING = """
+import time
+from deltaid.fleets.pool import LocalPool
+from test_fleet_pool import wait
+
+if __name__ == "__main__":
+    for pid in LocalPool(2).done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
+        print(pid, flush=True)
+"""
+
+
+def wait(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_workers_open_no_port_and_end_with_their_call(tmp_path: Path, number: int) -> None:
+    script = tmp_path / "call.py"
+    script.write_text(WAITING)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+    ) as call:
+        assert call.stdout is not None
+        call.stdout.readline()
+        call.stdout.readline()
+        own = psutil.Process(call.pid)
+        workers = own.children(recursive=True)
+        assert len(workers) >= 2
+        assert all(not process.net_connections(kind="all") for process in (own, *workers))
+        began = time.monotonic()
+        call.send_signal(number)
+        call.communicate(timeout=30)
+        assert call.returncode != 0
+        assert not psutil.wait_procs(workers, timeout=20)[1]
+        assert time.monotonic() - began < 30
