@@ -1,6 +1,7 @@
 """A studio in a process of its own, its visitors, and recordings that need a mapping."""
 
 import os
+import queue
 import re
 import shlex
 import signal
@@ -33,13 +34,20 @@ class Studio:
             text=True,
         )
         said = self._process.stdout.readline()
-        found = re.search(r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", said)
+        found = re.search(r"(http://127\.0\.0\.1:(\d+))/\?key=(\S+)", said)
         assert found, said + self.errors()
-        self.base, self.port, self.token = found[1], int(found[2]), found[3]
-        self.address = found[0]
+        self.base, self.port = found[1], int(found[2])
+        self._addresses: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._addresses.put(found[0])
         self._said: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+        self._readers = [threading.Thread(target=f, daemon=True) for f in (self._read, self._hear)]
+        for reader in self._readers:
+            reader.start()
+
+    @property
+    def address(self) -> str:
+        """What opens it once: the next one that it has printed."""
+        return self._addresses.get(timeout=20)
 
     @property
     def pid(self) -> int:
@@ -48,6 +56,12 @@ class Studio:
     def _read(self) -> None:
         assert self._process.stderr is not None
         self._said += self._process.stderr
+
+    def _hear(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if found := re.search(r"http://127\S+", line):
+                self._addresses.put(found[0])
 
     def errors(self) -> str:
         """What it has said on standard error; read when it has ended."""
@@ -59,7 +73,8 @@ class Studio:
             self._process.wait(20)
         except subprocess.TimeoutExpired:
             self._process.kill()
-        self._reader.join(5)
+        for reader in self._readers:
+            reader.join(5)
 
     def __enter__(self) -> "Studio":
         return self

@@ -134,7 +134,9 @@ def _ask(studio: Studio, path: str, **headers: str) -> http.client.HTTPResponse:
 
 
 def test_nobody_else_is_answered(studio: Studio) -> None:
-    cookie = f"deltaid-studio-{studio.port}={studio.token}"
+    path = studio.address.removeprefix(studio.base)
+    cookie = _ask(studio, path).headers["set-cookie"].partition(";")[0]
+    assert _ask(studio, path).status == 403  # a key opens it once
     own = f"http://127.0.0.1:{studio.port}"
     files = "/files/studio.yaml"
     socket = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"

@@ -1,4 +1,4 @@
-"""Who may talk to the studio: its own page with the token, and nobody else."""
+"""Who may talk to the studio: its own page with the key, and nobody else."""
 
 import asyncio
 
@@ -8,7 +8,7 @@ from deltaid.studio.guard import Guard
 
 
 def _asked(headers: list[tuple[str, str]], path: str = "/", query: str = "", kind: str = "http"):
-    """What the guard of a server on port 8090 with the token 'word' answers."""
+    """What the guard of a server on port 8090 answers, whose key and cookie are 'word'."""
     sent: list[dict] = []
 
     async def inner(scope, receive, send) -> None:
@@ -23,7 +23,9 @@ def _asked(headers: list[tuple[str, str]], path: str = "/", query: str = "", kin
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers],
     }
-    asyncio.run(Guard(inner, 8090, "word")(scope, None, send))
+    guard = Guard(inner, 8090)
+    guard.key = guard._secret = "word"
+    asyncio.run(guard(scope, None, send))
     return sent[0]
 
 
@@ -65,14 +67,34 @@ def test_the_own_page_is_answered() -> None:
     assert _asked([OWN, COOKIE], kind="websocket")["code"] == 1008  # browsers say where from
 
 
-def test_the_token_becomes_a_cookie_and_leaves_the_address() -> None:
-    answer = _asked([OWN], path="//evil.example/x", query="token=word")
-    headers = dict(answer["headers"])
-    assert answer["status"] == 303
-    assert headers[b"location"] == b"/evil.example/x"
-    assert b"HttpOnly; SameSite=Strict" in headers[b"set-cookie"]
-    assert _asked([OWN], query="token=wort")["status"] == 403
-    assert _asked([("host", "evil.example")], query="token=word")["status"] == 403
+def test_a_key_becomes_a_cookie_once_and_leaves_the_address() -> None:
+    sent: list[dict] = []
+    renewed: list[str] = []
+
+    async def send(message) -> None:
+        sent.append(message)
+
+    guard = Guard(lambda *_: pytest.fail("was let in"), 8090, lambda: renewed.append(guard.address))
+    first = guard.key
+
+    def ask(query: str, path: str = "/") -> dict:
+        sent.clear()
+        headers = [(b"host", b"127.0.0.1:8090")]
+        scope = {"type": "http", "path": path, "query_string": query.encode(), "headers": headers}
+        asyncio.run(guard(scope, None, send))
+        return sent[0]
+
+    assert ask("key=wort")["status"] == 403
+    answer = ask(f"key={first}", path='//evil.example/"x')
+    cookie = dict(answer["headers"])[b"set-cookie"].decode()
+    assert answer["status"] == 200
+    assert b'content="0; url=/evil.example/&quot;x"' in sent[1]["body"]
+    assert first not in cookie
+    assert "HttpOnly; SameSite=Strict" in cookie
+    assert ask(f"key={first}")["status"] == 403
+    assert renewed == [guard.address]
+    assert ask(renewed[0].partition("?")[2])["status"] == 200
+    assert _asked([("host", "evil.example")], query="key=word")["status"] == 403
 
 
 @pytest.mark.parametrize("left", [True, False])
@@ -89,7 +111,9 @@ def test_an_answer_that_nobody_waits_for_is_no_error(left: bool) -> None:
 
     pairs = [(name.encode(), value.encode()) for name, value in (OWN, COOKIE)]
     scope = {"type": "http", "path": "/", "query_string": b"", "headers": pairs}
-    asked = Guard(inner, 8090, "word")(scope, receive, send)
+    guard = Guard(inner, 8090)
+    guard._secret = "word"
+    asked = guard(scope, receive, send)
     if left:
         asyncio.run(asked)
     else:

@@ -30,9 +30,14 @@ def studio(
 
     require_nicegui()
 
+    opened = False
+
     def say(address: str) -> None:
-        console.print(f"{folder.resolve()} at {address} until Ctrl-C")
+        nonlocal opened
+        at = f"in another browser: {address}" if opened else f"{folder.resolve()} at {address}"
+        console.print(f"{at} until Ctrl-C", soft_wrap=True)
         console.file.flush()
+        opened = True
 
     try:
         serve(folder, port_for(port), show=browser, say=say)

@@ -3,9 +3,12 @@
 Any page of the web can send requests to this machine, and open websockets to it; with a name that
 its owner points at 127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request
 has to name this server (Host), come from its page if it says where it comes from (Origin), and hold
-the token that the terminal printed. A websocket has to say where it comes from, as browsers do.
+a cookie that the key of the printed address is exchanged for. A key opens the studio once: whoever
+reads it later, in a history or a list of processes, does not get in. A websocket has to say where
+it comes from, as browsers do.
 """
 
+import html
 import secrets
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from http.cookies import CookieError, SimpleCookie
@@ -19,7 +22,12 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")
-_REFUSED = "Not the studio's own page: open the address that `deltaid studio` has printed.\n"
+_REFUSED = (
+    "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
+    "opens it once.\n"
+)
+# Of keys and cookies: nobody guesses 128 bits.
+_SECRET_BYTES = 16
 # Whatever a page of the studio holds, it talks to this server only.
 _POLICY = (
     b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
@@ -56,15 +64,24 @@ class Guard:
     Args:
         app: what it stands before.
         port: where the server listens.
-        token: that the address begins with; a cookie holds it from then on.
+        renewed: called when a key has been used, and another takes its place.
+
+    Attributes:
+        key: that opens the studio once, by an address that ends in `?key=…`.
     """
 
-    def __init__(self, app: App, port: int, token: str) -> None:
-        self.app, self.port, self.token = app, port, token
+    def __init__(self, app: App, port: int, renewed: Callable[[], None] = lambda: None) -> None:
+        self.app, self.port, self.renewed = app, port, renewed
         self.cookie = f"deltaid-studio-{port}"
+        self.key, self._secret = (secrets.token_urlsafe(_SECRET_BYTES) for _ in range(2))
+
+    @property
+    def address(self) -> str:
+        """What opens the studio, once."""
+        return f"http://{HOST}:{self.port}/?key={self.key}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what is the studio's own; the first request gets the cookie for its token."""
+        """Pass on what is the studio's own; the first request gets the cookie for its key."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -72,9 +89,9 @@ class Guard:
         websocket = scope["type"] == "websocket"
         if not is_own(headers, self.port, websocket=websocket):
             await _refuse(scope, send)
-        elif not websocket and self._is_token(_asked(scope, "token")):
+        elif not websocket and _equal(_asked(scope, "key"), self.key):
             await self._welcome(scope, send)
-        elif self._is_token(_cookie(headers, self.cookie)):
+        elif _equal(_cookie(headers, self.cookie), self._secret):
             await self._pass(scope, receive, send)
         else:
             await _refuse(scope, send)
@@ -95,17 +112,33 @@ class Guard:
             if not left:
                 raise
 
-    def _is_token(self, given: str) -> bool:
-        return secrets.compare_digest(given.encode(), self.token.encode())
-
     async def _welcome(self, scope: Scope, send: Send) -> None:
-        """Put the token into a cookie and take it out of the address."""
-        cookie = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-        path = scope["path"] if scope["path"].startswith("/") else "/"
-        location = "/" + path.lstrip("/")
-        headers = [(b"location", location.encode("latin-1")), (b"set-cookie", cookie.encode())]
-        await send({"type": "http.response.start", "status": 303, "headers": headers})
-        await send({"type": "http.response.body", "body": b""})
+        """Exchange the key for a cookie, by a page that goes on to the studio without it.
+
+        A redirection would not do: where a file has led to it, browsers keep a strict cookie back.
+        """
+        self.key = secrets.token_urlsafe(_SECRET_BYTES)
+        self.renewed()
+        cookie = f"{self.cookie}={self._secret}; Path=/; HttpOnly; SameSite=Strict"
+        headers = [
+            (b"content-type", b"text/html; charset=utf-8"),
+            (b"cache-control", b"no-store"),
+            (b"set-cookie", cookie.encode()),
+        ]
+        page = leading_to("/" + scope["path"].lstrip("/"))
+        await send({"type": "http.response.start", "status": 200, "headers": [*headers, *_HEADERS]})
+        await send({"type": "http.response.body", "body": page.encode()})
+
+
+def leading_to(address: str) -> str:
+    """A page that goes on to an address at once."""
+    target = html.escape(address)
+    refresh = f'<meta http-equiv="refresh" content="0; url={target}">'
+    return f"<!doctype html>{refresh}<title>deltaid</title>"
+
+
+def _equal(given: str, secret: str) -> bool:
+    return secrets.compare_digest(given.encode(), secret.encode())
 
 
 def _headers(scope: Scope) -> dict[str, list[str]]:

@@ -1,17 +1,18 @@
 """The studio's server: NiceGUI on this machine only, behind a guard."""
 
 import asyncio
-import secrets
+import os
 import socket
+import tempfile
 import webbrowser
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
 from deltaid.libraries import require
 from deltaid.studio.folder import Folder
-from deltaid.studio.guard import HOST, Guard
+from deltaid.studio.guard import HOST, Guard, leading_to
 from deltaid.studio.session import Session
 
 # The first port that is tried if none is asked for.
@@ -58,19 +59,32 @@ def port_for(wanted: int | None) -> int:
     )
 
 
-async def _tell(port: int, address: str, say: Callable[[str], None], *, show: bool) -> None:
-    """Say the address, and show it, once something answers there."""
+async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> None:
+    """Say the address, and open the page that leads there, once something answers."""
     while True:
         try:
-            _, writer = await asyncio.open_connection(HOST, port)
+            _, writer = await asyncio.open_connection(HOST, guard.port)
         except OSError:
             await asyncio.sleep(0.02)
             continue
         writer.close()
-        say(address)
-        if show:
-            await asyncio.to_thread(webbrowser.open, address)
+        say(guard.address)
+        if page is not None:
+            await asyncio.to_thread(webbrowser.open, page.as_uri())
         return
+
+
+@contextmanager
+def _opening(guard: Guard, folder: Path) -> Generator[Path, None, None]:
+    """A page for this account alone that leads to the studio: in the command line of a browser,
+    which all accounts can read, stands its name and no key."""
+    handle, name = tempfile.mkstemp(dir=folder, prefix="open-studio-", suffix=".html")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(leading_to(guard.address))
+    try:
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)
 
 
 def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> None:
@@ -80,7 +94,7 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
         path: of the folder; made if there is none.
         port: a free one.
         show: whether to open a browser.
-        say: called with the address once it answers.
+        say: called with the address once it answers, and with another one when that was used.
 
     Raises:
         DeltaidError: the folder cannot be used.
@@ -92,30 +106,37 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     from deltaid.studio.pages.frame import build
 
     session = Session(Folder.open(path))
-    token = secrets.token_urlsafe(16)
-    address = f"http://{HOST}:{port}/?token={token}"
-    build(session)
-    app.on_startup(session.warm)
-    app.on_shutdown(session.close)
-    telling = partial(_tell, port, address, say, show=show)
-    app.on_startup(lambda: background_tasks.create(telling(), name="tell"))
     whole = FastAPI(openapi_url=None)
-    ui.run_with(
-        whole,
-        title="deltaid studio",
-        favicon=_FAVICON,
-        dark=None,
-        reconnect_timeout=_AWAY,
-        show_welcome_message=False,
-    )
-    uvicorn.run(
-        Guard(whole, port, token),  # before everything else, whatever the library adds
-        host=HOST,
-        port=port,
-        log_level="error",
-        proxy_headers=False,
-        timeout_graceful_shutdown=_LEAVE,
-    )
+    guard = Guard(whole, port)  # before everything else, whatever the library adds
+    build(session)
+    with ExitStack() as stack:
+        page = stack.enter_context(_opening(guard, session.folder.root)) if show else None
+
+        def renewed() -> None:
+            if page is not None:
+                page.unlink(missing_ok=True)
+            say(guard.address)
+
+        guard.renewed = renewed
+        app.on_startup(session.warm)
+        app.on_shutdown(session.close)
+        app.on_startup(lambda: background_tasks.create(_tell(guard, say, page), name="tell"))
+        ui.run_with(
+            whole,
+            title="deltaid studio",
+            favicon=_FAVICON,
+            dark=None,
+            reconnect_timeout=_AWAY,
+            show_welcome_message=False,
+        )
+        uvicorn.run(
+            guard,
+            host=HOST,
+            port=port,
+            log_level="error",
+            proxy_headers=False,
+            timeout_graceful_shutdown=_LEAVE,
+        )
 
 
 _FAVICON = (
