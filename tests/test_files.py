@@ -204,3 +204,23 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> N
     with pytest.raises(DeltaidError), new_folder(tmp_path / name):
         pass
     assert listing(tmp_path) == ["loop"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("identify", "clavel-delta3", "NAME"),
+        ("gather", "clavel-delta3", "LOG", "-o", "NAME"),
+        ("export", "clavel-delta3", "--to", "mjcf", "-o", "NAME"),
+        ("drift", "clavel-delta3", "NAME"),
+        ("fleet", "NAME", "-o", "fleet"),
+        ("sample", "clavel-delta3", "-o", "NAME"),
+    ],
+)
+def test_commands_refuse_names_that_no_file_can_have(
+    tmp_path: Path, log: Path, words: tuple[str, ...]
+) -> None:
+    for name in ("n" * 300, "n" * 5000, "nul\0"):
+        given = {"NAME": tmp_path / name, "LOG": log}
+        done = run(*(given.get(word, word) for word in words))
+        assert done.code == 2, done.err

@@ -1,5 +1,6 @@
 """`deltaid drift`: friction over weeks and months, from factor files."""
 
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,7 +58,7 @@ def drift(
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
     for path in paths:
-        if path.is_dir():
+        if os.path.isdir(path):
             raise DeltaidError(
                 "holds no factor files", where=str(path), cure="make some with `deltaid gather`"
             )

@@ -1,5 +1,6 @@
 """`deltaid identify` with factor files in the place of recordings."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ def in_folders(logs: Sequence[Path]) -> list[Path]:
 
     files = list[Path]()
     for log in logs:
-        files += (sorted(log.glob(f"*{ENDING}")) if log.is_dir() else []) or [log]
+        files += (sorted(log.glob(f"*{ENDING}")) if os.path.isdir(log) else []) or [log]
     return files
 
 

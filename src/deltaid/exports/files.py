@@ -179,7 +179,7 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
         raise DeltaidError("is an empty name", where="--output", cure=cure)
     suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
     folder, output = str(output).endswith(("/", os.sep)), Path(output)
-    if folder or output.is_dir():
+    if folder or os.path.isdir(output):
         return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(

@@ -10,6 +10,7 @@ and the same filter, each recording once.
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -97,7 +98,7 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
 def read_key(path: Path) -> str | None:
     """The checksum of what a file follows from; None where there is no such file that is whole."""
     try:
-        return read(path).key if path.is_file() else None
+        return read(path).key if os.path.isfile(path) else None
     except RecordingError:
         return None
 
@@ -115,7 +116,7 @@ def read(path: Path) -> FactorFile:
         require_intact(data, where, RecordingError, _CURE)
         beside = pl.read_parquet_metadata(BytesIO(data))
         table = pl.read_parquet(BytesIO(data))
-    except (OSError, pl.exceptions.PolarsError) as error:
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)

@@ -180,7 +180,7 @@ def _refused(place: Place) -> dict[str, str]:
     try:
         table = pl.read_csv(BytesIO(data), infer_schema=False)
         reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
-    except pl.exceptions.PolarsError as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise DeltaidError(
             f"cannot be read: {str(error).splitlines()[0]}",
             where=place.path_to(QUARANTINE),

@@ -5,6 +5,7 @@ Recordings are local paths or addresses of any store that fsspec knows, such as
 s3://plant/line1/*.parquet.
 """
 
+import os
 import re
 from collections.abc import Iterator
 from datetime import date, datetime
@@ -110,7 +111,7 @@ def read_manifest(name: str) -> Manifest:
         DescriptionError: it cannot be read, or is wrong, with line or row, and key.
     """
     cure = "give the YAML, CSV or Parquet file of a fleet"
-    if not is_address(name) and Path(name).is_dir():
+    if not is_address(name) and os.path.isdir(name):
         raise DescriptionError("is a folder, not a file", where=name, cure=cure)
     data = read(name)
     if data is None:
@@ -144,7 +145,7 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
             if ending == ".csv"
             else pl.read_parquet(BytesIO(data))
         )
-    except (OSError, pl.exceptions.PolarsError) as error:
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise DescriptionError(
             f"cannot be read: {str(error).splitlines()[0]}", where=where, cure="check the file"
         ) from None

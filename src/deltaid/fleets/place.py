@@ -84,7 +84,7 @@ class Place:
         require_intact(data, self.path_to(name), DeltaidError, "remove it; it is made again")
         try:
             return pl.read_parquet(BytesIO(data))
-        except (OSError, pl.exceptions.PolarsError) as error:
+        except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise DeltaidError(
                 f"is no Parquet table: {str(error).splitlines()[0]}",
                 where=self.path_to(name),

@@ -133,10 +133,10 @@ def read(path: str) -> bytes | None:
         return _asked(lambda: _system(path).cat_file(path), path)
     except FileNotFoundError:
         return None
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a NUL in a name
         raise StoreError(
-            f"cannot be read: {error.strerror or error}",
-            where=path,
+            f"cannot be read: {getattr(error, 'strerror', None) or error}",
+            where=path.replace("\0", "\\0"),
             cure="check its name and permissions",
         ) from None
 

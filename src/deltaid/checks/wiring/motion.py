@@ -23,6 +23,7 @@ from deltaid.recording.filter import (
 )
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
+from deltaid.recording.time.clock import HIGHEST_RATE
 
 # The highest cut-off [Hz]: enough to distinguish columns.
 _HIGHEST_CUTOFF = 30.0
@@ -147,6 +148,8 @@ def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"],
     if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
         return None
     step = float(np.median(np.diff(time)))
+    if step < 1 / HIGHEST_RATE:  # it will be refused, whatever its columns are
+        return None
     ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
     starts, stops = np.append(0, ends + 1), np.append(ends + 1, len(time))
     part = keep[_liveliest(rows.q[keep], starts, stops, int(longest / step))]

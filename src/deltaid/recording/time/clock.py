@@ -21,7 +21,7 @@ _MOST_BACKWARD = 0.2
 # Fewest steps of stamps that several rows share; fewer do not tell the rate.
 _FEWEST_STEPS = 32
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
-_HIGHEST_RATE = 1e6
+HIGHEST_RATE = 1e6
 
 
 def _no_rows() -> Int[np.ndarray, " rows"]:
@@ -285,8 +285,8 @@ def require_rate(table: Table, column: str, rate: float, *, differentiated: bool
         RecordingError: with what can be.
     """
     slow = differentiated and rate < LOWEST_RATE
-    if slow or rate > _HIGHEST_RATE:
-        limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {_HIGHEST_RATE:g}"
+    if slow or rate > HIGHEST_RATE:
+        limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
             where=str(table.path),
