@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+import deltaid
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError, RecordingError
