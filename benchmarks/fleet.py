@@ -16,10 +16,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 from _table import leave
+
+from deltaid.fleets.pool import LocalPool
 
 ROBOT = "irb360-6-1600"
 RATE, CUTOFF = 1000.0, 15.0
@@ -69,9 +72,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
     """Recordings gathered by so many processes."""
     from datetime import datetime
 
-    from deltaid.fleets.cluster import client, done
     from deltaid.fleets.fleet import Recorded
-    from deltaid.fleets.gather_all import gather_recorded
     from deltaid.fleets.gather_plan import GatherJob, How
     from deltaid.fleets.place import Place
     from deltaid.fleets.store import stamp_of
@@ -86,18 +87,29 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
         )
         for one in paths
     ]
-    with client(workers=workers) as found:
-        before, start = found.run(used), time.perf_counter()
-        results = list(done(found, partial(gather_recorded, place=place), jobs, _fail))
-        wall, after = time.perf_counter() - start, found.run(used)
-    if bad := [one.reason for one in results if one.reason]:
+    with LocalPool(workers) as pool:
+        list(pool.done(nothing, range(workers), _fail))
+        start = time.perf_counter()
+        results = list(pool.done(partial(measured, place=place), jobs, _fail))
+        wall = time.perf_counter() - start
+    if bad := [outcome.reason for outcome, *_ in results if outcome.reason]:
         raise RuntimeError(bad[0])
     return {
         "wall": wall,
-        "cpu": sum(after[one][0] - before[one][0] for one in before),
-        "peak": max(peak for _, peak in after.values()),
-        "bytes": float(np.mean([one.size for one in results])),
+        "cpu": sum(seconds for _, seconds, _ in results),
+        "peak": max(peak for *_, peak in results),
+        "bytes": float(np.mean([outcome.size for outcome, *_ in results])),
     }
+
+
+def measured(job: Any, place: Any) -> tuple[Any, float, float]:
+    """A recording gathered, with time of processors [s] and largest memory [MB] of its process."""
+    from deltaid.fleets.gather_all import gather_recorded
+
+    before = used()
+    outcome = gather_recorded(job, place=place)
+    after = used()
+    return outcome, after[0] - before[0], after[1]
 
 
 def identify(path: Path) -> float:
@@ -119,12 +131,10 @@ def nothing(number: int) -> int:
 
 def dispatch(count: int = 2000) -> float:
     """Wall time of a task that does nothing [s]."""
-    from deltaid.fleets.cluster import client, done
-
-    with client(workers=1) as found:
-        list(done(found, nothing, range(10), _fail))
+    with LocalPool(1) as pool:
+        list(pool.done(nothing, range(10), _fail))
         start = time.perf_counter()
-        list(done(found, nothing, range(count), _fail))
+        list(pool.done(nothing, range(count), _fail))
         return (time.perf_counter() - start) / count
 
 

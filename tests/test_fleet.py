@@ -26,9 +26,9 @@ import s3fs
 from command import run
 from deltaid import libraries
 from deltaid.errors import DeltaidError
-from deltaid.fleets import cluster
-from deltaid.fleets.cluster import client, done, require_shared
+from deltaid.fleets.cluster import require_shared, workers
 from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.pool import LocalPool
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
@@ -49,9 +49,8 @@ def cut_short(whole: Plant) -> bytes:
 def no_workers() -> Iterator[None]:
     """All work is done here, one item after the other."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("deltaid.fleets.run.client", lambda *_: nullcontext(Mock()))
-        patch.setattr("deltaid.fleets.run.require_shared", lambda *_: None)
-        patch.setattr("deltaid.fleets.step.done", lambda _, work, items, failed: map(work, items))
+        here = Mock(done=lambda work, items, failed: map(work, items))
+        patch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
         yield
 
 
@@ -92,7 +91,7 @@ def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
 
 def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (whole.output / "parameters.parquet").read_bytes()
-    monkeypatch.setattr(cluster, "require_dask", lambda: pytest.fail("workers were started"))
+    monkeypatch.setattr("deltaid.fleets.run.workers_of", lambda *_: pytest.fail("were started"))
     assert whole.run().computed == (0, 0, 0)
     assert (whole.output / "parameters.parquet").read_bytes() == before
 
@@ -117,12 +116,12 @@ def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -
     assert "mean of 2 robots" in load_robot(path).sources["friction"]
 
 
-def test_without_dask_the_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_no_cluster_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(libraries, "find_spec", lambda name: None)
-    told = run("fleet", tmp_path / "fleet.yaml", "-o", tmp_path / "fleet")
-    assert told.code == 2
-    assert "needs Dask, which is not installed" in told.err
-    assert "fleet]" in told.err
+    with pytest.raises(DeltaidError) as told, workers("tcp://127.0.0.1:1"):
+        pass
+    assert "needs Dask, which is not installed" in str(told.value)
+    assert "fleet]" in str(told.value)
 
 
 @pytest.mark.slow
@@ -265,10 +264,8 @@ def test_what_kills_workers_stops_nothing_else(
     (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
     user_code.use_mechanism(tmp_path / "mine.py")
     failed: dict[int, str] = {}
-    with client(workers=1) as found:
-        results = list(
-            done(found, _deadly, range(8), lambda item, why: failed.setdefault(item, why))
-        )
+    with LocalPool(1) as pool:
+        results = list(pool.done(_deadly, range(8), lambda item, why: failed.setdefault(item, why)))
     assert sorted(one for one in results if isinstance(one, int)) == [0, 1, 2, 4, 6, 7]
     assert "workers die of it" in failed[3]
     assert "ZeroDivisionError: a defect" in failed[5]
@@ -285,6 +282,6 @@ def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deltaid.fleets.cluster._PATIENCE", 1)
     with (
         pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),
-        client("tcp://127.0.0.1:1"),
+        workers("tcp://127.0.0.1:1"),
     ):
         pass

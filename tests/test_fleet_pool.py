@@ -29,7 +29,10 @@ def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
         failed[item] = why
         return -item
 
-    assert sorted(LocalPool(workers).done(_work, range(8), note)) == [-4, -3, 0, 1, 4, 25, 36, 49]
+    with LocalPool(workers) as pool:
+        for _ in range(2):
+            results = sorted(pool.done(_work, range(8), note))
+            assert results == [-4, -3, 0, 1, 4, 25, 36, 49]
     assert failed[3].startswith("workers die of it")
     assert failed[4].endswith("ValueError: four")
 
@@ -40,8 +43,9 @@ from deltaid.fleets.pool import LocalPool
 from test_fleet_pool import wait
 
 if __name__ == "__main__":
-    for pid in LocalPool(2).done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
-        print(pid, flush=True)
+    with LocalPool(2) as pool:
+        for pid in pool.done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
+            print(pid, flush=True)
 """
 
 

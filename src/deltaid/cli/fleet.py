@@ -105,9 +105,6 @@ def fleet(
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot
     be used is put into quarantine with its reason and stops nothing else.
     """
-    from deltaid.fleets.cluster import require_dask
-
-    require_dask()
     from deltaid.fleets.fleet import find_fleet
     from deltaid.fleets.run import fleet as run_fleet
     from deltaid.model.record import Settings
@@ -134,7 +131,6 @@ def fleet(
             run = run_fleet(
                 robots, output, settings=settings, drift=drift, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, progress=say,
-                dashboard=lambda link: None if as_json else print_note(f"dashboard at {link}"),
             )  # fmt: skip
     except KeyboardInterrupt:
         print_error(

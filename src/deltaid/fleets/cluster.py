@@ -1,10 +1,10 @@
-"""Where a fleet's work is done: by Dask, on the cores of this machine or on a cluster."""
+"""Where a fleet's work is done: on the cores of this machine, or by Dask on a cluster."""
 
 import logging
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_all_start_methods
 from os.path import exists
 from pathlib import Path
 from threading import Lock
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
+from deltaid.fleets.pool import LocalPool, Workers, defect
 from deltaid.libraries import require
 from deltaid.mechanism.user_code import named_path
 from deltaid.parallel import cores
@@ -25,8 +26,6 @@ _Result = TypeVar("_Result")
 ALONE = Lock()
 # Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
 _AT_ONCE = 2000
-# Deaths of workers that a task may see before it is tried alone.
-_FAILURES = 0
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
 
@@ -39,52 +38,47 @@ def require_dask() -> None:
     """
     cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
     for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
-        require(module, by="deltaid fleet", name=name, install=cure)
+        require(module, by="deltaid fleet --scheduler", name=name, install=cure)
 
 
 @contextmanager
-def client(scheduler: str | None = None, workers: int | None = None) -> Generator["Client"]:
-    """A Dask client: of a cluster by its address, or of processes on this machine.
+def workers(
+    scheduler: str | None = None, count: int | None = None, folder: Path | None = None
+) -> Generator[Workers]:
+    """Workers of a Dask cluster by its address, or processes on this machine.
+
+    Args:
+        scheduler: the address.
+        count: of processes; one a core if None.
+        folder: that all workers have to see, if there is one.
 
     Raises:
-        DeltaidError: Dask is not installed, nobody answers at the address, or workers have another
-            version of deltaid.
+        DeltaidError: Dask is not installed, nobody answers at the address, workers have another
+            version of deltaid, or one does not see the folder.
     """
+    if scheduler is None:
+        with LocalPool(count or cores()) as pool:
+            yield pool
+        return
     require_dask()
-    from dask import config
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     # What Dask has to say of lost connections is said in fewer words.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-    if scheduler is not None:
-        try:
-            connected = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise DeltaidError(
-                f"no scheduler answers: {error or type(error).__name__}",
-                where=f"--scheduler {scheduler}",
-                cure="give the address that `dask scheduler` has printed, such as "
-                "tcp://10.0.0.5:8786",
-            ) from None
-        with connected:
-            _require_same_version(connected, scheduler)
-            _share_code(connected)
-            yield connected
-        return
-    options: dict[str, Any] = {"distributed.scheduler.allowed-failures": _FAILURES}
-    if "forkserver" in get_all_start_methods():  # processes start in a third of the time
-        options["distributed.worker.multiprocessing-method"] = "forkserver"
-    with (
-        config.set(options),
-        LocalCluster(
-            n_workers=workers or cores(), threads_per_worker=1, processes=True,
-            dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as connected,
-    ):  # fmt: skip
+    try:
+        connected = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise DeltaidError(
+            f"no scheduler answers: {error or type(error).__name__}",
+            where=f"--scheduler {scheduler}",
+            cure="give the address that `dask scheduler` has printed, such as tcp://10.0.0.5:8786",
+        ) from None
+    with connected:
+        _require_same_version(connected, scheduler)
         _share_code(connected)
-        yield connected
+        if folder is not None:
+            require_shared(connected, folder)
+        yield DaskWorkers(connected)
 
 
 def _share_code(client: "Client") -> None:
@@ -119,64 +113,58 @@ def require_shared(client: "Client", folder: Path) -> None:
         )
 
 
-def done(
-    client: "Client",
-    work: Callable[[_Item], _Result],
-    items: Sequence[_Item],
-    failed: Callable[[_Item, str], _Result],
-) -> Iterator[_Result]:
-    """`work` on all items by all workers, in whatever order they are done.
+@dataclass(frozen=True)
+class DaskWorkers:
+    """Workers of a cluster.
 
-    What was going on in workers that died is done again; what died with several workers waits until
-    all else is done and is then tried alone, so that it takes nothing else with it.
-
-    Args:
-        failed: the result of an item whose workers died again and again, or of a defect.
-
-    Raises:
-        DeltaidError: the scheduler is gone.
+    Attributes:
+        client: of its scheduler.
     """
-    from distributed import KilledWorker, as_completed
-    from distributed.client import FutureCancelledError
 
-    waiting, own, suspects = iter(items), dict[Any, _Item](), list[_Item]()
+    client: "Client"
 
-    def submitted(count: int) -> Iterable[Any]:
-        for _, item in zip(range(count), waiting, strict=False):
-            future = client.submit(work, item, pure=False)
-            own[future.key] = item
-            yield future
+    def done(
+        self,
+        work: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        failed: Callable[[_Item, str], _Result],
+    ) -> Iterator[_Result]:
+        """As of `Workers`."""
+        from distributed import KilledWorker, as_completed
+        from distributed.client import FutureCancelledError
 
-    try:
-        coming = as_completed(list(submitted(_AT_ONCE)), loop=client.loop)
-        for future in coming:
-            item, error = own.pop(future.key), future.exception()
-            if isinstance(error, KilledWorker):
-                suspects.append(item)
-            else:
-                yield future.result() if error is None else failed(item, _said(error))
-            future.release()
-            for more in submitted(1):
-                coming.add(more)
-        for item in suspects:
-            future = client.submit(work, item, pure=False)
-            error = future.exception()
-            if isinstance(error, KilledWorker):
-                yield failed(item, "workers die of it, of too little memory perhaps")
-            else:
-                yield future.result() if error is None else failed(item, _said(error))
-    except (FutureCancelledError, OSError):
-        raise DeltaidError(
-            "is gone; what has been gathered and fitted is kept",
-            where="the scheduler",
-            cure="start it again; the same command does what is left",
-        ) from None
+        waiting, own, suspects = iter(items), dict[Any, _Item](), list[_Item]()
 
+        def submitted(count: int) -> Iterable[Any]:
+            for _, item in zip(range(count), waiting, strict=False):
+                future = self.client.submit(work, item, pure=False)
+                own[future.key] = item
+                yield future
 
-def _said(error: object) -> str:
-    """A defect of the program in one line."""
-    first = str(error).strip().split("\n", 1)[0][:300]
-    return f"a defect of deltaid, please tell its developers: {type(error).__name__}: {first}"
+        try:
+            coming = as_completed(list(submitted(_AT_ONCE)), loop=self.client.loop)
+            for future in coming:
+                item, error = own.pop(future.key), future.exception()
+                if isinstance(error, KilledWorker):
+                    suspects.append(item)
+                else:
+                    yield future.result() if error is None else failed(item, defect(error))
+                future.release()
+                for more in submitted(1):
+                    coming.add(more)
+            for item in suspects:
+                future = self.client.submit(work, item, pure=False)
+                error = future.exception()
+                if isinstance(error, KilledWorker):
+                    yield failed(item, "workers die of it, of too little memory perhaps")
+                else:
+                    yield future.result() if error is None else failed(item, defect(error))
+        except (FutureCancelledError, OSError):
+            raise DeltaidError(
+                "is gone; what has been gathered and fitted is kept",
+                where="the scheduler",
+                cure="start it again; the same command does what is left",
+            ) from None
 
 
 def _require_same_version(client: "Client", scheduler: str) -> None:

@@ -7,13 +7,14 @@ from functools import cached_property
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import ENDING, digest, safe, ways
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.place import Place
+from deltaid.fleets.pool import Workers
 from deltaid.fleets.store import local_file
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
@@ -23,9 +24,6 @@ from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 FACTORS = "factors"
 DECIDED = "decided.json"
@@ -162,7 +160,7 @@ class GatherPlan:
 
 
 def with_cutoffs(
-    plan: GatherPlan, fleet: Fleet, place: Place, client: "Callable[[], Client]"
+    plan: GatherPlan, fleet: Fleet, place: Place, workers: Callable[[], Workers]
 ) -> GatherPlan:
     """The same with a cut-off for each type.
 
@@ -175,8 +173,8 @@ def with_cutoffs(
     wrong, cutoffs = dict(plan.wrong), dict(known)
     for kind in (kind for kind in plan.robots if kind not in known):
         jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
-        asked = (client().submit(suggested_cutoff, job, pure=False) for job in jobs)
-        cutoff = next((x for future in asked if (x := future.result()) is not None), None)
+        asked = (next(iter(workers().done(suggested_cutoff, [job], _nothing))) for job in jobs)
+        cutoff = next((cutoff for cutoff in asked if cutoff is not None), None)
         if cutoff is not None:
             cutoffs[kind] = cutoff
         elif jobs:
@@ -188,6 +186,10 @@ def with_cutoffs(
     if cutoffs != known:
         place.write(DECIDED, json.dumps({"cutoff_hz": cutoffs}, indent=2).encode())
     return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
+
+
+def _nothing(job: GatherJob, why: str) -> None:
+    """What a recording says of a cut-off that workers die of."""
 
 
 def suggested_cutoff(job: GatherJob) -> float | None:

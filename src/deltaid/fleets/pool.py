@@ -9,13 +9,12 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from deltaid.mechanism.user_code import named_path, use_mechanism
 
@@ -23,15 +22,8 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-@dataclass(frozen=True)
-class LocalPool:
-    """Processes of this machine, which start when they are asked for.
-
-    Attributes:
-        workers: how many.
-    """
-
-    workers: int
+class Workers(Protocol):
+    """Who does a fleet's work."""
 
     def done(
         self,
@@ -39,12 +31,49 @@ class LocalPool:
         items: Sequence[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Iterator[_Result]:
-        """As of `cluster.done`."""
+        """`work` on all items, in whatever order they are done.
+
+        What was going on in workers that died is done again; what died with several workers waits
+        until all else is done and is then tried alone, so that it takes nothing else with it.
+
+        Args:
+            failed: the result of an item whose workers died again and again, or of a defect.
+
+        Raises:
+            DeltaidError: nobody is left to do it.
+        """
+        ...
+
+
+class LocalPool:
+    """Processes of this machine, started when there is work, for as long as its block lasts.
+
+    Args:
+        count: how many.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._stack, self._executor = ExitStack(), None
+
+    def __enter__(self) -> "LocalPool":
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self._stack.__exit__(*raised)
+
+    def done(
+        self,
+        work: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        failed: Callable[[_Item, str], _Result],
+    ) -> Iterator[_Result]:
+        """As of `Workers`."""
         waiting, suspects = deque(items), list[_Item]()
         while waiting:
             suspects += yield from self._until_one_dies(work, waiting, failed)
         for item in suspects:
-            if (yield from LocalPool(1)._until_one_dies(work, deque([item]), failed)):
+            if (yield from self._until_one_dies(work, deque([item]), failed)):
                 yield failed(item, "workers die of it, of too little memory perhaps")
 
     def _until_one_dies(
@@ -55,20 +84,25 @@ class LocalPool:
     ) -> Generator[_Result, None, list[_Item]]:
         """Results; what was going on when a process died, and took the others with it."""
         dead, running = list[_Item](), dict[Future[_Result], _Item]()
-        with _processes(min(self.workers, len(waiting))) as executor:
-            while running or (waiting and not dead):
-                while waiting and not dead and len(running) < self.workers:
-                    item = waiting.popleft()
-                    try:
-                        running[executor.submit(work, item)] = item
-                    except BrokenProcessPool:
-                        dead.append(item)
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    item, error = running.pop(future), future.exception()
-                    if isinstance(error, BrokenProcessPool):
-                        dead.append(item)
-                    else:
-                        yield future.result() if error is None else failed(item, defect(error))
+        executor = self._executor = self._executor or self._stack.enter_context(
+            _processes(self.count)
+        )
+        while running or (waiting and not dead):
+            while waiting and not dead and len(running) < self.count:
+                item = waiting.popleft()
+                try:
+                    running[executor.submit(work, item)] = item
+                except BrokenProcessPool:
+                    dead.append(item)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                item, error = running.pop(future), future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    dead.append(item)
+                else:
+                    yield future.result() if error is None else failed(item, defect(error))
+        if dead:
+            self._stack.close()
+            self._executor = None
         return dead
 
 

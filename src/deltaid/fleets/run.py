@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import polars as pl
 
 from deltaid.fleets import store
-from deltaid.fleets.cluster import client, require_dask, require_shared
+from deltaid.fleets.cluster import workers as workers_of
 from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
 from deltaid.fleets.gather_all import gather_again, gather_all
@@ -25,8 +25,9 @@ from deltaid.fleets.known import (
     recordings_table,
 )
 from deltaid.fleets.place import Place
+from deltaid.fleets.pool import Workers
 from deltaid.fleets.site.site import SITE, write_site
-from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult, Say
+from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult
 from deltaid.fleets.steps import (
     DRIFTS,
     FITS,
@@ -42,9 +43,6 @@ from deltaid.fleets.steps import (
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,6 @@ def fleet(
     workers: int | None = None,
     force: bool = False,
     retry: bool = False,
-    dashboard: Say = lambda _: None,
     progress: Watch = None,
     **options: Any,
 ) -> FleetRun:
@@ -104,15 +101,13 @@ def fleet(
         workers: how many of these; one a core if None.
         force: go on with what the checks call wrong.
         retry: try again what was put into quarantine before.
-        dashboard: called with the address of the cluster's page.
         progress: as of `identify`.
         options: single settings of fits by name, such as `lag="none"`.
 
     Raises:
-        DeltaidError: Dask is missing, nobody answers, workers do not see the folder, or the
+        DeltaidError: nobody answers at the address, workers do not see the folder, or the
             manifest or the folder cannot be used.
     """
-    require_dask()
     with watched(progress, "fleet") as say, ExitStack() as stack:
         if not isinstance(manifest, Fleet):
             say("looking for recordings")
@@ -123,14 +118,11 @@ def fleet(
         known = EarlierCalls.read(place, TABLES, retry=retry)
 
         @cache
-        def started() -> "Client":
+        def started() -> Workers:
             """Workers, which are not started for a call that has nothing to do."""
             say("starting workers")
-            own = stack.enter_context(client(scheduler, workers))
-            dashboard(str(own.dashboard_link))
-            if place.is_local:
-                require_shared(own, Path(place.root))
-            return own
+            shared = Path(place.root) if place.is_local else None
+            return stack.enter_context(workers_of(scheduler, workers, shared))
 
         plan = with_cutoffs(plan, manifest, place, started)
         return _run(Call(manifest, place, plan, known, started, say), drift or DriftSettings())

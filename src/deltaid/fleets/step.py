@@ -7,24 +7,22 @@ made as a journal until the tables are written, so a call may be ended at any ti
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.cluster import ALONE, done
+from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan
 from deltaid.fleets.known import EarlierCalls
 from deltaid.fleets.place import Place
+from deltaid.fleets.pool import Workers
 from deltaid.fleets.store import StoreError
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.robot.description import RobotDescription
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 # Folder of what jobs have made and no table holds yet.
 JOURNAL = "unfinished"
@@ -44,7 +42,7 @@ class Call:
         place: the fleet's folder.
         plan: how recordings are gathered.
         known: what earlier calls have come to.
-        client: of workers, which start when they are asked for.
+        workers: who do it, and start when they are asked for.
         say: told of every step.
     """
 
@@ -52,7 +50,7 @@ class Call:
     place: Place
     plan: GatherPlan
     known: EarlierCalls
-    client: "Callable[[], Client]"
+    workers: Callable[[], Workers]
     say: Say
 
     def done(
@@ -73,7 +71,7 @@ class Call:
             return
         self.say(f"{words[0]} 0 of {len(jobs)} {words[1]}")
         task = partial(work, place=self.place)
-        for k, result in enumerate(done(self.client(), task, jobs, failed), start=1):
+        for k, result in enumerate(self.workers().done(task, jobs, failed), start=1):
             yield result
             self.say(f"{words[0]} {k} of {len(jobs)} {words[1]}")
 
