@@ -139,7 +139,7 @@ def test_a_process_without_its_threads_refuses_to_read(tmp_path: Path) -> None:
     log = write(tmp_path / "log.csv", recorded(1000))
     script = [sys.executable, "-c", FORKED, str(log)]
     done = subprocess.run(script, capture_output=True, text=True, timeout=300, check=True)
-    first, second = done.stdout.splitlines()
+    first, *second = done.stdout.splitlines()
     assert first == "identified"
-    assert "was forked from one" in second
-    assert "spawn" in second
+    assert "was forked from one" in second[0]
+    assert "spawn" in second[1]
