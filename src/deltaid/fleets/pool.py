@@ -120,7 +120,8 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
     """
     context = get_context("spawn")
     lives, ours = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(count, context, _begin, (lives, named_path()))
+    begin: tuple[Any, ...] = (lives, named_path())
+    executor = ProcessPoolExecutor(count, context, _begin, begin)
     try:
         yield executor
     except BaseException:
