@@ -157,6 +157,7 @@ import os, signal, sys
 from pathlib import Path
 from deltaid.files import together, write_bytes
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as nohup does not leave it
 renamed = Path.replace
 def replace(self, target):
     renamed(self, target)
