@@ -141,5 +141,5 @@ def test_a_process_without_its_threads_refuses_to_read(tmp_path: Path) -> None:
     done = subprocess.run(script, capture_output=True, text=True, timeout=300, check=True)
     first, *second = done.stdout.splitlines()
     assert first == "identified"
-    assert "was forked from one" in second[0]
+    assert "this process: was forked from one" in second[0]
     assert "spawn" in second[1]

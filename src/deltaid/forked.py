@@ -43,6 +43,7 @@ def require_threads() -> None:
         from deltaid.errors import DeltaidError
 
         raise DeltaidError(
-            "this process was forked from one that had read recordings, and lacks its threads",
+            "was forked from one that had read recordings, and lacks its threads",
+            where="this process",
             cure='start processes with multiprocessing.get_context("spawn") or "forkserver"',
         )
