@@ -36,7 +36,8 @@ def _complete(incomplete: str) -> list[str]:
 def bounded(*names: str, help: str, limits: tuple[float, float] = (0.0, math.inf)) -> Any:
     """An option with a number within limits; a positive one where the lower limit is its own."""
 
-    def checked(parameter: typer.CallbackParam, value: float | None) -> float | None:
+    # Typer tells a callback's arguments by their places where they have no types of its own.
+    def checked(_: Any, parameter: Any, value: float | None) -> float | None:
         if value is not None:
             is_positive = limits[0] > 0 or limits[1] == math.inf
             (positive if is_positive else within)(parameter.opts[0], value, limits)

@@ -146,7 +146,7 @@ def robot_lines(
 
 
 def fix_scene(
-    figure: go.Figure, *drawn: Float[np.ndarray, "points 3"], height: int = 640, below: int = 20
+    figure: go.Figure, *drawn: Float[np.ndarray, "_ 3"], height: int = 640, below: int = 20
 ) -> None:
     """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
     points = np.concatenate(drawn)
