@@ -1,4 +1,4 @@
-"""What reversals tell of lags beside all other rows, and torques that are sampled late."""
+"""What reversals tell of lags beside what all other rows do: how both are put together."""
 
 from functools import cache
 
@@ -17,9 +17,6 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import load_robot
-from drives import case
-from drives.judge import judge
-from drives.told import identified
 
 RATE, NOTHING = 250.0, np.full(3, np.inf)
 
@@ -134,31 +131,3 @@ def test_steps_that_follow_no_law_leave_a_lag_in_doubt(told, others, known: np.n
     more = found.covariance[0] - told(rough, known).covariance[0]
     expected = 3e-3**2 * (np.isinf(known) & [True, False, True])
     np.testing.assert_allclose(more, np.diag(expected), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("row", "kind", "value", "within"),
-    [
-        ("filter-5ms", "filter", 5e-3, 3e-4),
-        ("hold-2ms", "hold", 2e-3, 1e-9),
-        ("noisy-hold", "hold", 2e-3, 1e-9),
-        ("clocks", "clock", 500.0, 25.0),
-        ("late-gear", "lag", 3e-3, 1e-4),
-    ],
-)
-def test_its_cause_is_named_and_the_model_is_right(
-    row: str, kind: str, value: float, within: float
-) -> None:
-    made = case(row, "delta3", 0)
-    result = identified(made)
-    errors = judge(made, result)
-    assert errors.M < 3e-3
-    assert errors.friction < 1e-2
-    found = [abs(one.value or 0.0) for one in result.model.corrections if one.kind == kind]
-    assert found
-    np.testing.assert_allclose(found, value, atol=within)
-
-
-def test_late_torques_are_no_filter() -> None:
-    kinds = [one.kind for one in identified(case("lag", "delta3", 0)).model.corrections]
-    assert set(kinds) == {"lag"}
