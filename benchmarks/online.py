@@ -3,7 +3,6 @@
     python benchmarks/online.py [--minutes M] [--robots N] [--kinds NAME,…] [--processes N]
 
 Robots pick, place and are pushed as `drawn_picks.py` draws them: true bodies and friction are away
-import _alone  # noqa: F401
 from the description, friction that no model has is on top, each robot's model is an identification
 of its own recording. For each kind, M minutes of production without pushes (picks, false alarms)
 and as many with a push of 30 N about every second, from cold gears on. Leaves `tables/online.md`.
@@ -14,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
+import _alone  # noqa: F401
 import numpy as np
 from _pick_cycles import Pick, Push
 from _pick_robots import RATE

@@ -88,8 +88,8 @@ def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     if not near:  # perhaps only in other letters
-        lower = {one.lower(): one for one in names}
-        near = [lower[one] for one in difflib.get_close_matches(name.lower(), lower, n=1)]
+        lower = {name.lower(): name for name in names}
+        near = [lower[match] for match in difflib.get_close_matches(name.lower(), lower, n=1)]
     return f"did you mean {near[0]}? " if near else ""
 
 
@@ -103,8 +103,8 @@ def unknown(
     """
     names, text = list(known), str(name)
     hint = f"did you mean {also}? " if also else nearest(text, names)
-    own = [one for one in names if one.startswith(f"{text.partition('.')[0]}.")]
-    shown = own or names
+    alike = [name for name in names if name.startswith(f"{text.partition('.')[0]}.")]
+    shown = alike or names
     listed = ", ".join(shown[:_LISTED]) + (", …" if len(shown) > _LISTED else "")
     return UnknownNameError(
         f"has no {what} '{text}'", where=where, cure=f"{hint}there are: {listed}"

@@ -229,7 +229,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     Args:
         logs: names of recordings, and what was left out of them.
     """
-    logs = [(name, found) for name, found in logs if found]
+    logs = [(name, parts) for name, parts in logs if parts]
     several = len(logs) > 1
     rows = tuple(
         (
@@ -239,12 +239,12 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
             percent(part.share),
             _when(part.spans, part.more),
         )
-        for name, found in logs
-        for part in found
+        for name, parts in logs
+        for part in parts
     )
-    if not any(part.spans for _, found in logs for part in found):
+    if not any(part.spans for _, parts in logs for part in parts):
         return None
-    why = {part.reason: part.why for _, found in logs for part in found}
+    why = {part.reason: part.why for _, parts in logs for part in parts}
     words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
     return Table(
         (*(("recording",) if several else ()), "left out", "drives", "of the rows", "when [s]"),

@@ -168,8 +168,8 @@ class RestSearch:
         sums = np.cumsum(np.vstack([np.zeros_like(torque[:1]), torque]), axis=0)
         mean = (sums[length:] - sums[:-length]) / length
         near = (np.abs(mean) <= _OFF * self._torque) & (high - low <= _OFF_RANGE * self._torque)
-        for found, flags in ((self._off, near), (self._constant, high == low)):
-            found.append(joined(runs_of(np.all(flags, axis=1), row) + np.array([0, length - 1])))
+        for spans, flags in ((self._off, near), (self._constant, high == low)):
+            spans.append(joined(runs_of(np.all(flags, axis=1), row) + np.array([0, length - 1])))
         change = np.diff(torque, axis=0)
         turned = change[1:] * change[:-1]
         self._changes += [np.count_nonzero(turned < 0, axis=0), np.count_nonzero(change, axis=0)]
