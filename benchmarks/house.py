@@ -20,6 +20,7 @@ from _table import leave
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "deltaid"
+GENERATED = ("cli.md", "notebook.md")  # pages of docs/ that a program writes
 HEAD = ("room", "files", "lines", "statements", "constants")
 
 
@@ -124,7 +125,8 @@ def note(files: list[Source]) -> str:
                       if isinstance(node, ast.ClassDef))  # fmt: skip
     repeated = sum(count > 1 for count in classes.values())
     words = sum(len(re.findall(r"\S+", path.read_text(encoding="utf-8")))
-                for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])  # fmt: skip
+                for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+                if path.name not in GENERATED)  # fmt: skip
     lines = {
         part: sum(len(path.read_text(encoding="utf-8").splitlines())
                   for path in (ROOT / part).rglob("*.py"))
@@ -132,8 +134,8 @@ def note(files: list[Source]) -> str:
     }  # fmt: skip
     return (
         f"{folders} folders, {short} files below 60 lines, {repeated} names of classes used more "
-        f"than once; {words:,} words in `docs/` and README; {lines['tests']:,} lines of tests, "
-        f"{lines['benchmarks']:,} of benchmarks."
+        f"than once; {words:,} words in README and `docs/`, generated pages excepted; "
+        f"{lines['tests']:,} lines of tests, {lines['benchmarks']:,} of benchmarks."
     )
 
 

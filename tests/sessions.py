@@ -38,7 +38,7 @@ SKIPPED = "…"
 # These need a network, a new environment or minutes, a recording that is not ours to give, or they
 # serve until they are stopped; .ci/run and tests of their own run most of them.
 NOT_RUN = re.compile(
-    r"\b(pip|venv|ruff|twine|zensical|(pictures|sessions|links|notebook_page)\.py|DATA_EMPS)\b"
+    r"\b(pip|venv|ruff|twine|zensical|(pictures|sessions|links|notebook_page|cli_page)\.py|DATA_EMPS)\b"
     r"|\bdeltaid (compare-controllers|reproduce|studio)\b|--live\b"
     r"|\bbenchmarks/|\b(surrogate|irb360)/|^cd "
 )

@@ -14,6 +14,7 @@ import typer
 from ruamel.yaml import YAML
 
 import deltaid
+from cli_page import page as cli_page
 from deltaid.cli.app import app
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
@@ -96,6 +97,10 @@ def test_little_is_not_run() -> None:
     assert sum(bool(NOT_RUN.search(line)) for line in lines) < 0.1 * len(lines)
 
 
+def test_cli_page_is_what_the_program_has() -> None:
+    assert cli_page() == CLI, "python tests/cli_page.py --renew"
+
+
 def test_cli_page_lists_arguments_and_options() -> None:
     for name, command in COMMANDS.items():
         text = section(f"deltaid {name}")
@@ -133,7 +138,7 @@ def test_cli_page_lists_options_of_the_program() -> None:
     ],
 )
 def test_cli_page_lists_keys_of_files(heading: str, model: type) -> None:
-    schema, text = model.model_json_schema(), section(heading)
+    schema, text = model.model_json_schema(), section(heading) + section("The robot file")
     parts = [schema] if model is IdentifiedModel else [schema, *schema.get("$defs", {}).values()]
     for part in parts:
         for key in part.get("properties", {}):

@@ -140,7 +140,7 @@ def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:
 
 
 def as_dictionary(result: Irb360) -> dict[str, Any]:
-    """All numbers in SI units. The keys are explained in docs/cli.md."""
+    """All numbers in SI units. The keys are explained in docs/results.md."""
     names, truth = result.dynamics.layout.names, result.truth
     models = {
         name: candidate.identification.model

@@ -223,7 +223,7 @@ def model_name(fit: Fit) -> str:
 
 
 def as_dictionary(result: Reproduction) -> dict[str, Any]:
-    """All numbers; shares, not per cent. The keys are explained in docs/cli.md."""
+    """All numbers; shares, not per cent. The keys are explained in docs/results.md."""
     names, units = result.dynamics.layout.names, result.dynamics.layout.units
     columns = {"nominal": result.truth}
     for fit in result.fits:
