@@ -31,12 +31,12 @@ ROBOT, PAYLOAD, RATE, NOISE = "clavel-delta3", 1.0, 1000.0, 0.02
 PICKS, EVERY, HELD = 40, 1.0, 0.5
 # Seconds in which a part is brought to the platform's speed.
 GRIP = 0.01
-HEAD = ("gripped", "signal", "picks", "10 % or 60 g after 0.2 s", "interval holds", "contacts told",
-        "said")  # fmt: skip
+HEAD = ("gripped", "signal", "picks", "10 % or 60 g after 0.2 s", "interval holds",
+        "contacts reported", "signal warned of")  # fmt: skip
 NOTE = (
-    f"{PICKS} picks of 5 % to 100 % of {PAYLOAD:g} kg in full motion, nobody pushes. Contacts "
-    "told: all are the grip itself, or a signal at the wrong time. Said: whether a warning tells "
-    "of the signal."
+    f"{PICKS} picks of 5 % to 100 % of {PAYLOAD:g} kg in full motion, no pushes. Contacts "
+    "reported: all are the grip itself, or a signal at the wrong time. Signal warned of: whether a "
+    "warning names the signal."
 )
 
 
@@ -46,7 +46,7 @@ class Case:
 
     Attributes:
         apart: speed of the part against the platform [m/s].
-        early: how long before the load is held the gripper tells [s].
+        early: how long before the load is held the gripper's signal comes [s].
         grip_time: as the settings know it [s]; None without the signal.
     """
 
@@ -155,7 +155,7 @@ def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
 def main() -> None:
     """All cases, and the table."""
     made = line(seed=3)
-    leave(HEAD, [row(made, case) for case in CASES], NOTE)
+    leave(HEAD, [row(made, case) for case in CASES], NOTE, picks=PICKS)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
     pip install -e '.[test,benchmark]'
     python benchmarks/bodies_weighed.py [SEEDS]
 
+The table is of the intervals of the fit alone, before models drawn from posteriors had rows.
+
 Robots are drawn from their own prior (spread 0.2, consistent), and recorded with 1 % torque noise;
 each leaves `tables/bodies_weighed.md`: predicted standard deviations over the scatter of errors,
 and the share of 95 % intervals that hold, of all entries that data or measured values decide; by
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _table import leave
+from _table import STATED, leave
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.parameters import parameter_layout
@@ -102,10 +104,11 @@ def row(
 
 def main() -> None:
     """Count, print, and write a table."""
-    seeds = int(sys.argv[1]) if sys.argv[1:] else 100
+    seeds = int(sys.argv[1]) if sys.argv[1:] else STATED["bodies_weighed"]["seeds"]
     with ProcessPoolExecutor(cores()) as pool:
         table = [one for name in ROBOTS for case in CASES for one in rows(name, case, seeds, pool)]
-    leave(HEAD, table, "Robots drawn from their priors; entries that data or a scale decides.")
+    note = "Robots drawn from their priors; entries that data or a scale decides."
+    leave(HEAD, table, note, seeds=seeds)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Damages files of every kind and opens them: python benchmarks/damaged_files.py --count 500.
 
-Files are opened in processes of their own, so that one that crashes or hangs is found and told.
+Files are opened in processes of their own, so that one that crashes or hangs is counted.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from _table import leave
+from _table import STATED, leave
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.insert(0, str(TESTS))
@@ -21,15 +21,17 @@ _AT_ONCE, _LONGEST = 100, 300
 _ENDS = ("refused", "read", "altered", "ended", "crash", "hang", "else")
 _NOTE = """Damaged files of each kind, opened and read as recordings.
 
-Refused: by one message with place and cure. Read: every number is as it was. Altered: numbers
-differ, and the recording is still possible. Ended: by the same message, but the process with it,
+Refused: one message says where and how to fix it. Read: every number is as it was. Altered: numbers
+differ, and the recording is still possible. Ended: the same message, but the process ends with it,
 since a library aborts. Else: anything that is none of these, a traceback, a message without place
-or cure, more than 10 s or 1 GB."""
+or fix, more than 10 s or 1 GB."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=500, help="files of each kind")
+    parser.add_argument(
+        "--count", type=int, default=STATED["damaged_files"]["files"], help="files of each kind"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", help="only this kind of file")
     parser.add_argument("--open", nargs=2, help=argparse.SUPPRESS)
@@ -52,7 +54,7 @@ def main() -> None:
     if given.kind:
         return
     total = [sum(int(str(row[1 + k])) for row in rows) for k in range(len(_ENDS))]
-    leave(["kind of file", *_ENDS], [*rows, ["all", *total]], _NOTE)
+    leave(["kind of file", *_ENDS], [*rows, ["all", *total]], _NOTE, files=given.count)
 
 
 def _opened(kind: str, folder: Path, count: int, seed: int) -> Counter[str]:

@@ -1,11 +1,11 @@
-"""Drift of friction in simulated fleets: what is found, how soon, and how often by mistake.
+"""Drift of friction in simulated fleets: what is detected, how soon, and how often by mistake.
 
     python benchmarks/drift.py --level series [ROBOTS]     # series of friction, drawn: minutes
     python benchmarks/drift.py --level files [ROBOTS]      # factor files, drawn: the whole way
 
 One recording a day for 26 weeks, with four drives. Friction follows the temperature of season,
-weather and hour, with a slope of every robot and drive and a curvature; wanders from day to day;
-recordings are missed, some are far out; tools change, unknown to anybody, and friction with them.
+weather and hour, with a slope of every robot and drive and a curvature, and scatters from day to
+day; recordings are missed, some are outliers; tools change undeclared, and friction with them.
 On 5 % of drives friction rises by 2 % a month from a day between the 8th and the 20th week on.
 Evaluated as a plant would: day by day, with no more than the recordings up to then. Leaves
 `tables/drift.md` and `tables/drift_files.md`.
@@ -19,7 +19,7 @@ from datetime import datetime, timedelta
 import numpy as np
 from _drawn_templates import SETTINGS
 from _drifting_fleet import CASES, DAYS, DRIVES, WITHIN, Case, Fleet, drawn
-from _table import leave
+from _table import STATED, leave
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
@@ -56,7 +56,7 @@ def alarms(case: Case, fleet: Fleet, every: int) -> tuple[np.ndarray, np.ndarray
 
 
 def judged(looks: np.ndarray, hit: np.ndarray, onset: np.ndarray) -> tuple[int, int, int, int]:
-    """Drives that drift, those found within six weeks and at all, and false alarms."""
+    """Drives that drift, those detected within six weeks and at all, and false alarms."""
     day = looks[:, None, None]
     drifts = np.isfinite(onset)
     before = (hit & (day < onset)).any(axis=0)
@@ -95,23 +95,23 @@ def series(robots: int) -> None:
         )  # fmt: skip
         print(f"{time.time() - start:.0f} s")
         leave(
-            ("fleet", "scatter", "robots", "drives that drift", "found within 6 weeks",
-             "found by the end", "false alarms", "robot-years without drift",
+            ("fleet", "scatter", "robots", "drives that drift", "detected within 6 weeks",
+             "detected by the end", "false alarms", "robot-years without drift",
              "false alarms a robot-year"),
-            rows, _NOTE,
+            rows, _NOTE, robots=robots,
         )  # fmt: skip
 
 
 _NOTE = """Series of friction, one value a drive and day over 26 weeks, four drives a robot.
-*As above*: scatter from day to day of 0.69 % (0.6 % new every day, 0.35 % that wanders with a
-memory of two days, half of its variance common to the drives of a robot); temperature of season
-±6 K, weather 1.5 K and hour 3 K, recorded within 0.5 K, which adds 0.45 % of scatter; friction
-−0.9 ± 0.3 % a degree (±0.1 between drives) with a curvature; 10 % of days missed, 1 % of values off
-by 8 %; a tool change on half of the robots, with which friction steps by 0.4 % (one standard
-deviation); rising 2 % a month on 5 % of drives (10 % in the other rows) from a day between the 8th
-and the 20th week on. Other rows change one thing. The first row is looked at every day, the others
-every third, always with no more than what was recorded up to then. False alarms: alarms on drives
-that do not drift, or before they do; the bound is 0.1 a robot-year."""
+*As above*: scatter from day to day of 0.69 % (0.6 % new every day, 0.35 % AR(1) noise with a memory
+of two days, the wander, half of its variance common to the drives of a robot); temperature of
+season ±6 K, weather 1.5 K and hour 3 K, recorded within 0.5 K, which adds 0.45 % of scatter;
+friction −0.9 ± 0.3 % a degree (±0.1 between drives) with a curvature; 10 % of days missed, 1 % of
+values off by 8 %; a tool change on half of the robots, with which friction steps by 0.4 % (one
+standard deviation); rising 2 % a month on 5 % of drives (10 % in the other rows) from a day between
+the 8th and the 20th week on. Other rows change one thing. The first row is evaluated every day, the
+others every third, always with no more than what was recorded up to then. False alarms: alarms on
+drives that do not drift, or before they do; the bound is 0.1 a robot-year."""
 
 
 def files(robots: int) -> None:
@@ -148,29 +148,29 @@ def files(robots: int) -> None:
         if k % 10 == 9 or k == robots - 1:
             drifting, soon, ever, false = totals.tolist()
             leave(
-                ("robots", "factor files", "drives that drift", "found within 6 weeks",
-                 "found by the end", "false alarms", "robot-years without drift",
+                ("robots", "factor files", "drives that drift", "detected within 6 weeks",
+                 "detected by the end", "false alarms", "robot-years without drift",
                  "false alarms a robot-year", "rates within 95 %", "onsets within 95 %",
-                 "tool changes found", "tool changes that were none", "scatter found"),
+                 "tool changes detected", "tool changes that were none", "scatter estimated"),
                 [(k + 1, (k + 1) * len(own), drifting, soon, ever, false, f"{clean:.1f}",
                   f"{false / clean:.3f}", "{} of {}".format(*inside[0]),
                   "{} of {}".format(*inside[1]), f"{tools[0]} of {tools[2]}", tools[1],
                   f"{np.median(late):.2f} %")],
-                f"{_FILES} {(time.time() - start) / 60:.0f} minutes.", "drift_files",
+                f"{_FILES} {(time.time() - start) / 60:.0f} minutes.", "drift_files", robots=k + 1,
             )  # fmt: skip
 
 
 _START = datetime(2026, 1, 1)
 _FILES = """The first row of the other table by factor files, with three drives, 5 % of which
 drift: robots of one type with bodies and friction of their own, a recording of 12 s a day on one of
-several motions with 2 % of torque noise, a third of them with a load in cycles whose mass nobody
-tells, tool changes of 0.1 to 0.3 kg that nobody told. The model is that of the first three weeks.
-Looked at every week, and every third day in the six weeks after friction begins to rise, always
+several motions with 2 % of torque noise, a third of them with an undeclared load in
+cycles, undeclared tool changes of 0.1 to 0.3 kg. The model is that of the first three weeks.
+Evaluated every week, and every third day in the six weeks after friction begins to rise, always
 with no more than the files up to then."""
 
 
 def _looks(onset: np.ndarray) -> list[int]:
-    """Days on which a robot is looked at."""
+    """Days on which a robot is evaluated."""
     weekly = set(range(FIRST, DAYS, 7))
     for one in onset[np.isfinite(onset)]:
         weekly |= set(range(int(one) + 21, int(one) + WITHIN + 1, 3))
@@ -214,9 +214,9 @@ def main() -> None:
     level = sys.argv[sys.argv.index("--level") + 1] if "--level" in sys.argv else "series"
     given = [int(one) for one in sys.argv[1:] if one.isdigit()]
     if level == "series":
-        series(given[0] if given else 200)
+        series(given[0] if given else STATED["drift"]["robots"])
     else:
-        files(given[0] if given else 200)
+        files(given[0] if given else STATED["drift_files"]["robots"])
 
 
 if __name__ == "__main__":

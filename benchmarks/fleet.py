@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.fleets.pool import LocalPool
 
@@ -166,7 +166,7 @@ def _fail(item: object, why: str) -> object:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=float, default=1e8)
+    parser.add_argument("--samples", type=float, default=STATED["fleet"]["samples"])
     parser.add_argument("--folder", type=Path, help="where recordings go; much space")
     given = parser.parse_args()
     total = round(given.samples)
@@ -219,7 +219,7 @@ def main() -> None:
         + " Others used it meanwhile, so times are too long."
         * is_busy
     )
-    leave(("what", "figure"), rows, note)
+    leave(("what", "figure"), rows, note, samples=len(long) * length)
 
 
 if __name__ == "__main__":

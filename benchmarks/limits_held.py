@@ -11,7 +11,7 @@ Clavel's Delta with random limits, over the whole run from rest to rest. Leaves
 import sys
 
 import numpy as np
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
@@ -25,14 +25,16 @@ HEAD = ("robot", "limits", "motions", "largest use of a limit", "motions beyond 
 
 def main() -> None:
     """Optimise, count, write the table."""
-    seeds, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 25, []
+    rows = []
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["limits_held"]["motions"]
     for name in ROBOTS:
         problem = Exciter(compiled(load_robot(name)), ExcitationSettings()).problem
         optima = [optimise(problem, range(seed, seed + 1)).x for seed in range(seeds)]
         use = [largest_use(problem, x, 10 * problem.samples).max() for x in optima]
         rows.append(_row(name, "its own", use))
     rows.append(_row(ROBOTS[1], "random", [_random_limits(seed) for seed in range(seeds)]))
-    leave(HEAD, rows, "Use of limits between the points that motions were optimised on.")
+    note = "Use of limits between the points that motions were optimised on."
+    leave(HEAD, rows, note, motions=seeds)
 
 
 def _row(name: str, limits: str, use: list[float]) -> tuple[object, ...]:

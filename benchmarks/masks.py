@@ -12,20 +12,20 @@ from collections.abc import Sequence
 
 import _alone  # noqa: F401
 import numpy as np
-from _table import leave
+from _table import STATED, leave
 
 from interrupted import Cost, cost_of_masks
 
 ROBOTS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 RATES = (200.0, 1000.0, 4000.0)
 HEAD = (
-    "robot", "rate [Hz]", "rows left out", "known less", "at most", "width", "widest seed",
+    "robot", "rate [Hz]", "rows excluded", "known less", "at most", "width", "widest seed",
     "M, all rows", "M, masked",
 )  # fmt: skip
 NOTE = """\
 8 s of random motion, torque noise of 2 % of the largest torque, encoders of 12 to 20 bits with a
 gear of 10 or none, a combination a seed. *Known less*: by how much standard deviations of the base
-parameters would grow for noise of one and the same level, because of the rows that are left out, in
+parameters would grow for noise of one and the same level, because of the excluded rows, in
 the geometric mean and for the worst parameter of all seeds. *Width*: of the 95 % intervals that
 data decides, masked over all rows: median over the parameters, geometric mean over the seeds; and
 the seed where it is largest. Intervals come from the scatter between some 30 stretches or places,
@@ -57,7 +57,7 @@ def row(name: str, rate: str, costs: Sequence[Cost]) -> tuple[str, ...]:
 
 def main() -> None:
     """Identify, print, and write the table."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 6
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["masks"]["seeds"]
     rows, everything = list[tuple[str, ...]](), list[Cost]()
     for rate in RATES:
         for name in ROBOTS:
@@ -65,7 +65,7 @@ def main() -> None:
             rows.append(row(name, f"{rate:g}", costs))
             everything += costs
     rows.append(row("all", "", everything))
-    leave(HEAD, rows, NOTE)
+    leave(HEAD, rows, NOTE, seeds=seeds)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from _mutation import Mutant, drawn
-from _table import leave
+from _table import STATED, leave
 
 ROOT = Path(__file__).resolve().parents[1]
 # A mutant that loops for ever is found by that, as a person would [s].
@@ -156,7 +156,7 @@ def _pytest(
 def main() -> None:
     """Draw, run, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--count", type=int, default=STATED["mutants"]["rows"])
     parser.add_argument("--seed", type=int, default=2711)
     parser.add_argument("--only", default="", help="rooms, with commas between them")
     parser.add_argument("--pytest", default="", help="further options of pytest")

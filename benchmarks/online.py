@@ -17,7 +17,7 @@ import _alone  # noqa: F401
 import numpy as np
 from _pick_cycles import Pick, Push
 from _pick_robots import RATE
-from _table import leave
+from _table import STATED, leave
 from drawn_picks import Produced, Production, produced, production_of
 
 from deltaid.online.events import Touch
@@ -40,7 +40,7 @@ HEAD = (
     "robot, payload", "gripper", "picks", "mass after 0.2 s within 10 % or 60 g",
     "interval holds it", "error, median [g]", "± , median [g]", "pushes of 30 N",
     "found within 20 ms", "of those while it moves", "found at all", "place right",
-    "smallest force told, best, worst [N]", "production without pushes [min]", "false alarms",
+    "smallest force reported, best, worst [N]", "production without pushes [min]", "false alarms",
 )  # fmt: skip
 NOTE = """Loads of 5 % to 100 % of the payload; a pick takes the mass 0.2 s after the grip, and the
 interval then, which goes from nothing to what may be held unnoticed where no load was found yet.
@@ -49,8 +49,8 @@ has, drawn for each robot: Stribeck up to 40 % of Coulomb, fading at 2 to 12 % o
 up to 4 % of what gears carry; ripple and a hose of up to 10 % of Coulomb each; cold gears up to
 20 % of viscous. Found at all: before the push of 100 ms was over. While it moves: pushes in whose
 first 20 ms no drive stood or turned round; at rest friction takes up a push, and no torque shows
-it. Without the gripper told, a load has to be found from torques, and a push that looks like one
-counts as not found."""
+it. Without the gripper's signal, a load has to be detected from torques, and a push that looks like
+one counts as missed."""
 
 
 @dataclass
@@ -101,7 +101,7 @@ class Count:
         delays = np.array(self.delays)
         return (
             f"{name}, {payload:g} kg",
-            "told" if told else "not told",
+            "signal" if told else "no signal",
             len(self.near),
             f"{np.mean(self.near):.1%}",
             f"{np.mean(self.holds):.1%}",
@@ -165,8 +165,12 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
 def main() -> None:
     """Simulate, watch, count, and write a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=6.0, help="of production, a kind")
-    parser.add_argument("--robots", type=int, default=6, help="of each kind")
+    parser.add_argument(
+        "--minutes", type=float, default=STATED["online"]["minutes"], help="of production, a kind"
+    )
+    parser.add_argument(
+        "--robots", type=int, default=STATED["online"]["robots"], help="of each kind"
+    )
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--processes", type=int, default=2, help="kinds at a time")
     given = parser.parse_args()
@@ -176,7 +180,7 @@ def main() -> None:
     with ProcessPoolExecutor(given.processes) as pool:
         for of_kind in pool.map(counted, names, *own):
             rows += of_kind
-            leave(HEAD, rows, NOTE)
+            leave(HEAD, rows, NOTE, robots=given.robots, minutes=int(given.minutes))
 
 
 if __name__ == "__main__":

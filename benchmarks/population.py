@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from _drawn_templates import SETTINGS
-from _table import leave, table
+from _table import STATED, leave, table
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
@@ -205,8 +205,8 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
 
 def main() -> None:
     """Study, print, and write tables."""
-    robots = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    types = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+    robots = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["population"]["robots"]
+    types = int(sys.argv[2]) if len(sys.argv) > 2 else STATED["population"]["types"]
     rows, holds = list[tuple[object, ...]](), list[tuple[object, ...]]()
     for name in WEIGHED:
         found, counts = study(name, robots, types)
@@ -228,7 +228,8 @@ def main() -> None:
         "weighed; and of a new robot by the type's description over that by the plain one"
     )
     leave(("robot", "entry", "robots differ by", "alone", "within the fleet",
-           "with one robot weighed", "next robot", "next, one weighed"), rows, note)  # fmt: skip
+           "with one robot weighed", "next robot", "next, one weighed"), rows, note,
+          robots=robots, types=types)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Time and memory of reading one recording in every kind of file: python benchmarks/readers.py.
 
 Each file is read in a process of its own, all columns in SI units, once; memory is the largest that
-the process had, less what it had before it opened the file.
+the process had, less what it had before it opened the file. The table is of the time before bags
+and exports of TwinCAT Scope were among the kinds.
 """
 
 import argparse
@@ -20,7 +21,7 @@ import h5py
 import numpy as np
 import polars as pl
 import scipy.io
-from _table import leave
+from _table import STATED, leave
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 DRIVES = 4
@@ -148,8 +149,8 @@ WRITERS: dict[str, tuple[str, Callable[[pl.DataFrame, Path], object]]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--samples", type=int, default=STATED["readers"]["samples"])
+    parser.add_argument("--repeats", type=int, default=STATED["readers"]["repeats"])
     parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.read:
@@ -176,7 +177,8 @@ def main() -> None:
         f"{table.estimated_size() / 1e6:.0f} MB of numbers) once, checks of the recording not "
         f"included; median of {given.repeats}."
     )
-    leave(("kind of file", "file, MB", "CPU s", "peak MB"), rows, note)
+    head = ("kind of file", "file, MB", "CPU s", "peak MB")
+    leave(head, rows, note, samples=given.samples, repeats=given.repeats)
 
 
 def _read(path: Path) -> dict[str, float]:

@@ -24,7 +24,7 @@ from typing import Any
 import _alone  # noqa: F401
 import numpy as np
 import polars as pl
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.checks.identified import identify
 from deltaid.errors import DeltaidError
@@ -189,7 +189,7 @@ def kind(row: str) -> int:
 def main() -> None:
     """Identify on all machines, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--recordings", type=int, default=60)
+    parser.add_argument("--recordings", type=int, default=STATED["same_answer"]["recordings"])
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument(
         "--keep", type=Path, help="folder for recordings and answers, to go on later"
@@ -214,7 +214,7 @@ def main() -> None:
     note = NOTE.format(
         count=len(wanted), clean=clean, single=single, mixed=mixed, first=next(iter(MACHINES))
     )
-    leave(HEAD, list(rows(wanted, found)), note)
+    leave(HEAD, list(rows(wanted, found)), note, recordings=len(wanted))
 
 
 if __name__ == "__main__":

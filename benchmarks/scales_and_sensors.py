@@ -11,12 +11,12 @@ plate, how well drives' gains come out without any known load.
 import sys
 
 import numpy as np
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.sensors.planning.offers import Offers
 from deltaid.sensors.planning.plan import PlanSettings, SensorPlan, sensor_plan
 
-SEEDS = 5
+SEEDS = STATED["scales_and_sensors"]["motions"]
 ENTRIES = ("U.mcx", "U.Sxx", "S.m", "S.mcx", "S.Sxx", "P.m")
 NOISE = {"force_noise": 1.0, "moment_noise": 0.3}
 TARED = {"kind": "base-wrench", **NOISE, "force_bias": 0.0, "moment_bias": 0.0}
@@ -101,6 +101,7 @@ def main() -> None:
         rows,
         f"Standard deviation of entries of {robot} in % of their prior, mean of {SEEDS} motions. "
         f"Gains that are unknown to 10 %, with the tared wrench: {said}.",
+        motions=SEEDS,
     )
 
 

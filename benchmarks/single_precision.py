@@ -44,7 +44,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("robots", nargs="*", default=ROBOTS)
     worst: dict[str, np.ndarray] = {}
-    for name in parser.parse_args().robots:
+    robots = parser.parse_args().robots
+    for name in robots:
         robot = load_robot(name)
         model = Model(robot, floats(prior_parameters(robot)), name)
         z, condition = poses(model)
@@ -60,7 +61,7 @@ def main() -> None:
                     row[k, i] = max(row[k, i], np.nan_to_num(chosen, nan=np.inf).max(initial=0))
     head = [f"{plain}{low} to {high}" for plain in ("", "plain, ") for low, high in BINS]
     rows = [(name, *(f"{x:.0e}" for x in row.ravel())) for name, row in worst.items()]
-    leave(("condition", *head), rows, NOTE)
+    leave(("condition", *head), rows, NOTE, robots=len(robots))
 
 
 def poses(model: Model) -> tuple[np.ndarray, np.ndarray]:

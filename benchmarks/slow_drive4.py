@@ -20,7 +20,7 @@ from typing import Any
 
 import _alone  # noqa: F401
 import numpy as np
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
 from deltaid.reproduce.irb360_result import QUICK, Irb360, Irb360Settings
@@ -42,7 +42,7 @@ HEAD = (
     "fast: all",
 )  # fmt: skip
 NOTE = """\
-Root mean square of what is left of drive 4's torque on the slow and on the fast verification
+Root mean square of the residual of drive 4's torque on the slow and on the fast verification
 motion: smallest to largest of {seeds} seeds of {example},
 by kernel of OpenBLAS and over all {runs} runs; of the law that the recording chose also by seed.
 Kernels whose columns are equal share their code.
@@ -175,7 +175,7 @@ def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
 def main() -> None:
     """Reproduce on all kernels, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=STATED["slow_drive4"]["seeds"])
     parser.add_argument("--quick", action="store_true", help="motions of 10 s, as the tests have")
     parser.add_argument("--runs", action="store_true", help="of this process alone")
     asked = parser.parse_args()
@@ -189,7 +189,8 @@ def main() -> None:
     found = {core: on(core, seeds) for core in CORES}
     every = [one for runs in found.values() for one in runs]
     example = "the quick example" if asked.quick else "the full example, as it is without `--quick`"
-    leave(HEAD, rows(found, seeds), note(every, asked.seeds, example))
+    text, seconds = note(every, asked.seeds, example), int(settings.duration)
+    leave(HEAD, rows(found, seeds), text, seeds=asked.seeds, seconds=seconds)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import numpy as np
 import polars as pl
-from _table import leave
+from _table import STATED, leave
 from playwright import sync_api
 
 from deltaid.dynamics.dynamics import compiled
@@ -237,7 +237,7 @@ def pictures(browser: sync_api.Browser, studio: Studio, folder: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=10**6)
+    parser.add_argument("--samples", type=int, default=STATED["studio"]["samples"])
     parser.add_argument("--picture", type=Path, help="folder for pictures of the docs")
     given = parser.parse_args()
     table: list[tuple[str, str]] = [("samples", f"{given.samples:,}".replace(",", " "))]
@@ -272,7 +272,7 @@ def main() -> None:
                 pictures(browser, studio, given.picture)
             browser.close()
         scripts(work, table)
-    leave(("what", "measured"), table, "The studio by keyboard alone.")
+    leave(("what", "measured"), table, "The studio by keyboard alone.", samples=given.samples)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ A robot whose truth is known is identified from one recording with 2 % torque no
 `deltaid demo` does it. Then it picks and places: 25 mm up, 305 mm across, 25 mm down and back, in
 the shortest time that the robot's limits allow with the load; it comes at rest at one end and goes
 at rest at the other. Drives are sampled at 1 kHz, with encoder steps and a current loop of 500 Hz.
-Feed-forward with the identified model and PD; what differs is what it is told of the load, and
-when; or it is told nothing but that the gripper holds, and `deltaid.Online` estimates the rest.
+Feed-forward with the identified model and PD; what differs is what it knows of the load, and
+when; or it knows only that the gripper holds, and `deltaid.Online` estimates the rest.
 Leaves `tables/tracking_load.md`, which `docs/simulation.md` explains.
 """
 
@@ -38,8 +38,8 @@ from deltaid.robot.load import load_robot
 
 UP, ACROSS, REST, CYCLES, LATE, OFF = 0.025, 0.305, 0.1, 2, 0.2, 0.1
 HEAD = (
-    "robot", "load, kg", "way there, s", "feedback, Hz", "no load", "load, not told",
-    "told 0.2 s late", "estimated online", "told at once, 10 % off", "told at once",
+    "robot", "load, kg", "way there, s", "feedback, Hz", "no load", "load, unknown",
+    "known 0.2 s late", "estimated online", "known at once, 10 % off", "known at once",
 )  # fmt: skip
 
 

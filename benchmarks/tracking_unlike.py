@@ -20,7 +20,7 @@ from pathlib import Path
 import _alone  # noqa: F401
 import numpy as np
 import polars as pl
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.control.comparison import base_vector, gains
 from deltaid.control.control_model import ControlModel
@@ -167,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--robot", default="clavel-delta3")
     parser.add_argument("--plants", default=",".join(PLANTS))
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=STATED["tracking_unlike"]["robots"])
     chosen = parser.parse_args()
     robot = load_robot(chosen.robot)
     robot = robot.changed(rotor_inertia=dict.fromkeys(robot.drives, 1.3 * ROTOR))
@@ -188,7 +188,7 @@ def main() -> None:
             rows.append((name + refused, controller, *cells))
             print(*rows[-1], sep=" | ", file=sys.stderr, flush=True)
     leave(HEAD, rows, f"{chosen.robot}: distance of the platform from where it should be, rms in "
-          f"mm: median of {chosen.seeds} robots, and the worst.")  # fmt: skip
+          f"mm: median of {chosen.seeds} robots, and the worst.", robots=chosen.seeds)  # fmt: skip
 
 
 def spread(values: tuple[float, ...]) -> str:

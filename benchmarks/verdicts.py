@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import _alone  # noqa: F401
-from _table import leave
+from _table import STATED, leave
 
 from deltaid.model.verdict import Grade
 from faults import KINDS, Case, clean, faulty
@@ -117,8 +117,8 @@ def show(kind: str, seed: int) -> None:
 def main() -> None:
     """Judge, count, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--clean", type=int, default=200)
-    parser.add_argument("--faulty", type=int, default=200)
+    parser.add_argument("--clean", type=int, default=STATED["verdicts"]["clean"])
+    parser.add_argument("--faulty", type=int, default=STATED["verdicts"]["faulty"])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--only")
@@ -134,7 +134,8 @@ def main() -> None:
     with ProcessPoolExecutor(given.processes) as pool:
         results = list(pool.map(result, *zip(*asked, strict=True), chunksize=1))
     results.sort(key=lambda one: (one.kind != "clean", one.kind))
-    leave(HEAD, list(rows(results)), summary(results) + "\n\n" + missed(results))
+    note = summary(results) + "\n\n" + missed(results)
+    leave(HEAD, list(rows(results)), note, clean=given.clean, faulty=given.faulty)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Files of the project beside its code, and rooms that import only from those above them."""
+"""Files of the project beside its code, and rooms that import only from those above them.
+
+Also tables of benchmarks: each is as large as its benchmark states.
+"""
 
 import importlib.util
 import re
@@ -13,6 +16,10 @@ from ruamel.yaml import YAML
 
 import deltaid
 from links import PAGES, ROOT
+
+sys.path.append(str(ROOT / "benchmarks"))
+import _table
+from _drifting_fleet import CASES
 
 FORMS = sorted(
     path for path in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml") if path.stem != "config"
@@ -153,3 +160,59 @@ def test_a_room_imports_only_from_those_above_it() -> None:
         here = order.index(room(path_in_package(path)))
         for other in set(re.findall(r"^\s*from deltaid\.([\w.]+)", text, re.M)):
             assert order.index(room(other.replace(".", "/"))) <= here, f"{path} imports {other}"
+
+
+TABLES = {path.stem: path.read_text(encoding="utf-8") for path in _table.TABLES.glob("*.md")}
+
+
+def rows_of(text: str) -> list[str]:
+    """First cells of the last table of a text."""
+    tables = [part for part in text.split("\n\n") if part.startswith("| ")]
+    return [line.split("|")[1].strip() for line in tables[-1].splitlines()[2:]]
+
+
+@pytest.mark.parametrize("name", _table.STATED)
+def test_tables_are_as_large_as_their_benchmarks_state(name: str) -> None:
+    """Sizes in the table, its rows, and what a smaller one is known to be behind by."""
+    text, stated = TABLES[name], _table.STATED[name]
+    size = _table.read_size(text)
+    assert text.endswith(_table.size_line(name, size) + "\n")
+    assert size["rows"] == len(rows_of(text))
+    if name in _table.BEHIND:
+        assert size == _table.BEHIND[name]
+        assert _table.short_of(size, stated), "full: its entry in BEHIND can go"
+    else:
+        assert not _table.short_of(size, stated)
+
+
+def test_every_table_states_its_size_and_drift_has_all_fleets() -> None:
+    assert TABLES.keys() == _table.STATED.keys()
+    assert rows_of(TABLES["drift"]) == [case.name for case in CASES]
+
+
+@pytest.mark.parametrize(
+    ("counts", "rows", "folder"),
+    [
+        ({"robots": 200}, 10, "tables"),
+        ({"robots": 300}, 12, "tables"),
+        ({"robots": 5}, 10, "smaller"),
+        ({"robots": 200}, 4, "smaller"),
+        ({}, 10, "smaller"),
+    ],
+)
+def test_a_smaller_run_replaces_no_table(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    counts: dict[str, int],
+    rows: int,
+    folder: str,
+) -> None:
+    monkeypatch.setattr(_table, "TABLES", tmp_path / "tables")
+    monkeypatch.setattr(_table, "SMALLER", tmp_path / "smaller")
+    monkeypatch.setattr(sys, "argv", ["benchmarks/drift.py", "5"])
+    path = _table.leave(("fleet",), [("a",)] * rows, "Note.", **counts)
+    assert path == tmp_path / folder / "drift.md"
+    assert list(tmp_path.rglob("*.md")) == [path]
+    assert _table.read_size(path.read_text(encoding="utf-8")) == {"rows": rows, **counts}
+    assert (str(path) in capsys.readouterr().err) == (folder == "smaller")
