@@ -7,8 +7,9 @@ One recording a day for 26 weeks, with four drives. Friction follows the tempera
 weather and hour, with a slope of every robot and drive and a curvature, and scatters from day to
 day; recordings are missed, some are outliers; tools change undeclared, and friction with them.
 On 5 % of drives friction rises by 2 % a month from a day between the 8th and the 20th week on.
-Evaluated as a plant would: day by day, with no more than the recordings up to then. Leaves
-`tables/drift.md` and `tables/drift_files.md`.
+Evaluated as a plant would: day by day, with no more than the recordings up to then. The first fleet
+of series has ROBOTS, each other a quarter, 50 at least. Leaves `tables/drift.md` and
+`tables/drift_files.md`.
 """
 
 import sys
