@@ -39,7 +39,8 @@ def taken(unit: Unit, precision: Precision) -> int:
     each = {"INT": 2, "BOOL": 1, precision.st_type: real}
 
     def of(variable: Variable) -> int:
-        return each[variable.type] * (variable.size or 1)
+        array = variable.array
+        return real * array.size if array is not None else each[variable.type]
 
     own = sum(map(of, unit.own)) + real * len(unit.scratch)
     return own + sum(map(of, (*unit.inputs, *unit.outputs)))

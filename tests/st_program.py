@@ -33,7 +33,7 @@ class Program:
 
     Attributes:
         root: the tree.
-        constants: of VAR_GLOBAL CONSTANT.
+        sizes: of types of arrays.
         units: functions (inputs by name → result, outputs by name) and function blocks (classes).
     """
 
@@ -44,14 +44,13 @@ class Program:
         self._number = np.float32 if self.single else float
         self._scope: dict[str, Any] = {"number": self._number, "array": list, "copied": _copy}
         self._scope |= {name.lower(): f for name, f in (_REAL if self.single else _LREAL).items()}
-        self.constants: dict[str, Any] = {}
+        self.sizes: dict[str, int] = {}
         self.units: dict[str, Any] = {}
         for node in self.root.named_children:
-            if node.type == "global_var_declaration_block":
-                node = _find(node, "var_global")
-                for name, start in self._declared(node):
-                    self.constants[name] = eval(start, self._scope)
-                self._scope |= self.constants
+            if node.type == "type_declaration":
+                for definition in node.named_children:
+                    array = definition.child_by_field_name("definition")
+                    self.sizes[_text(definition, "name")] = _size(array)
             elif node.type in ("function_declaration", "function_block_declaration"):
                 self._define(node)
             else:
@@ -68,7 +67,8 @@ class Program:
         name = _text(node, "name")
         sections = {child.type: self._declared(child) for child in node.named_children
                     if child.type.startswith("var_")}  # fmt: skip
-        inputs = [key for key, _ in sections["var_input"]]
+        both = sections.get("var_input", []) + sections.get("var_in_out", [])
+        inputs = [key for key, _ in both]
         outputs = [key for key, _ in sections.get("var_output", [])]
         own = sections.get("var_output", []) + sections.get("var_block", [])
         body = self._body(node.children_by_field_name("body"), 1)
@@ -115,10 +115,10 @@ class Program:
             ]
             zero = "0" if b"INT" in kind.text else "False" if kind.text == b"BOOL" else "number(0)"
             start = values[0] if values else zero
-            if kind.type == "array_type":
-                bounds = [int(c.text) for c in _find(kind, "subrange").named_children]
-                size = bounds[1] + 1
-                assert (bounds[0], len(values) or size) == (0, size)
+            if kind.type in ("identifier", "array_type"):
+                named = kind.type == "identifier"
+                size = self.sizes[kind.text.decode().lower()] if named else _size(kind)
+                assert (len(values) or size) == size
                 start = f"[{', '.join(values)}]" if values else f"[{zero}] * {size}"
             names = [c for c in declaration.children_by_field_name("names") if c.is_named]
             found += [(name.text.decode().lower(), start) for name in names]
@@ -213,6 +213,13 @@ def _text(node: Node, field: str) -> str:
 
 def _find(node: Node, kind: str) -> Node:
     return next(child for child in node.named_children if child.type == kind)
+
+
+def _size(array: Node) -> int:
+    """How many entries a type of arrays has, which count from 0."""
+    low, high = (int(c.text) for c in _find(array, "subrange").named_children)
+    assert low == 0
+    return high + 1
 
 
 def _own_name(line: str, name: str) -> str:

@@ -176,8 +176,14 @@ def test_text_is_what_controllers_read() -> None:
     written = text("h4", DOUBLE, FURTHER)
     assert written.isascii()
     assert max(map(len, written.splitlines())) <= 110
-    for forbidden in ("//", "**", "ATAN2(", "__", "SEL(", "\t"):
+    for forbidden in ("//", "**", "ATAN2(", "__", "SEL(", "\t", "VAR_GLOBAL", "VAR_EXTERNAL"):
         assert forbidden not in written
+    without_types = re.sub(r"^TYPE.*?^END_TYPE", "", written, flags=re.MULTILINE | re.DOTALL)
+    assert "ARRAY" not in without_types  # inputs and outputs need types with names
+    literals = re.findall(r"\b\d+\.\d+(?:E-?\d+)?\b", written)
+    sizes = np.array([float(literal) for literal in literals])
+    real = np.finfo(np.float32)  # MATIEC takes no other ones, for LREAL neither
+    assert ((sizes == 0) | ((sizes >= real.tiny) & (sizes <= real.max))).all()
     for unit in re.findall(r"^FUNCTION.*?^END_FUNCTION", written, re.MULTILINE | re.DOTALL):
         declared = re.findall(r"^ +([a-vx-z]\w*) : ", unit, re.MULTILINE | re.IGNORECASE)
         declared += re.findall(r"\bw\d+\b", unit[: unit.rindex("END_VAR")])
@@ -193,7 +199,7 @@ def test_another_parser_reads_it_too() -> None:
     whole = text("h4")
     units = re.findall(r"^FUNCTION.*?^END_FUNCTION\w*$", whole, re.MULTILINE | re.DOTALL)
     start = whole[: whole.index("FUNCTION")].splitlines()
-    some = "\n".join([*start[:25], *start[-5:], *units[:2], units[3], units[5]])
+    some = "\n".join([*start, *units[:4], units[5], units[7]])
     for line in some.splitlines():
         form = re.sub(r"\bw\d+", "w", re.sub(r"\(?-?\d+\.\d+(E-?\d+)?\)?", "0.0", line))
         form = re.sub(r"\[\d+\]", "[0]", form)
@@ -203,7 +209,8 @@ def test_another_parser_reads_it_too() -> None:
         seen.add(form)
     parsed = blark.parse_source_code("\n".join(lines))
     kinds = [type(item).__name__ for item in parsed.transform().items]
-    assert kinds == ["GlobalVariableDeclarations", *3 * ["Function"], "FunctionBlock"]
+    types = whole.count("END_TYPE")
+    assert kinds == [*types * ["DataTypeDeclaration"], *5 * ["Function"], "FunctionBlock"]
 
 
 def test_what_is_imported_is_the_same_text() -> None:
@@ -224,10 +231,10 @@ def test_what_is_imported_is_the_same_text() -> None:
         assert len(declared) == len(re.findall(r"^ +\w+ : |\bw\d+\b", texts, re.MULTILINE))
         names.append(str(name).lower())
     assert names == list(program("h4").units)
-    [listed] = root.iter(f"{space}globalVars")
-    for one in listed.iter(f"{space}variable"):
-        values = [float(v.get("value", "")) for v in one.iter(f"{space}simpleValue")]
-        assert values == np.ravel(program("h4").constants[str(one.get("name")).lower()]).tolist()
+    for listed in root.iter(f"{space}dataType"):
+        [dimension] = listed.iter(f"{space}dimension")
+        size = program("h4").sizes[str(listed.get("name")).lower()]
+        assert (dimension.get("lower"), dimension.get("upper")) == ("0", str(size - 1))
 
 
 def test_every_operation_of_a_kernel_that_structured_text_has() -> None:

@@ -8,6 +8,7 @@ computed here. There is no expression with more than one operation, and no funct
 standard has not had from its first edition on (ATAN2 is a function of the file's own).
 """
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -84,6 +85,8 @@ _EXACT = {
     ),
 }
 _POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
+# MATIEC refuses literals of LREAL that a REAL cannot hold; nothing of a robot is so small.
+_SMALLEST = 1e-37
 
 
 @dataclass(frozen=True)
@@ -169,7 +172,9 @@ def _one_sign(text: str) -> str:
 
 
 def plain(precision: Precision, x: float) -> str:
-    """A number with digits on both sides of its point."""
+    """A number with digits on both sides of its point; none but 0 is too small for a REAL."""
+    if x and abs(x) < _SMALLEST:
+        x = math.copysign(_SMALLEST, x)
     digits, _, exponent = precision.digits(x).partition("e")
     text = digits if "." in digits else f"{digits}.0"
     return text + (f"E{int(exponent)}" if exponent else "")

@@ -1,8 +1,9 @@
 """Units of an IEC 61131-3 program: as structured text, and as one XML file of PLCopen (TC6), which
 development systems import.
 
-Global constants stand where CODESYS and TwinCAT keep them, in data of the vendor's own: the
-standard has a place for them in configurations only.
+The standard has a place for global constants in configurations only, and none for arrays without a
+name as inputs or outputs. So arrays have types with names, and tables are functions. Arrays that a
+function reads are its VAR_IN_OUT: nothing is copied, and MATIEC has no other way to pass them.
 """
 
 import re
@@ -18,43 +19,44 @@ _WIDTH = 100
 
 
 @dataclass(frozen=True)
-class Variable:
-    """A variable or an array of numbers, counted from 0.
+class ArrayType:
+    """A type of arrays of numbers, counted from 0.
 
     Attributes:
-        name, type: as in the text.
-        size: of an array; None of a single variable.
-        values: to start with; one each for an array.
-        notes: comments, one a value.
+        name: of the type.
+        real: type of an entry.
+        size: how many entries there are.
+    """
+
+    name: str
+    real: str
+    size: int
+
+    def text(self) -> str:
+        """Its declaration."""
+        array = f"ARRAY [0..{self.size - 1}] OF {self.real}"
+        return f"TYPE\n    {self.name} : {array};\nEND_TYPE\n"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable or an array of numbers.
+
+    Attributes:
+        name, type: as in the text; all start with 0.
+        note: a comment.
+        array: of an array its type.
     """
 
     name: str
     type: str
-    size: int | None = None
-    values: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    note: str = ""
+    array: ArrayType | None = None
 
     @property
-    def full_type(self) -> str:
-        """The type with the range of an array."""
-        return self.type if self.size is None else f"ARRAY [0..{self.size - 1}] OF {self.type}"
-
-    def lines(self) -> list[str]:
-        """Lines of its declaration."""
-        head, notes = f"    {self.name} : {self.full_type}", self.notes
-        if not self.values:
-            note = f" {comment(notes[0])}" if notes else ""
-            return [f"{head};{note}"]
-        if self.size is None:
-            return [f"{head} := {self.values[0]};{f' {comment(notes[0])}' if notes else ''}"]
-        if not notes:
-            return filled(f"{head} := [", self.values, "];")
-        last = len(self.values) - 1
-        rows = [
-            f"        {value}{',' if k < last else ''} {comment(note)}"
-            for k, (value, note) in enumerate(zip(self.values, notes, strict=True))
-        ]
-        return [f"{head} := [", *rows, "    ];"]
+    def line(self) -> str:
+        """The line of its declaration."""
+        return f"    {self.name} : {self.type};{f' {comment(self.note)}' if self.note else ''}"
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Unit:
         name: of it.
         result: type of what a function returns.
         notes: what it does, lines of comment.
-        inputs, outputs, own: its variables.
+        inputs, outputs, own: its variables; a function leaves its inputs as they are.
         scratch: names of further numbers, many.
         real: type of these.
         body: statements.
@@ -83,17 +85,29 @@ class Unit:
     real: str
     body: tuple[str, ...]
 
+    @property
+    def by_reference(self) -> tuple[Variable, ...]:
+        """Inputs that are passed as they are: arrays of functions."""
+        function = self.kind == "FUNCTION"
+        return tuple(v for v in self.inputs if function and v.array is not None)
+
+    @property
+    def by_value(self) -> tuple[Variable, ...]:
+        """The other inputs."""
+        return tuple(v for v in self.inputs if v not in self.by_reference)
+
     def text(self) -> str:
         """The unit from its first to its last word."""
         head = f"{self.kind} {self.name}" + (f" : {self.result}" if self.result else "")
         sections = [
-            ("VAR_INPUT", self.inputs),
+            ("VAR_INPUT", self.by_value),
+            ("VAR_IN_OUT", self.by_reference),
             ("VAR_OUTPUT", self.outputs),
             ("VAR", self.own),
         ]
         lines = [*comments(self.notes), head]
         for keyword, variables in sections:
-            declared = [line for variable in variables for line in variable.lines()]
+            declared = [variable.line for variable in variables]
             if keyword == "VAR" and self.scratch:
                 declared += filled("    ", self.scratch, f" : {self.real};")
             if declared:
@@ -101,16 +115,11 @@ class Unit:
         return "\n".join([*lines, *self.body, f"END_{self.kind}", ""])
 
 
-def constants(variables: Sequence[Variable]) -> str:
-    """A list of global constants."""
-    return "\n".join(
-        [
-            "VAR_GLOBAL CONSTANT",
-            *[line for variable in variables for line in variable.lines()],
-            "END_VAR",
-            "",
-        ]
-    )
+def array_types(units: Sequence[Unit]) -> tuple[ArrayType, ...]:
+    """The types of arrays that some units use, the smallest first."""
+    variables = [v for unit in units for v in (*unit.inputs, *unit.outputs, *unit.own)]
+    arrays = {v.array for v in variables if v.array is not None}
+    return tuple(sorted(arrays, key=lambda array: array.size))
 
 
 def filled(before: str, items: Sequence[str], after: str) -> list[str]:
@@ -138,20 +147,19 @@ def comment(text: str) -> str:
 
 _NAMESPACE = "http://www.plcopen.org/xml/tc6_0200"
 _XHTML = "http://www.w3.org/1999/xhtml"
-_GLOBALS = "http://www.3s-software.com/plcopenxml/globalvars"
 # The format wants a date; a fixed one leaves the file the same for the same model.
 _DATE = "2000-01-01T00:00:00"
 
 
 def plcopen_xml(
-    name: str, provenance: str, listed: Sequence[Variable], units: Sequence[Unit]
+    name: str, provenance: str, arrays: Sequence[ArrayType], units: Sequence[Unit]
 ) -> str:
     """The file.
 
     Args:
-        name: of the project and, with _constants, of the list of global constants.
+        name: of the project.
         provenance: what the units come from.
-        listed: global constants.
+        arrays: types of arrays.
         units: functions and function blocks, those that are called before those that call.
     """
     scaled = (element(kind, element("scaling", x="1", y="1")) for kind in ("fbd", "ld", "sfc"))
@@ -170,22 +178,12 @@ def plcopen_xml(
             element("coordinateInfo", *scaled),
             name=name,
         ),
-        element("types", element("dataTypes"), element("pous", *map(_pou, units))),
-        element("instances", element("configurations")),
         element(
-            "addData",
-            element(
-                "data",
-                element(
-                    "globalVars",
-                    *map(_variable, listed),
-                    name=f"{name}_constants",
-                    constant="true",
-                ),
-                name=_GLOBALS,
-                handleUnknown="implementation",
-            ),
+            "types",
+            element("dataTypes", *map(_array_type, arrays)),
+            element("pous", *map(_pou, units)),
         ),
+        element("instances", element("configurations")),
         xmlns=_NAMESPACE,
     )
     ET.indent(project)
@@ -195,7 +193,8 @@ def plcopen_xml(
 def _pou(unit: Unit) -> ET.Element:
     scratch = [Variable(name, unit.real) for name in unit.scratch]
     sections = (
-        ("inputVars", unit.inputs),
+        ("inputVars", unit.by_value),
+        ("inOutVars", unit.by_reference),
         ("outputVars", unit.outputs),
         ("localVars", (*unit.own, *scratch)),
     )
@@ -214,21 +213,18 @@ def _pou(unit: Unit) -> ET.Element:
     )
 
 
+def _array_type(array: ArrayType) -> ET.Element:
+    dimension = element("dimension", lower="0", upper=str(array.size - 1))
+    kind = element("array", dimension, element("baseType", element(array.real)))
+    return element("dataType", element("baseType", kind), name=array.name)
+
+
 def _variable(variable: Variable) -> ET.Element:
-    kind = element(variable.type)
-    if variable.size is not None:
-        dimension = element("dimension", lower="0", upper=str(variable.size - 1))
-        kind = element("array", dimension, element("baseType", kind))
+    array = variable.array
+    kind = element(variable.type) if array is None else element("derived", name=array.name)
     made = element("variable", element("type", kind), name=variable.name)
-    values = [element("simpleValue", value=value) for value in variable.values]
-    if variable.size is not None and values:
-        values = [element("arrayValue", *(element("value", value) for value in values))]
-    if values:
-        made.append(element("initialValue", *values))
-    if variable.notes:
-        numbered = variable.size is not None and len(variable.notes) > 1
-        lines = [f"[{k}] {note}" if numbered else note for k, note in enumerate(variable.notes)]
-        made.append(element("documentation", _written("\n".join(lines))))
+    if variable.note:
+        made.append(element("documentation", _written(variable.note)))
     return made
 
 

@@ -4,17 +4,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.functions import STATUSES, ExportedFunction
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT
 from deltaid.exports.st_statements import StructuredText, literal, plain
-from deltaid.exports.st_units import Unit, Variable
+from deltaid.exports.st_units import ArrayType, Unit, Variable, comment
 from deltaid.exports.straight_line import Array, body
 from deltaid.exports.text import Precision
 from deltaid.model.model import Model
 
-_STATUSES = {"BAD_INPUT": (5, f"an input is NaN, infinite or above {LARGEST_INPUT:g}")}
+_STATUSES = {
+    **STATUSES,
+    "BAD_INPUT": (5, f"an input is NaN, infinite or above {LARGEST_INPUT:g}"),
+}
+
+# The output of functions that give a table.
+TABLE = "entries"
 
 
 @dataclass(frozen=True)
@@ -26,17 +33,39 @@ class Writer:
     precision: Precision
     care: Care | None = None
 
-    def statuses(self) -> list[Variable]:
-        """Constants for what functions return."""
+    @property
+    def statuses(self) -> list[str]:
+        """What functions return."""
         return [
-            Variable(f"{self.prefix}_{name}", "INT", None, (str(code),), (text,) if text else ())
-            for name, (code, text) in {**STATUSES, **_STATUSES}.items()
+            f"  {code} {name}{f': {text}' if text else ''}"
+            for name, (code, text) in _STATUSES.items()
         ]
 
-    def home(self, name: str) -> Variable:
+    def table(self, name: str, note: str, values: Sequence[float], notes: Sequence[str]) -> Unit:
+        """A function whose output are numbers, with a note each or none; those not named are 0."""
+        whole, n = f"{self.prefix}_{name}", len(values)
+        lines = each(n, f"{TABLE}[i] := 0.0;") if n > np.count_nonzero(values) else []
+        for k, value in enumerate(values):
+            if value or not lines:
+                after = f" {comment(notes[k])}" if notes else ""
+                lines.append(f"{TABLE}[{k}] := {plain(self.precision, value)};{after}")
+        return Unit(
+            "FUNCTION",
+            whole,
+            "INT",
+            (note,),
+            (),
+            (self.array(TABLE, n),),
+            (Variable("i", "INT"),) if lines[0].startswith("FOR") else (),
+            (),
+            self.precision.st_type,
+            (*lines, self.returns(whole, "OK")),
+        )
+
+    def home(self) -> Unit:
         """A pose in the middle of the workspace."""
-        values = tuple(plain(self.precision, x) for x in self.subject.home)
-        return Variable(name, self.precision.st_type, len(values), values)
+        note = "A pose z in the middle of the workspace."
+        return self.table("home", note, self.subject.home.tolist(), ())
 
     def unit(self, f: ExportedFunction) -> Unit:
         """One function, or a function block where a pose is kept."""
@@ -44,20 +73,31 @@ class Writer:
 
     def array(self, name: str, size: int) -> Variable:
         """An array of numbers."""
-        return Variable(name, self.precision.st_type, size)
+        array = ArrayType(f"{self.prefix}_array{size}", self.precision.st_type, size)
+        return Variable(name, array.name, array=array)
 
     def status(self, name: str) -> str:
-        """The constant of a status."""
-        return f"{self.prefix}_{name}"
+        """The number of a status."""
+        return str(_STATUSES[name][0])
+
+    def returns(self, function: str, status: str) -> str:
+        """The statement by which a function's result is a status."""
+        return f"{function} := {self.status(status)}; {comment(status)}"
 
     def _function(self, f: ExportedFunction) -> Unit:
         name, real = f"{self.prefix}_{f.name}", self.precision.st_type
         inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
         start = [self.array("z_start", f.newton.x.numel())] if f.newton else []
         own = [Variable("i", "INT")]
-        lines = [f"{name} := {self.status('BAD_INPUT')};"]
-        for variable in [*inputs, *start]:
-            lines += self.sane(variable.name, variable.size or 1, LARGEST_INPUT)
+        lines = [self.returns(name, "BAD_INPUT")]
+        for a in f.arguments:
+            lines += self.sane(a.name, a.symbols.numel(), LARGEST_INPUT)
+        for variable in start:
+            lines += self.sane(variable.name, f.newton.x.numel(), LARGEST_INPUT)
+        tables = [a for a in f.inputs if a.is_table and a.symbols.numel()]
+        for table in tables:
+            own.append(self.array(table.name, table.symbols.numel()))
+            lines.append(f"i := {self.prefix}_parameters({TABLE} => {table.name});")
         scratch: dict[str, None] = {}
         given = list(f.inputs)
         room = max([output.size for output in f.outputs] + [d.value.numel() for d in f.demands])
@@ -74,11 +114,11 @@ class Writer:
             lines += self._newton(f, name, given, scratch)
         for demand in f.demands:
             n = demand.value.numel()
-            lines.append(f"{name} := {self.status(demand.status)};")
+            lines.append(self.returns(name, demand.status))
             lines += self.computed(given, "found", demand.value, scratch)
             bound = literal(self.precision, demand.bound)
             lines += each(n, f"IF NOT (found[i] > {bound}) THEN RETURN; END_IF;")
-        lines.append(f"{name} := {self.status(f.unfit)};")
+        lines.append(self.returns(name, f.unfit))
         values = ca.vertcat(*[ca.vec(ca.densify(output.value).T) for output in f.outputs])
         room = max(room, values.numel())
         lines += self.computed(given, "found", values, scratch, f.parts)
@@ -88,7 +128,7 @@ class Writer:
             shift = f" + {at}" if at else ""
             lines += each(output.size, f"{output.name}[i] := found[i{shift}];")
             at += output.size
-        lines.append(f"{name} := {self.status('OK')};")
+        lines.append(self.returns(name, "OK"))
         own.append(self.array("found", room))
         return Unit(
             "FUNCTION",
@@ -145,7 +185,7 @@ class Writer:
             *each(n, f"x[i] := x[i] - found[i + {n}];"),
         ]
         return [
-            f"{name} := {self.status('NOT_CLOSED')};",
+            self.returns(name, "NOT_CLOSED"),
             "last := FALSE;",
             *each(n, "x[i] := z_start[i];"),
             f"FOR k := 0 TO {newton.steps} DO",
@@ -160,9 +200,16 @@ class Writer:
         inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
         newton = self.subject.dynamics.kinematics.mechanism.forward is None
         start = ", z_start := z" if newton else ""
-        passed = ", ".join(f"{v.name} := {v.name}" for v in inputs if v.name != "q" or f.closing)
+        passed = ", ".join(
+            f"{v.name} := {v.name}_now" for v in inputs if v.name != "q" or f.closing
+        )
         lines = [
-            f"status := {self.prefix}_forward_kinematics(q := q{start}, z => pose);",
+            "IF NOT started THEN",
+            f"    i := {self.prefix}_home({TABLE} => z);",
+            "    started := TRUE;",
+            "END_IF;",
+            *(line for v in inputs for line in each(n, f"{v.name}_now[i] := {v.name}[i];")),
+            f"status := {self.prefix}_forward_kinematics(q := q_now{start}, z => pose);",
             f"IF status = {self.status('OK')} THEN",
             f"    status := {self.prefix}_{f.after}(z := pose, {passed}, tau => torque);",
             "END_IF;",
@@ -170,8 +217,13 @@ class Writer:
             *("    " + line for line in each(n, "z[i] := pose[i]; tau[i] := torque[i];")),
             "END_IF;",
         ]
-        outputs = (self.array("tau", n), self.home("z"), Variable("status", "INT"))
-        own = (self.array("pose", n), self.array("torque", n), Variable("i", "INT"))
+        outputs = (self.array("tau", n), self.array("z", n), Variable("status", "INT"))
+        own = (
+            *(self.array(f"{v.name}_now", n) for v in inputs),
+            *(self.array(name, n) for name in ("pose", "torque")),
+            Variable("started", "BOOL"),
+            Variable("i", "INT"),
+        )
         notes = (*notes_of(f), "Keeps z and tau of the last good cycle; z begins at home.")
         real = self.precision.st_type
         return Unit(

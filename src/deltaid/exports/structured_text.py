@@ -7,7 +7,7 @@ large for any robot are refused at the door, and nothing is divided or rooted un
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -17,9 +17,15 @@ from deltaid.exports.functions import ExportedCycle, parameter_table
 from deltaid.exports.further_functions import further_cycles, further_functions
 from deltaid.exports.model_functions import model_functions
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT, helpers, pair_functions
-from deltaid.exports.st_statements import plain
-from deltaid.exports.st_units import Unit, Variable, comments, constants, plcopen_xml
-from deltaid.exports.st_writer import Writer, each
+from deltaid.exports.st_units import (
+    ArrayType,
+    Unit,
+    Variable,
+    array_types,
+    comments,
+    plcopen_xml,
+)
+from deltaid.exports.st_writer import TABLE, Writer, each
 from deltaid.exports.straight_line import Array
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
@@ -27,16 +33,12 @@ from deltaid.online.graph import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
 
-def start_of(writer: Writer, c: ExportedCycle) -> Variable:
-    """The constant that a state begins with."""
-    values = tuple(plain(writer.precision, x) for x in c.graph.state.initial)
-    name = f"{writer.prefix}_{c.name}_start"
-    return Variable(name, writer.precision.st_type, len(values), values)
-
-
-def cycle_units(writer: Writer, c: ExportedCycle) -> tuple[Unit, Unit]:
-    """PREFIX_NAME_step, a function of state and inputs, and PREFIX_NAME, which keeps the state."""
-    return _step(writer, c), _block(writer, c)
+def cycle_units(writer: Writer, c: ExportedCycle) -> tuple[Unit, Unit, Unit]:
+    """PREFIX_NAME_start, the first state; PREFIX_NAME_step, a function of state and inputs; and
+    PREFIX_NAME, which keeps the state."""
+    note = f"The state that {writer.prefix}_{c.name} begins with."
+    start = writer.table(f"{c.name}_start", note, c.graph.state.initial.tolist(), ())
+    return start, _step(writer, c), _block(writer, c)
 
 
 def _step(writer: Writer, c: ExportedCycle) -> Unit:
@@ -46,15 +48,15 @@ def _step(writer: Writer, c: ExportedCycle) -> Unit:
     given = [Array("x", graph.x), Array("u", graph.u)]
     both = ca.vertcat(graph.following, graph.y)
     body = [
-        f"{name} := {writer.status('BAD_INPUT')};",
+        writer.returns(name, "BAD_INPUT"),
         *writer.sane("u", graph.inputs.size, LARGEST_INPUT),
-        f"{name} := {writer.status('SINGULAR')};",
+        writer.returns(name, "SINGULAR"),
         *writer.computed(given, "found", both, scratch),
         *writer.sane("found", n + m, LARGEST_RESULT),
         *each(n, "after[i] := found[i];"),
         *each(m, f"y[i] := found[i + {n}];"),
         f"IF found[{n + m - 1}] > 0.0 THEN RETURN; END_IF;",
-        f"{name} := {writer.status('OK')};",
+        writer.returns(name, "OK"),
     ]
     return Unit(
         "FUNCTION",
@@ -74,9 +76,11 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
     name, graph, n = f"{writer.prefix}_{c.name}", c.graph, c.graph.state.size
     given = [field for field in graph.outputs.fields if field.name != "status"]
     scratch: dict[str, None] = {}
-    start = start_of(writer, c)
     body = [
-        f"IF reset THEN {_all(n, f'state[i] := {start.name}[i];')}; END_IF;",
+        "IF reset OR NOT started THEN",
+        f"    i := {name}_start({TABLE} => state);",
+        "    started := TRUE;",
+        "END_IF;",
         *(
             line
             for field in graph.inputs.fields
@@ -98,8 +102,7 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
             for f in graph.state.fields
         ),
     ]
-    reset = Variable("reset", "BOOL", None, (), ("forget everything first",))
-    state = Variable("state", writer.precision.st_type, n, start.values)
+    reset = Variable("reset", "BOOL", note="forget everything first")
     return Unit(
         "FUNCTION_BLOCK",
         name,
@@ -108,7 +111,8 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
         (*(_declared(writer, field) for field in graph.inputs.fields), reset),
         (*(_declared(writer, field) for field in given), Variable("status", "INT")),
         (
-            state,
+            Variable("started", "BOOL"),
+            writer.array("state", n),
             writer.array("after", n),
             writer.array("bad", n + graph.outputs.size),
             writer.array("u", graph.inputs.size),
@@ -123,9 +127,9 @@ def _block(writer: Writer, c: ExportedCycle) -> Unit:
 
 def _declared(writer: Writer, field: Field) -> Variable:
     note = f"{field.doc} [{field.unit}]" if field.unit else field.doc
-    return Variable(
-        field.name, writer.precision.st_type, field.size if field.size > 1 else None, (), (note,)
-    )
+    if field.size == 1:
+        return Variable(field.name, writer.precision.st_type, note=note)
+    return replace(writer.array(field.name, field.size), note=note)
 
 
 def _copied(vector: str, layout: Layout, field: Field, into: bool) -> list[str]:
@@ -152,10 +156,6 @@ def _spoilt(writer: Writer, c: ExportedCycle, scratch: dict[str, None]) -> list[
     return [*lines, *(f"state[{i}] := bad[{m + k}];" for k, i in enumerate(changed))]
 
 
-def _all(n: int, statement: str) -> str:
-    return " ".join(line.strip() for line in each(n, statement)).removesuffix(";")
-
-
 DEFAULT = OnlineSettings()
 
 
@@ -166,14 +166,17 @@ class PlcProgram:
     Attributes:
         prefix: what all names begin with.
         notes: comments at the head.
-        listed: global constants.
         units: functions and blocks, those that are called first.
     """
 
     prefix: str
     notes: tuple[str, ...]
-    listed: tuple[Variable, ...]
     units: tuple[Unit, ...]
+
+    @property
+    def arrays(self) -> tuple[ArrayType, ...]:
+        """Types of arrays."""
+        return array_types(self.units)
 
     @property
     def text(self) -> str:
@@ -182,7 +185,7 @@ class PlcProgram:
             [
                 *comments(self.notes),
                 "",
-                constants(self.listed),
+                *[array.text() for array in self.arrays],
                 *[unit.text() for unit in self.units],
             ]
         )
@@ -190,7 +193,7 @@ class PlcProgram:
     @property
     def xml(self) -> str:
         """As a file that development systems import."""
-        return plcopen_xml(self.prefix, "\n".join(self.notes), self.listed, self.units)
+        return plcopen_xml(self.prefix, "\n".join(self.notes), self.arrays, self.units)
 
 
 def plc_program(
@@ -216,7 +219,7 @@ def plc_program(
             where="name of the output",
             cure="use at most 20 letters, digits and single _ between them, a letter first",
         )
-    table = parameter_table(subject, f"{prefix}_p", precision)
+    table = parameter_table(subject, "p", precision)
     functions = [
         *model_functions(subject, table, precision),
         *further_functions(subject, table, further),
@@ -225,30 +228,21 @@ def plc_program(
     care = care_for(subject, table.array.name) if single else None
     writer = Writer(subject, prefix, precision, care)
     cycles = further_cycles(subject, further, online)
+    notes = [f"{name}, {unit}" for name, unit, _ in table.rows]
+    what = "The parameters of the model that are not 0: change a mass here."
     units = [
         *helpers(prefix, precision),
+        writer.table("parameters", what, subject.p[subject.p != 0].tolist(), notes),
+        writer.home(),
         *(pair_functions(prefix) if single else []),
         *map(writer.unit, functions),
     ]
     units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
-    values = tuple(plain(precision, x) for x in subject.p if x)
-    parameters = Variable(
-        f"{prefix}_p",
-        precision.st_type,
-        len(values),
-        values,
-        tuple(f"{name}, {unit}" for name, unit, _ in table.rows),
-    )
-    starts = [start_of(writer, cycle) for cycle in cycles]
-    return PlcProgram(
-        prefix,
-        (subject.provenance, *_conventions(subject, precision)),
-        (*writer.statuses(), writer.home(f"{prefix}_home"), parameters, *starts),
-        tuple(units),
-    )
+    head = (subject.provenance, *_conventions(subject, precision, writer.statuses))
+    return PlcProgram(prefix, head, tuple(units))
 
 
-def _conventions(subject: Model, precision: Precision) -> list[str]:
+def _conventions(subject: Model, precision: Precision, statuses: list[str]) -> list[str]:
     robot = subject.robot
     drives = [
         f"  [{k}] {drive}: "
@@ -257,8 +251,9 @@ def _conventions(subject: Model, precision: Precision) -> list[str]:
     ]
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
-        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status of the list "
-        "below; its outputs mean something only where that is OK.",
+        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
+        "outputs mean something only where that is 0:",
+        *statuses,
         "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
         *drives,
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
