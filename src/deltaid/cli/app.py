@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -37,7 +37,8 @@ from deltaid.cli import (
     torque,
     validate,
 )
-from deltaid.cli.output import print_error
+from deltaid.cli.address_space import limited_address_space
+from deltaid.cli.output import print_error, print_note
 from deltaid.errors import DeltaidError
 
 app = typer.Typer(
@@ -89,14 +90,26 @@ def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
     _speak_unicode()
     try:
-        with _cleaning_up():
+        with limited_address_space(), _cleaning_up():
             app(prog_name="deltaid")
     except DeltaidError as error:
         print_error(error)
         sys.exit(2)
+    except _EndedError as ended:
+        with suppress(OSError):  # the terminal may be gone
+            print_note(f"ended by {signal.Signals(ended.number).name}; no file is half-written")
+        sys.exit(128 + ended.number)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+
+
+class _EndedError(BaseException):
+    """A signal asks the process to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
 
 
 @contextmanager
@@ -104,7 +117,7 @@ def _cleaning_up() -> Generator[None, None, None]:
     """Leave by the way of errors when told to end, so that no half-written file stays."""
 
     def on_end(number: int, frame: object) -> None:
-        sys.exit(128 + number)
+        raise _EndedError(number)
 
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
