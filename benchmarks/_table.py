@@ -64,7 +64,7 @@ BEHIND: dict[str, Size] = {
     "drawn_against_simulated": {"rows": 2, "recordings": 16},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},
     "real_drives": {"rows": 29, "kinds": 6, "seeds": 1},
-    "wiring": {"rows": 33, "kinds": 4, "seeds": 2},
+    "wiring": {"rows": 39, "kinds": 4, "seeds": 2},
 }
 
 
