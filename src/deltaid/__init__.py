@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from deltaid.recording.carried import Load
     from deltaid.recording.contents import columns
     from deltaid.recording.mapping import ColumnMapping, load_mapping
+    from deltaid.recording.mapping_proposal import MappingProposal
     from deltaid.recording.memory import Recording
-    from deltaid.recording.proposed_mapping import MappingProposal
     from deltaid.robot.description import RobotDescription
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
@@ -97,7 +97,7 @@ _HOME = {
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
     "check": "deltaid.checks.run",
-    "MappingProposal": "deltaid.recording.proposed_mapping",
+    "MappingProposal": "deltaid.recording.mapping_proposal",
     "columns": "deltaid.recording.contents",
     "compare_controllers": "deltaid.control.simulate",
     "simulate": "deltaid.control.simulate",

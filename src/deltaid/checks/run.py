@@ -29,6 +29,7 @@ from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
+from deltaid.recording.mapping_proposal import FOUND
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, described_in, yaml_text
@@ -79,6 +80,10 @@ def check(
         records = [evidence(description, *place, fitting) for place in places]
         if several:
             say("checking the columns of all recordings")
+        mappings = [
+            record.mapping if record.mapping.source == FOUND else mapping
+            for record, mapping in zip(records, mappings, strict=True)
+        ]
         common, on_columns = checked_wirings(records)
         informations, strokes, of_logs = list[Information](), list[np.ndarray](), list[Verdict]()
         for record, wiring in zip(records, on_columns, strict=True):

@@ -67,7 +67,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
     Attributes:
         robot: the description; None where the file does not describe a robot.
         sources: the recordings.
-        mappings: of their columns, as they were given.
+        mappings: of their columns, as they were given or found; None for default names.
     """
 
     robot: RobotDescription | None

@@ -60,6 +60,7 @@ def check(
     """
     from deltaid.checks.run import check as run
     from deltaid.model.record import Settings
+    from deltaid.recording.mapping_proposal import FOUND, as_words
     from deltaid.robot.load import yaml_text
 
     logs = logs or []
@@ -70,6 +71,10 @@ def check(
     with progress(as_json) as say:
         settings = Settings(cutoff=cutoff, keep_all=keep_all)
         verdicts = run(robot, logs, columns=given, settings=settings, progress=say)
+    for log, mapping in zip(logs, verdicts.mappings, strict=False):  # none of a broken description
+        if mapping is not None and mapping.source == FOUND:
+            print_note(f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
+    with progress(as_json):
         cures = _cures(robot, given, logs, verdicts)
     written: dict[File, Path] = {}
     with together():

@@ -1,16 +1,16 @@
 """What a recording holds: its columns with the range of their numbers, and a proposed mapping."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.recording.mapping_proposal import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import (
     Column,
-    MappingProposal,
     addresses,
     count_drives,
     proposed_mapping,
@@ -18,6 +18,9 @@ from deltaid.recording.proposed_mapping import (
 from deltaid.recording.source import Table
 from deltaid.recording.table import open_table
 from deltaid.robot.load import RobotLike, described
+
+# Rows whose numbers decide: a minute at 1 kHz.
+_DECIDING = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -54,45 +57,77 @@ def count_columns(path: str) -> int:
     )
 
 
-def columns(log: RecordingLike, robot: RobotLike | None = None) -> MappingProposal:
-    """Propose which column of a recording is what, by names, units and sizes of its numbers.
+def columns(
+    log: RecordingLike,
+    robot: RobotLike | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    gear: float | None = None,
+    torque_constant: float | None = None,
+) -> MappingProposal:
+    """Propose which column of a recording is what, by names, units in names, and the numbers.
 
-    Nothing is used unasked: read the reasons, then give `.mapping` as `columns=`, or `.save` it.
+    Read `reasons` and `doubts`, then give `.mapping` as `columns=`, or `.save` it. Where no mapping
+    is given, a proposal that is `certain` is used, which the recording's warnings say.
 
     Args:
         log: a file, or a recording in memory.
         robot: whose drives are sought; without one, as many as the positions are numbered.
+        units: by quantity ("torque": "0.0235 N*m"), whatever the names say.
+        gear: motor revolutions per joint revolution, if columns are of the motors.
+        torque_constant: N m per A at the motor, for currents.
 
     Raises:
         RecordingError: the recording cannot be read.
         DescriptionError: there is no such robot.
     """
-    if robot is None:
-        return read_contents(log, None).proposal
-    description = described(robot)
-    linear = [description.is_linear(drive) for drive in description.drives]
-    return read_contents(log, linear).proposal
+    known, linear = Known(units or {}, gear, torque_constant), None
+    if robot is not None:
+        description = described(robot)
+        linear = [description.is_linear(drive) for drive in description.drives]
+    return read_contents(log, linear, known).proposal
 
 
-def read_contents(log: RecordingLike, linear: Sequence[bool] | None) -> Contents:
+def read_contents(
+    log: RecordingLike, linear: Sequence[bool] | None, known: Known | None = None
+) -> Contents:
     """All columns of a recording and the mapping that is proposed.
 
     Args:
         linear: for each drive of the robot whether it slides; None where no robot is known.
+        known: what the user says of units, gear and torque constant.
 
     Raises:
         RecordingError: the file cannot be read.
     """
     source = as_source(log)
     table = source.table if isinstance(source, Recording) else open_table(source)
-    plain = addresses(table.fields, table.units)
-    numbers, rows = _with_ranges(table, [column for column in plain if not column.is_date])
-    read = {column.address: column for column in numbers}
-    found = tuple(read.get(column.address, column) for column in plain)
+    found, rows = _columns_of(table)
     warnings = tuple(str(text) for text in table.warnings)
     if linear is None:
         linear = [False] * count_drives(found)
-    return Contents(found, rows, proposed_mapping(found, linear), warnings)
+    return Contents(found, rows, proposed_mapping(found, linear, known), warnings)
+
+
+def proposal_for(table: Table, linear: Sequence[bool]) -> MappingProposal:
+    """The mapping that is proposed for a table that is open, by its first rows; by names alone
+    where these find no positions.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    by_names = proposed_mapping(addresses(table.fields, table.units), linear)
+    if "position" in by_names.missing:
+        return by_names
+    return proposed_mapping(_columns_of(table, _DECIDING)[0], linear)
+
+
+def _columns_of(table: Table, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
+    """All columns with the range of their numbers, and how many rows were read."""
+    plain = addresses(table.fields, table.units)
+    numbers, count = _with_ranges(table, [column for column in plain if not column.is_date], rows)
+    read = {column.address: column for column in numbers}
+    return tuple(read.get(column.address, column) for column in plain), count
 
 
 def _begins_with_numbers(table: Table, name: str) -> bool:
@@ -103,28 +138,38 @@ def _begins_with_numbers(table: Table, name: str) -> bool:
     return rows is not None and bool(np.isfinite(np.asarray(rows.numbers[0], dtype=float)).any())
 
 
-def _with_ranges(table: Table, columns: Sequence[Column]) -> tuple[Sequence[Column], int]:
-    """Columns with the range of their numbers, and the number of rows.
+def _with_ranges(
+    table: Table, columns: Sequence[Column], most: int | None
+) -> tuple[Sequence[Column], int]:
+    """Columns with the range of their numbers, and the number of rows; of so many rows at most.
 
     Columns that do not belong together, such as arrays of other lengths, are read by themselves;
     those that cannot be read stay as they are.
     """
     try:
-        return _with_ranges_together(table, columns)
+        return _with_ranges_together(table, columns, most)
     except DeltaidError:
         if len(columns) == 1:
             return columns, 0
-        each = [_with_ranges(table, [column]) for column in columns]
+        each = [_with_ranges(table, [column], most) for column in columns]
         return [column for (column,), _ in each], next((rows for _, rows in each if rows), 0)
 
 
-def _with_ranges_together(table: Table, columns: Sequence[Column]) -> tuple[list[Column], int]:
+def _with_ranges_together(
+    table: Table, columns: Sequence[Column], most: int | None
+) -> tuple[list[Column], int]:
     low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
+    start: list[list[np.ndarray]] = [[] for _ in columns]
     for rows in table.rows([column.address for column in columns]) if columns else ():
         numbers = [np.asarray(values, dtype=float) for values in rows.numbers]
         finite = [values[np.isfinite(values)] for values in numbers]
         low = np.minimum(low, [values.min(initial=np.inf) for values in finite])
         high = np.maximum(high, [values.max(initial=-np.inf) for values in finite])
+        for parts, values in zip(start, numbers, strict=True):
+            parts.append(values[: max(_DECIDING - count, 0)])
         count += len(numbers[0])
-    ranges = zip(columns, low.tolist(), high.tolist(), strict=True)
-    return [replace(c, low=a, high=b) if a <= b else c for c, a, b in ranges], count
+        if most is not None and count >= most:
+            break
+    starts = [np.concatenate(parts) if parts else None for parts in start]
+    ranges = zip(columns, low.tolist(), high.tolist(), starts, strict=True)
+    return [replace(c, low=a, high=b, start=s) if a <= b else c for c, a, b, s in ranges], count

@@ -10,11 +10,13 @@ from jaxtyping import Float
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
-from deltaid.recording.address import listing
+from deltaid.recording.address import find, listing
 from deltaid.recording.columns import Columns
+from deltaid.recording.contents import proposal_for
 from deltaid.recording.excerpt import Kept
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping_proposal import FOUND, as_words
 from deltaid.recording.masks.masks import require_rest
 from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.masks.search import timed
@@ -116,10 +118,13 @@ def resolved_table(
 ) -> tuple[Table, Columns, ColumnMapping]:
     """A recording's table, which of its columns are what, and the mapping that decided it.
 
+    Without a mapping and default names, columns that are found with certainty are used, and the
+    table's warnings say so.
+
     Raises:
         RecordingError: it cannot be read, or a column is missing.
     """
-    mapping, source = mapping or ColumnMapping(), as_source(source)
+    is_given, mapping, source = mapping is not None, mapping or ColumnMapping(), as_source(source)
     if isinstance(source, Recording):
         if source.drives not in (None, kinematics.dof):
             raise RecordingError(
@@ -128,6 +133,7 @@ def resolved_table(
                 cure="give arrays of shape (samples, drives), drives in order of q",
             )
         if source.mapping is not None:
+            is_given = True
             beside = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
             mapping = source.mapping.changed(**beside)
         table = source.table
@@ -135,8 +141,37 @@ def resolved_table(
         table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    columns = resolve_columns(table, linear, mapping, sensor_channels(robot))
+    channels = sensor_channels(robot)
+    try:
+        columns = resolve_columns(table, linear, mapping, channels)
+    except RecordingError as error:
+        if is_given or all(any(find(table.fields, n) for n in names) for names in mapping.needed):
+            raise
+        table, mapping = _found(table, linear, error)
+        columns = resolve_columns(table, linear, mapping, channels)
     return table, columns, mapping
+
+
+def _found(
+    table: Table, linear: tuple[bool, ...], error: RecordingError
+) -> tuple[Table, ColumnMapping]:
+    """The table with a warning, and the mapping of columns that are found with certainty.
+
+    Raises:
+        RecordingError: nothing is found, or it is in doubt.
+    """
+    proposal = proposal_for(table, linear)
+    if proposal.doubts or {*proposal.missing} - {"torque"}:
+        ask = f"; `deltaid columns {table.path} ROBOT` proposes which is which, and writes it"
+        ask *= "position" not in proposal.missing
+        raise RecordingError(error.what, where=error.where, cure=error.cure + ask) from None
+    mapping = proposal.mapping.known_as(FOUND)
+    doubt = Doubt(
+        f"has no default names; {as_words(mapping)}",
+        cause="no mapping is given, and names, units and numbers leave no other",
+        cure="`deltaid columns` says why and writes the mapping",
+    )
+    return replace(table, warnings=(*table.warnings, doubt)), mapping
 
 
 def _with_cutoff_between_stops(log: Log) -> Log:

@@ -1,21 +1,20 @@
-"""Which column of a foreign recording may be what: proposals by names, units and sizes.
+"""Which column of a foreign recording is what: proposed by names, units in names, and the numbers.
 
-A proposal is never used unasked: it is shown with its reasons, and a mapping file is written when
-the user takes it. What names do not tell stays open.
+Each quantity has its reasons, and what is in doubt. Only a proposal without doubts is used where no
+mapping is given; any other is shown, and a mapping file is written when the user takes it.
 """
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from deltaid.files import written_whole
 from deltaid.recording.address import Field
-from deltaid.recording.mapping import QUANTITIES, ColumnMapping, Quantity
+from deltaid.recording.column_names import Group, Reading, groups_of, kind_of, read_name, unit_of
+from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
+from deltaid.recording.column_words import QUANTITIES as WORDS
+from deltaid.recording.mapping import QUANTITIES, Quantity
+from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal
 from deltaid.recording.resolution import si_unit
-from deltaid.recording.units import is_unit
-from deltaid.robot.load import yaml_text
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 _MOST_METRES = 10.0
@@ -23,49 +22,22 @@ _MOST_METRES = 10.0
 _MOST_RADIANS = 7.0
 # Numbers of an array beside each other that may be a column each; what is wider is an image.
 _WIDEST = 16
-# Words of names, in small letters, that stand for a quantity; the first that fits counts.
-_WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit", "stamp", "clock", "sec", "millis", "ticks"),
-    "acceleration": ("acc", "accel", "acceleration", "qdd", "ddq", "beschleunigung"),
-    "velocity": ("vel", "velocity", "speed", "qd", "dq", "omega", "drehzahl", "geschwindigkeit"),
-    "torque": (
-        "tau", "torque", "trq", "tq", "moment", "drehmoment", "current", "cur", "strom", "iq",
-        "effort", "force", "kraft",
-    ),
-    "position": (
-        "q", "pos", "position", "angle", "ang", "theta", "joint", "enc", "encoder", "winkel", "phi",
-    ),
-}  # fmt: skip
-# Words of what was asked for and not measured, or is no quantity of a drive itself.
-_ASKED = (
-    "set", "setpoint", "cmd", "command", "commanded", "ref", "reference", "target", "desired",
-    "des", "soll", "demand", "err", "error", "lag", "following", "limit", "max", "min", "ff",
-    "feedforward", "tcp", "tool", "platform", "cartesian",
-)  # fmt: skip
-_ACTUAL = ("act", "actual", "meas", "measured", "ist", "fb", "feedback")
-_CURRENTS = ("current", "cur", "strom", "iq", "amp", "amps")
-_UNIT_WORDS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "rads": "rad/s", "rpm": "rpm",
-    "mm": "mm", "ms": "ms", "us": "us", "ns": "ns", "s": "s", "nm": "N m", "mnm": "mN*m",
-    "ma": "mA", "a": "A", "rev": "rev", "turns": "rev",
-}  # fmt: skip
-_RATES = {"velocity": "/s", "acceleration": "/s^2"}
 # Drives that a parallel robot has at most.
 _MOST_DRIVES = 8
-_SPLIT = re.compile(r"[^A-Za-zµ%]+|(?<=[a-zµ])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-_IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
-_NUMBER = re.compile(r"\d+")
+_NEEDED = ("time", "position", "torque")
+_RATES = {"velocity": "/s", "acceleration": "/s^2"}
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a recording, as far as it is known without its rows.
+    """One column of a recording, as far as it is known.
 
     Attributes:
         address: its name, as a mapping names it.
         unit: as the file states it; empty if it does not.
         low, high: of its numbers; None as long as they are not known.
         is_date: whether it holds dates.
+        start: its first numbers, a row each; None as long as they are not known.
     """
 
     address: str
@@ -73,196 +45,248 @@ class Column:
     low: float | None = None
     high: float | None = None
     is_date: bool = False
+    start: Signal | None = field(default=None, compare=False, repr=False)
 
     @property
     def largest(self) -> float:
         """Of its numbers without sign; 0 as long as they are not known."""
         return max(abs(self.low or 0.0), abs(self.high or 0.0))
 
-
-@dataclass(frozen=True)
-class MappingProposal:
-    """A mapping that may be right.
-
-    Attributes:
-        data: as its file would hold it.
-        reasons: why, one sentence each; what is assumed says so.
-        missing: quantities that are needed and were not found.
-    """
-
-    data: dict[str, Any]
-    reasons: tuple[str, ...]
-    missing: tuple[str, ...] = ()
-
     @property
-    def complete(self) -> bool:
-        """Whether a check can begin with it."""
-        return not self.missing
-
-    @property
-    def mapping(self) -> ColumnMapping:
-        """The same as a value, to be given as `columns=`.
-
-        Raises:
-            DescriptionError: quantities that are needed were not found.
-        """
-        return ColumnMapping.from_dict(self.data, "proposed columns").known_as("proposed columns")
-
-    def save(self, path: str | Path) -> None:
-        """Write it as a mapping file, to be read and corrected.
-
-        Raises:
-            DeltaidError: the file cannot be written.
-        """
-        with written_whole(Path(path)) as file:
-            file.write(yaml_text(self.data))
+    def is_constant(self) -> bool:
+        """Whether all its numbers are known to be the same."""
+        return self.low is not None and self.low == self.high
 
 
 def addresses(fields: Sequence[Field], units: Mapping[str, str]) -> list[Column]:
     """All columns that a mapping may name; of a short array each one."""
     found: list[Column] = []
-    for field in fields:
-        if field.holds:
+    for entry in fields:
+        if entry.holds:
             continue
-        unit = units.get(field.name, "")
-        wide = [size for size in field.shape if size is not None and 1 < size <= _WIDEST]
-        if len(field.shape) > 1 and wide:
-            names = [f"{field.name}[{i}]" for i in range(wide[-1])]
+        unit = units.get(entry.name, "")
+        wide = [size for size in entry.shape if size is not None and 1 < size <= _WIDEST]
+        if len(entry.shape) > 1 and wide:
+            names = [f"{entry.name}[{i}]" for i in range(wide[-1])]
             found += [Column(name, units.get(name, unit)) for name in names]
-        elif field.shape:
-            found.append(Column(field.name, unit, is_date=field.is_clock))
+        elif entry.shape:
+            found.append(Column(entry.name, unit, is_date=entry.is_clock))
     return found
 
 
 def count_drives(columns: Sequence[Column]) -> int:
-    """How many drives the largest group of positions has; three where there is none."""
-    for drives in range(_MOST_DRIVES, 0, -1):
-        groups = _groups(columns, drives)
-        if any(_quantity(group[0].address) == "position" for group in groups):
-            return drives
+    """How many drives the largest group of positions has, else of torques; three without any."""
+    names = [column.address for column in columns]
+    for quantity in ("position", "torque"):
+        for drives in range(_MOST_DRIVES, 0, -1):
+            groups = groups_of(names, drives)
+            readings = (read_name(names[group.places[0]]) for group in groups)
+            if any(reading.is_usable and reading.quantity == quantity for reading in readings):
+                return drives
     return 3
 
 
-def proposed_mapping(columns: Sequence[Column], linear: Sequence[bool]) -> MappingProposal:
-    """The mapping that names, units and sizes speak for.
+def proposed_mapping(
+    columns: Sequence[Column], linear: Sequence[bool], known: Known | None = None
+) -> MappingProposal:
+    """The mapping that names, units and numbers speak for.
 
     Args:
         columns: of the recording, in its order.
         linear: for each drive whether it slides.
+        known: what the user says of units, gear and torque constant.
     """
-    data: dict[str, Any] = {}
-    reasons: list[str] = []
-    time = next((column for column in columns if _quantity(column.address) == "time"), None)
-    if time is not None:
-        data["time"], reason = _time(time)
-        reasons.append(reason)
-    groups = list(_groups(columns, len(linear)))
-    for quantity in QUANTITIES:
-        fitting = [group for group in groups if _quantity(group[0].address) == quantity]
-        if not fitting:
-            continue
-        best = max(fitting, key=lambda group: _rank(group[0].address))
-        entries, unit_reason = _entries(quantity, best, linear, data)
-        data[quantity] = entries
-        others = f", rather than {fitting[0][0].address}" if fitting[0] is not best else ""
-        names = ", ".join(column.address for column in best)
-        reasons.append(f"{quantity}: {names} by their names{others}; {unit_reason}")
-    needed = (("time", time is not None), *((q, q in data) for q in ("position", "torque")))
-    return MappingProposal(data, tuple(reasons), tuple(name for name, there in needed if not there))
+    known, candidates = known or Known(), _candidates(columns, len(linear))
+    found = [time] if (time := _time(columns, known)) else []
+    found += [_drives(q, candidates[q], linear, known) for q in QUANTITIES if candidates[q]]
+    parts = {part.quantity: part for part in _by_derivatives(found, columns, linear)}
+    missing = [name for name in _NEEDED if name not in parts]
+    missing += [
+        f"unit of {name}" for name in _NEEDED if name in parts and not all(parts[name].units)
+    ]
+    if known.torque_constant is None and any(
+        kind_of(unit) == "current" for unit in (parts["torque"].units if "torque" in parts else ())
+    ):
+        missing.append("torque_constant")
+    for name in ("velocity", "acceleration"):  # positions can take their place
+        if name in parts and not all(parts[name].units):
+            del parts[name]
+    data = {name: _entries(part, columns, known) for name, part in parts.items()}
+    return MappingProposal(data, tuple(parts.values()), tuple(missing))
 
 
-def words_of(name: str) -> list[str]:
-    """'Axis1.ActPos[deg]' as ['axis', 'act', 'pos', 'deg']."""
-    return [word.lower() for word in _SPLIT.split(name) if word]
+def _candidates(
+    columns: Sequence[Column], drives: int
+) -> dict[str, list[tuple[Reading, Group, list[Column]]]]:
+    """Groups of columns that may be a quantity of the drives, the best first."""
+    found: dict[str, list[tuple[Reading, Group, list[Column]]]] = {q: [] for q in QUANTITIES}
+    for group in groups_of([column.address for column in columns], drives):
+        members = [columns[place] for place in group.places]
+        reading = read_name(members[0].address)
+        quantity = "torque" if reading.quantity == "current" else reading.quantity
+        of_it = found.get(quantity, [])
+        is_new = not any(members == others for _, _, others in of_it)
+        if reading.is_usable and is_new:
+            of_it.append((reading, group, members))
+    for of_it in found.values():
+        of_it.sort(key=lambda c: (not _are_constant(c[2]), c[0].rank), reverse=True)
+    return found
 
 
-def _quantity(name: str) -> str:
-    """What a column's name stands for; empty if nothing, or if it is asked for and not measured."""
-    words = words_of(_IN_BRACKETS.sub("", name))
-    if any(word in _ASKED for word in words) and not any(word in _ACTUAL for word in words):
-        return ""
-    for quantity, known in _WORDS.items():
-        if any(word in known for word in words):
-            return quantity
-    return ""
+def _are_constant(columns: Sequence[Column]) -> bool:
+    return all(column.is_constant for column in columns)
 
 
-def _rank(name: str) -> tuple[bool, int]:
-    """Measured ones first, then plain names."""
-    words = words_of(name)
-    return any(word in _ACTUAL for word in words), -len(words)
-
-
-def _groups(columns: Sequence[Column], dof: int) -> Iterator[list[Column]]:
-    """Columns whose names differ in column number only, as many as there are drives."""
-    found: dict[tuple[str, int], dict[int, Column]] = {}
-    for column in columns:
-        plain = (
-            _IN_BRACKETS.sub("", column.address)
-            if column.address[-1:] not in "]"
-            else column.address
-        )
-        for match in _NUMBER.finditer(plain):
-            stem = f"{plain[: match.start()]}#{plain[match.end() :]}"
-            found.setdefault((stem, match.start()), {})[int(match[0])] = column
-    for numbered in found.values():
-        first = min(numbered)
-        run = [n for n in range(first, first + dof) if n in numbered]
-        if first <= 1 and len(run) == dof:
-            yield [numbered[n] for n in run]
-
-
-def _time(column: Column) -> tuple[dict[str, Any], str]:
+def _time(columns: Sequence[Column], known: Known) -> FoundColumns | None:
+    """The column of time: by its name, if its numbers grow; in seconds, if its steps can be no
+    other unit's."""
+    readings = [(column, read_name(column.address)) for column in columns]
+    named = [
+        (column, reading)
+        for column, reading in readings
+        if reading.quantity == "time" and reading.is_usable and time_unit(column.start) is not None
+    ]
+    # Plain names first, then those with a word for time, then those with its unit alone.
+    words = WORDS["time"]
+    named.sort(
+        key=lambda p: (not words.issuperset(p[1].words), not words & {*p[1].words}, not p[1].unit)
+    )
+    if not named:
+        return None
+    (column, reading), *others = named
+    is_plain = words.issuperset(reading.words)
+    rivals = [c for c, r in others if words.issuperset(r.words) or not is_plain]
+    doubts, names = [f"{c.address} may be the time as well" for c in rivals], (column.address,)
     if column.is_date:
-        return {"column": column.address}, f"time: {column.address} holds dates or times of day"
-    unit, reason = _stated(column)
-    if not unit:
-        unit, reason = "s", "seconds are assumed"
-    return {"column": column.address, "unit": unit}, f"time: {column.address}; {reason}"
+        return FoundColumns("time", names, ("s",), ("it holds dates or times of day",), (*doubts,))
+    unit, reason = _stated("time", column, reading, known)
+    if unit is None and (unit := time_unit(column.start) or None):
+        reason = f"its usual step can be in {unit} only"
+    assumed = "seconds are assumed, for no unit is stated" if unit is None else ""
+    reasons = ("by its name", reason) if reason else ("by its name",)
+    units = ("s" if unit is None else unit,)
+    return FoundColumns("time", names, units, reasons, tuple(doubts), assumed)
 
 
-def _entries(
-    quantity: Quantity, group: Sequence[Column], linear: Sequence[bool], known: dict[str, Any]
-) -> tuple[list[dict[str, Any]], str]:
-    """An entry a drive, and why it has its unit."""
-    entries: list[dict[str, Any]] = []
-    reason = ""
-    for column, slides in zip(group, linear, strict=True):
-        unit, why = _stated(column)
-        if not unit:
-            unit, why = _by_size(quantity, group, slides=slides)
-            place = known.get("position", [])
-            if quantity in _RATES and place and place[0]["unit"] in ("deg", "mm"):
-                unit = place[0]["unit"] + _RATES[quantity]
-                why = f"{unit} is assumed, as positions are"
-        entries.append({"column": column.address, "unit": unit})
-        reason = reason or why
-    return entries, reason
+def _drives(
+    quantity: Quantity,
+    candidates: Sequence[tuple[Reading, Group, list[Column]]],
+    linear: Sequence[bool],
+    known: Known,
+) -> FoundColumns:
+    """The columns of one quantity, one a drive."""
+    (reading, group, members), *others = candidates
+    by = f"{reading.documented} is a drive's signal" if reading.documented else "by their names"
+    reasons, doubts = [by], list[str]()
+    for other, _, columns in others:
+        is_rival = _are_constant(columns) == _are_constant(members)
+        if is_rival and other.rank[:2] == reading.rank[:2]:
+            doubts.append(f"{columns[0].address} and so on may be it as well")
+        else:
+            reasons.append(f"rather than {columns[0].address}")
+    if _are_constant(members):
+        doubts.append("they do not change, as nothing that is measured does")
+    if group.axes > len(members):
+        doubts.append(f"there are {group.axes} of them, and the first {len(members)} are taken")
+    if group.by_letter:
+        doubts.append("letters may be directions in space and no drives")
+    units, assumed = list[str](), ""
+    for column, slides in zip(members, linear, strict=True):
+        unit, reason = _stated(quantity, column, read_name(column.address), known)
+        if unit is None:
+            unit, assumed = _by_size(quantity, reading, members, slides=slides)
+        elif not unit:
+            reason = "their unit depends on a rated value or an encoder, which no log states"
+        units.append(unit)
+        if reason and reason not in reasons:
+            reasons.append(reason)
+    if reading.quantity == "current" and known.torque_constant is None:
+        reasons.append("a current needs its torque constant")
+    names = tuple(column.address for column in members)
+    return FoundColumns(quantity, names, tuple(units), tuple(reasons), tuple(doubts), assumed)
 
 
-def _stated(column: Column) -> tuple[str, str]:
-    """The unit that the file or the name states."""
+def _stated(
+    quantity: str, column: Column, reading: Reading, known: Known
+) -> tuple[str | None, str]:
+    """The unit that the user, the file or the name states; None if none does."""
+    if quantity in known.units:
+        return known.units[quantity], f"{known.units[quantity]} is given"
     if column.unit:
-        return column.unit, f"{column.unit} is stated in the file"
-    bracket = _IN_BRACKETS.search(column.address)
-    if bracket and not bracket[1].isdigit() and is_unit(bracket[1]):
-        return bracket[1], f"{bracket[1]} stands in the name"
-    last = words_of(column.address)[-1:]
-    if last and last[0] in _UNIT_WORDS and len(words_of(column.address)) > 1:
-        unit = _UNIT_WORDS[last[0]]
-        return unit, f"{unit} by the name"
-    return "", ""
+        unit = unit_of(column.unit)
+        return unit or "", f"{column.unit} is stated in the file"
+    if reading.unit and reading.documented:
+        return reading.unit, f"{reading.unit} by its documentation"
+    return reading.unit, f"{reading.unit} stands in the name" if reading.unit else ""
 
 
-def _by_size(quantity: Quantity, group: Sequence[Column], *, slides: bool) -> tuple[str, str]:
-    """The unit that is assumed where none is stated."""
-    largest = max(column.largest for column in group)
-    names = {word for column in group for word in words_of(column.address)}
-    if quantity == "torque" and names & set(_CURRENTS):
-        return "A", "a current by the name: A is assumed, and the torque constant is to be given"
+def _by_size(
+    quantity: Quantity, reading: Reading, members: Sequence[Column], *, slides: bool
+) -> tuple[str, str]:
+    """The unit that is assumed where none is stated, and the doubt."""
+    largest = max(column.largest for column in members)
+    if reading.quantity == "current":
+        return "A", "ampere are assumed, for no unit is stated"
     if quantity == "position" and not slides and largest > _MOST_RADIANS:
         return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
     if quantity == "position" and slides and largest > _MOST_METRES:
         return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"
     unit = si_unit(quantity, linear=slides)
     return unit, f"{unit} is assumed, for no unit is stated"
+
+
+def _by_derivatives(
+    found: Sequence[FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
+) -> list[FoundColumns]:
+    """The same with units that follow from one another, as velocities are rates of positions."""
+    parts, by_name = {part.quantity: part for part in found}, {c.address: c for c in columns}
+    time, place = parts.get("time"), parts.get("position")
+    for quantity, per in _RATES.items():
+        if place and place.unit in ("deg", "mm") and quantity in parts and parts[quantity].assumed:
+            why = f"{place.unit}{per} is assumed, as positions are"
+            parts[quantity] = _with_unit(parts[quantity], place.unit + per, assumed=why)
+    rate = parts.get("velocity")
+    if not (time and place and rate and time.unit and place.unit and rate.unit):
+        return list(parts.values())
+    signals = [[by_name[name].start for name in part.columns] for part in (place, rate)]
+    clock, units = by_name[time.columns[0]].start, (place.unit, rate.unit, time.unit)
+    if clock is None or (factor := derivative_factor(clock, *signals)) is None:
+        return list(parts.values())
+    unknown = [part for part in (place, rate, time) if part.assumed]
+    if len(unknown) == 1:
+        fitting = fitting_units(factor, units, unknown[0].quantity, slides=linear[0])
+        if len(fitting) == 1:
+            why = (
+                f"{fitting[0]} follows from the rest, as velocities are the positions' derivatives"
+            )
+            parts[unknown[0].quantity] = _with_unit(unknown[0], fitting[0], reason=why)
+    elif not unknown and not fitting_units(factor, units, ""):
+        doubt = (
+            f"the positions' derivative is {factor:.4g} times these numbers, which does not fit "
+            "the units; is one of them at the motor, behind a gear?"
+        )
+        parts["velocity"] = replace(rate, doubts=(*rate.doubts, doubt))
+    return list(parts.values())
+
+
+def _with_unit(
+    part: FoundColumns, unit: str, *, reason: str = "", assumed: str = ""
+) -> FoundColumns:
+    reasons = (*part.reasons, reason) if reason else part.reasons
+    return replace(part, units=(unit,) * len(part.units), reasons=reasons, assumed=assumed)
+
+
+def _entries(part: FoundColumns, columns: Sequence[Column], known: Known) -> Any:
+    """What a mapping file holds of a quantity; of time one entry, else one a drive."""
+    entries = list[dict[str, Any]]()
+    for name, unit in zip(part.columns, part.units, strict=True):
+        entry: dict[str, Any] = {"column": name} | ({"unit": unit} if unit else {})
+        if part.quantity != "time" and known.gear is not None:
+            entry["gear"] = known.gear
+        if unit and kind_of(unit) == "current" and known.torque_constant is not None:
+            entry["torque_constant"] = known.torque_constant
+        entries.append(entry)
+    if part.quantity != "time":
+        return entries
+    is_date = any(c.is_date and c.address == part.columns[0] for c in columns)
+    return {"column": part.columns[0]} if is_date else entries[0]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Field
+from deltaid.recording.column_names import unit_of
 from deltaid.recording.formats.csv_lines import (
     COMMENT,
     SEPARATORS,
@@ -183,10 +184,17 @@ def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, 
         return {}
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
         return {}
-    units = {
+    needed = [name for one_of in mapping.needed for name in one_of]
+    is_foreign = not {*needed} & {*header.names}
+    used = {
         name: cell.strip("[]() ")
         for name, cell in zip(header.names, cells, strict=True)
-        if any(name in one_of for one_of in mapping.needed)
-        or (_DEFAULT_NAME.fullmatch(name) and cell)
+        if name in needed or (cell and (is_foreign or _DEFAULT_NAME.fullmatch(name)))
     }
-    return units if all(is_unit(unit) for unit in units.values()) else {}
+    units = dict[str, str]()
+    for name, cell in used.items():
+        unit = unit_of(cell)
+        if unit is None or (_DEFAULT_NAME.fullmatch(name) and not is_unit(cell)):
+            return {}
+        units[name] = cell if is_unit(cell) else unit or cell
+    return units

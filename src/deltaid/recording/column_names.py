@@ -1,0 +1,230 @@
+"""Names of columns as people and drives write them: what each stands for, and which axes belong
+together. Only names are read here, no numbers."""
+
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from deltaid.errors import RecordingError
+from deltaid.recording.column_words import (
+    COMMANDED,
+    DERIVATIVES,
+    FILLERS,
+    MEASURED,
+    OTHERS,
+    QUANTITIES,
+    SIGNALS,
+    UNITS,
+)
+from deltaid.recording.units import is_unit, si_factor
+
+_KNOWN = frozenset[str]().union(
+    *QUANTITIES.values(), MEASURED, COMMANDED, OTHERS, FILLERS, DERIVATIVES
+)
+# The quantity that a unit is of, by the SI units that it may be converted to.
+_KINDS = {
+    "time": ("s",),
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "acceleration": ("rad/s^2", "m/s^2"),
+    "torque": ("N m", "N"),
+    "current": ("A",),
+}
+# Parts of a compound have three letters at least; German ones may be linked by two.
+_PART, _LINKS = 3, ("", "s", "n", "en", "es")
+_BRACKETS = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_LATIN = re.compile(r"[A-Za-zµ]+|[^\W\dA-Za-z_]+")
+_HUMPS = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_NUMBER = re.compile(r"\d+")
+_LETTER = re.compile(r"(?<![A-Za-z])[A-CX-Z](?![A-Za-z])|(?<=[a-z])[X-Z]$")
+_SIGNAL = re.compile(
+    r"(?<![a-z0-9])(?:0x)?("
+    + "|".join(re.escape(name) for name in sorted(SIGNALS, key=len, reverse=True))
+    + r")(?![a-z0-9])"
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the name of a column says.
+
+    Attributes:
+        quantity: time, position, velocity, acceleration, torque or current; empty if none.
+        unit: as pint reads it; empty where a rated value or an encoder decides; None if unstated.
+        is_measured: whether it says so.
+        is_usable: whether it is a drive's state, neither commanded nor of something else.
+        words: all of it.
+        documented: the name of a drive's signal that decided, if one did.
+    """
+
+    quantity: str
+    unit: str | None
+    is_measured: bool
+    is_usable: bool
+    words: tuple[str, ...]
+    documented: str = ""
+
+    @property
+    def rank(self) -> tuple[bool, bool, int]:
+        """Torque before current, measured before plain names, few words before many."""
+        return self.quantity != "current", self.is_measured, -len(self.words)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that differ in their axis only.
+
+    Attributes:
+        places: in the recording, one an axis in their order.
+        axes: how many the recording has of them, which may be more.
+        by_letter: whether letters stand for axes, which may mean directions in space.
+    """
+
+    places: tuple[int, ...]
+    axes: int
+    by_letter: bool = False
+
+
+def unit_of(text: str) -> str | None:
+    """A unit as pint reads it, empty for one that needs a rated value, None for no unit."""
+    plain = text.replace(" ", "").casefold()
+    if plain in UNITS:
+        return UNITS[plain]
+    if any(c.isalpha() or c == "°" for c in text) and is_unit(text):
+        return text.strip()
+    return None
+
+
+@cache
+def kind_of(unit: str) -> str:
+    """The quantity that a unit is of: 'position' of 'deg'; empty if none that drives have."""
+    for kind, targets in _KINDS.items():
+        for target in targets:
+            try:
+                si_factor(unit, target, where="")
+            except RecordingError:
+                continue
+            return kind
+    return ""
+
+
+def read_name(name: str) -> Reading:
+    """What the name of a column stands for, as far as its words say."""
+    name = unicodedata.normalize("NFKC", name)
+    plain, unit = _without_unit(name)
+    words = tuple(_in_words(plain))
+    kind, said = kind_of(unit) if unit else "", {*words}
+    measured, commanded = MEASURED & said, COMMANDED & said
+    if measured - {"fb"}:  # a set of actual values
+        commanded -= {"set"}
+    usable = not (commanded or OTHERS & said)
+    if signal := _SIGNAL.search(name.casefold()):
+        quantity, usual = SIGNALS[signal[1]]
+        if quantity == "commanded":
+            return Reading("", None, is_measured=False, is_usable=False, words=words)
+        unit = unit if kind == quantity else usual
+        return Reading(quantity, unit, bool(measured), usable, words, signal[1])
+    quantity, is_now = _quantity(words)
+    if kind and kind != quantity and (quantity != "torque" or kind == "current"):
+        bracketed = plain != name and name.rstrip()[-1:] in "])"
+        quantity, unit = (kind, unit) if bracketed or not quantity else (quantity, None)
+    return Reading(quantity, unit, bool(measured) or is_now, usable, words)
+
+
+def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
+    """Columns whose names differ in the axis only, as many as there are drives; the axes begin
+    with 0 or 1, or are letters in their order."""
+    numbered, lettered = dict[str, dict[int, int]](), dict[str, dict[int, int]]()
+    for place, name in enumerate(names):
+        for match in _NUMBER.finditer(name):
+            stem = f"{name[: match.start()]}#{name[match.end() :]}"
+            numbered.setdefault(stem, {})[int(match[0])] = place
+        for number in {*_NUMBER.findall(name)}:
+            if len(re.findall(rf"(?<!\d){number}(?!\d)", name)) > 1:  # axis1.q1
+                stem = re.sub(rf"(?<!\d){number}(?!\d)", "#", name)
+                numbered.setdefault(stem, {})[int(number)] = place
+        for match in _LETTER.finditer(name):
+            family = "ABC" if match[0] in "ABC" else "XYZ"
+            stem = f"{name[: match.start()]}{family}{name[match.end() :]}"
+            lettered.setdefault(stem, {})[family.index(match[0])] = place
+    grouped = set[int]()
+    for found, by_letter in ((numbered, False), (lettered, True)):
+        for axes in found.values():
+            grouped |= {*axes.values()} if len(axes) > 1 else set()
+            first = min(axes)
+            run = range(first, first + drives)
+            if first <= 1 and all(axis in axes for axis in run) and (drives > 1 or len(axes) > 1):
+                yield Group(tuple(axes[axis] for axis in run), len(axes), by_letter)
+    if drives == 1:
+        yield from (Group((place,), 1) for place in range(len(names)) if place not in grouped)
+
+
+def _without_unit(name: str) -> tuple[str, str | None]:
+    """A name without the unit that it states, and the unit."""
+    for match in reversed([*_BRACKETS.finditer(name)]):
+        if not match[1].isdecimal() and (unit := unit_of(match[1])) is not None:
+            return f"{name[: match.start()]} {name[match.end() :]}", unit
+    # A unit may stand before the axis too, if it is no letter, which might be the axis.
+    for text, shortest in ((name, 1), (re.sub(r"[_ ]?\d+$", "", name), 2)):
+        parts = re.split(r"[_\s]+", text.strip())
+        for count in (2, 1):
+            last = "_".join(parts[-count:])
+            if len(parts) > count and len(last) >= shortest and last.casefold() in UNITS:
+                return text[: text.rindex(parts[-count])], UNITS[last.casefold()]
+    return name, UNITS.get(name.casefold()) if name.casefold() == "millis" else None
+
+
+def _in_words(name: str) -> Iterator[str]:
+    """'Axis1.ActPos' as axis, act, pos; compounds in their parts; Chinese and Japanese by the
+    longest words that are known."""
+    for run in _LATIN.findall(name):
+        if not run[0].isascii() and not unicodedata.name(run[0], "").startswith("LATIN"):
+            yield from _longest_known(run)
+    folded = unicodedata.normalize("NFKD", name)
+    ascii_only = "".join(
+        c if c.isascii() else "" if unicodedata.combining(c) else " " for c in folded
+    )
+    for run in re.findall(r"[A-Za-z]+", ascii_only):
+        parts = [run] if run.lower() in _KNOWN else _HUMPS.split(run)
+        for word in (part.lower() for part in parts):
+            yield from ([word] if word in _KNOWN else _parts(word) or [word])
+
+
+def _longest_known(run: str) -> Iterator[str]:
+    while run:
+        size = next((n for n in range(len(run), 0, -1) if run[:n] in _KNOWN), 1)
+        yield run[:size]
+        run = run[size:]
+
+
+@cache
+def _parts(word: str) -> tuple[str, ...]:
+    """A compound as words that are known; nothing if it is none."""
+    for size in range(len(word) - _PART, _PART - 1, -1):
+        for link in _LINKS:
+            rest = word[size + len(link) :]
+            if word[:size] in _KNOWN and word[size:].startswith(link) and len(rest) >= _PART:
+                tail = (rest,) if rest in _KNOWN else _parts(rest)
+                if tail:
+                    return (word[:size], *tail)
+    return ()
+
+
+def _quantity(words: Sequence[str]) -> tuple[str, bool]:
+    """What words stand for, and whether 'current' among them means that it is now."""
+    found = {quantity: [w for w in words if w in known] for quantity, known in QUANTITIES.items()}
+    present = [quantity for quantity, of_it in found.items() if of_it]
+    others = [quantity for quantity in present if quantity not in ("current", "time")]
+    if found["current"] and others:
+        first = min(words.index(word) for quantity in others for word in found[quantity])
+        is_now = {*found["current"]} <= {"current"} and words.index("current") < first
+        if not is_now:
+            return "current", False
+        present.remove("current")
+        return present[0], True
+    if present[:1] == ["position"]:
+        derivative = next((DERIVATIVES[word] for word in words if word in DERIVATIVES), "position")
+        return derivative, False
+    return (present[0] if present else ""), False
