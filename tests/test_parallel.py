@@ -112,24 +112,38 @@ def test_an_identification_has_the_same_bits_on_any_number_of_threads(
 
 FORKED = """
 import multiprocessing, sys
+import numpy as np
 import polars as pl
 import deltaid
+from deltaid.identification.validation import validate  # all that is compiled before
 
-identify = deltaid.identify
+log, manifest = sys.argv[1:]
+t, *columns = np.loadtxt(log, delimiter=",", skiprows=1).T
+ARRAYS = {"t": t, "q": np.array(columns[:3]).T, "tau": np.array(columns[3:]).T}
+CALLS = {
+    "identify": lambda source: deltaid.identify("clavel-delta3", source),
+    "check": lambda source: deltaid.check("clavel-delta3", source),
+    "validate": lambda source: validate("clavel-delta3", source),
+    "columns": lambda source: deltaid.columns(source),
+    "fleet": lambda source: deltaid.fleet(manifest, manifest + ".out", workers=1),
+}
 
-def identified(begun):
+def ended(of):
+    call, source = of
     try:
-        identify("clavel-delta3", sys.argv[1])
+        CALLS[call](source)
     except deltaid.DeltaidError as error:
         return str(error)
-    return "identified"
+    return "done"
 
 if __name__ == "__main__":
     for begun in (False, True):
         if begun:
             pl.DataFrame({"a": range(100)}).lazy().group_by("a").len().collect()
+        calls = [(call, source) for call in CALLS for source in (log, ARRAYS)]
         with multiprocessing.get_context("fork").Pool(1) as pool:
-            print(pool.map(identified, [begun])[0], flush=True)
+            for said in pool.map(ended, calls if begun else calls[:1]):
+                print(said, flush=True)
 """
 
 
@@ -137,9 +151,12 @@ if __name__ == "__main__":
 def test_a_process_without_its_threads_refuses_to_read(tmp_path: Path) -> None:
     """Polars that is only loaded has none yet, and works after a fork."""
     log = write(tmp_path / "log.csv", recorded(1000))
-    script = [sys.executable, "-c", FORKED, str(log)]
-    done = subprocess.run(script, capture_output=True, text=True, timeout=300, check=True)
-    first, *second = done.stdout.splitlines()
-    assert first == "identified"
-    assert "this process: was forked from one" in second[0]
-    assert "spawn" in second[1]
+    robots = "type: clavel-delta3\nrobots:\n- robot: a\n  recordings: log.csv\n"
+    manifest = write(tmp_path / "fleet.yaml", robots)
+    script = [sys.executable, "-c", FORKED, str(log), str(manifest)]
+    done = subprocess.run(script, capture_output=True, text=True, timeout=60, check=True)
+    first, *refusals = done.stdout.splitlines()
+    assert first == "done"
+    assert sum("this process: was forked from one" in line for line in refusals) == 10
+    assert sum("spawn" in line for line in refusals) == 10
+    assert not (tmp_path / "fleet.yaml.out").exists()

@@ -40,6 +40,7 @@ from deltaid.fleets.steps import (
     study_jobs,
     type_jobs,
 )
+from deltaid.forked import require_threads
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
@@ -106,8 +107,10 @@ def fleet(
 
     Raises:
         DeltaidError: nobody answers at the address, workers do not see the folder, or the
-            manifest or the folder cannot be used.
+            manifest or the folder cannot be used; or this process has lost its threads, as of
+            `require_threads`.
     """
+    require_threads()
     with watched(progress, "fleet") as say, ExitStack() as stack:
         if not isinstance(manifest, Fleet):
             say("looking for recordings")

@@ -12,6 +12,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
+from deltaid.forked import require_threads
 from deltaid.recording.arrays import (
     Units,
     beside,
@@ -74,6 +75,7 @@ class Recording(Shown, Plotted, Tabled):
         """
         _require_name(name)
         if isinstance(table, pl.LazyFrame):
+            require_threads()
             try:
                 table = table.collect()
             except pl.exceptions.PolarsError as error:
@@ -157,7 +159,9 @@ def as_source(given: object, name: str = "table") -> Path | Recording:
 
     Raises:
         RecordingError: it is none of the things that hold a recording.
+        DeltaidError: the process has lost its threads, as of `require_threads`.
     """
+    require_threads()
     if isinstance(given, Recording):
         return given
     if isinstance(given, str | Path):
