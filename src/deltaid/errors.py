@@ -3,6 +3,7 @@
 import difflib
 import linecache
 import math
+import re
 from collections.abc import Iterable
 from types import TracebackType
 
@@ -10,6 +11,9 @@ from types import TracebackType
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
 # Most names that a message lists.
 _LISTED = 12
+# Most characters that a message quotes of one name or value of a file.
+_QUOTED = 200
+_LONG_WORD = re.compile(rf"\S{{{_QUOTED + 1},}}")
 
 
 class DeltaidError(Exception):
@@ -22,6 +26,8 @@ class DeltaidError(Exception):
     """
 
     def __init__(self, what: str, *, where: str = "", cure: str = "") -> None:
+        # Whatever stands in a file, a message stays one.
+        what, cure = (_LONG_WORD.sub(lambda word: quoted(word[0]), text) for text in (what, cure))
         self.what, self.where, self.cure = what, where, cure
         super().__init__(what, where, cure)
 
@@ -101,7 +107,7 @@ def unknown(
     Args:
         also: the name that is meant, where that is known.
     """
-    names, text = list(known), str(name)
+    names, text = list(known), quoted(str(name))
     hint = f"did you mean {also}? " if also else nearest(text, names)
     alike = [name for name in names if name.startswith(f"{text.partition('.')[0]}.")]
     shown = alike or names
@@ -157,6 +163,11 @@ class Doubt(str):
 def sentence(seen: str, cause: str, cure: str) -> str:
     """What was seen, with cause and next step where there are any."""
     return seen + (f"; likeliest cause: {cause}" if cause else "") + (f"; {cure}" if cure else "")
+
+
+def quoted(text: str) -> str:
+    """What a file holds as messages quote it: shortened where it is long."""
+    return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 1]}…"
 
 
 def visible(text: str) -> str:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from io import FileIO, TextIOWrapper
 from typing import NoReturn
 
-from deltaid.errors import DeltaidError, visible
+from deltaid.errors import DeltaidError, quoted, visible
 
 # Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B]: libraries,
 # stacks and heaps of threads. On one core it is 1.4e9.
@@ -23,8 +23,6 @@ _NEEDED = 1.9e9
 _WITH_THREADS = ("polars", "scipy")
 # What libraries end a process with, or the system, where memory is lacking.
 _FATAL = (signal.SIGABRT, signal.SIGSEGV, signal.SIGILL, signal.SIGFPE)
-# Most characters of a library's last line in a message.
-_QUOTED = 200
 
 
 @contextmanager
@@ -99,7 +97,7 @@ def _end_as(child: int, said: int, limit: int) -> NoReturn:
     if -code not in _FATAL and not (code == 1 and lines):
         sys.stderr.writelines(f"{line}\n" for line in lines)
         sys.exit(code if code >= 0 else 128 - code)
-    last = f"; its last words: {visible(lines[-1])[:_QUOTED]}" if lines else ""
+    last = f"; its last words: {quoted(visible(lines[-1]))}" if lines else ""
     raise _error(f"the command ended for lack of memory{last}", limit)
 
 

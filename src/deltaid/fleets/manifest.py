@@ -16,7 +16,7 @@ from typing import Annotated
 import polars as pl
 from pydantic import Field, field_validator
 
-from deltaid.errors import DescriptionError, nearest
+from deltaid.errors import DescriptionError, nearest, quoted
 from deltaid.fleets.store import is_address, read
 from deltaid.model.options import Period
 from deltaid.robot.load import parse
@@ -28,10 +28,14 @@ _TABLES = (".csv", ".parquet")
 _COLUMNS = ("robot", "recording", "type", "time", "columns", "load", "temperature")
 
 
+# No system has longer paths, Linux as long ones.
+_Path = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
 class RecordedFile(Part):
     """One recording, or several by a pattern."""
 
-    path: Annotated[str, Field(min_length=1, description="path, address or pattern")]
+    path: Annotated[_Path, Field(description="path, address or pattern")]
     time: datetime | date | None = Field(
         default=None, description="when it was made; by a date in its name if left out"
     )
@@ -60,7 +64,7 @@ class FleetRobot(Part):
         default=None, min_length=1, description="catalogue name, or file of a robot or a model"
     )
     columns: str | None = Field(default=None, description="mapping file of its recordings")
-    recordings: Annotated[str, Field(min_length=1)] | tuple[str | RecordedFile, ...]
+    recordings: _Path | tuple[_Path | RecordedFile, ...]
 
 
 class Manifest(Part):
@@ -90,7 +94,7 @@ class Manifest(Part):
                 )
             if types.setdefault(robot.robot, kind) != kind:
                 raise DescriptionError(
-                    f"robot {robot.robot} has two types, {types[robot.robot]} and {kind}",
+                    f"robot {robot.robot} has two types, {quoted(types[robot.robot])} and {quoted(kind)}",
                     where=where,
                     cure="give each robot one type, or the two robots names of their own",
                 )
@@ -147,7 +151,9 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         )
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise DescriptionError(
-            f"cannot be read: {str(error).splitlines()[0]}", where=where, cure="check the file"
+            f"cannot be read: {quoted(str(error).splitlines()[0])}",
+            where=where,
+            cure="check the file",
         ) from None
     _require_columns(table, where)
     robots = list[FleetRobot]()
@@ -176,7 +182,7 @@ def _require_columns(table: pl.DataFrame, where: str) -> None:
     for name in table.columns:
         if name not in _COLUMNS:
             raise DescriptionError(
-                f"has the unknown column {name}",
+                f"has the unknown column {quoted(name)}",
                 where=where,
                 cure=f"{nearest(name, _COLUMNS)}its columns may be {', '.join(_COLUMNS)}",
             )

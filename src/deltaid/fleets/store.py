@@ -85,15 +85,18 @@ def _listed(folder: str) -> dict[str, str]:
 
 
 def stamp_of(path: str) -> str:
-    """A file's stamp; empty if there is no such file.
+    """A file's stamp; empty if there is no such file, or none within reach.
 
     Raises:
         StoreError: the store cannot be reached.
     """
-    try:
-        if not is_address(path):
+    if not is_address(path):
+        try:
             status = os.stat(path)
-            return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
+        except (OSError, ValueError):  # no file, or a name that no file can have
+            return ""
+        return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
+    try:
         info = _asked(lambda: _system(path).info(path), path)
         return _stamp(info) if info.get("type") == "file" else ""
     except (FileNotFoundError, NotADirectoryError):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, quoted
 from deltaid.robot.own import OwnMechanism, name_file
 
 # The function that a Python file has to define.
@@ -88,5 +88,5 @@ def failure(error: BaseException, path: str | Path = "") -> str:
         if not path or trace.tb_frame.f_code.co_filename == str(path):
             line = f"line {trace.tb_lineno}, "
         trace = trace.tb_next
-    text = str(error).strip().split("\n", 1)[0][:200]
+    text = quoted(str(error).strip().split("\n", 1)[0])
     return f"{line}{type(error).__name__}: {text}"

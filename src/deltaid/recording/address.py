@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, quoted
 
 _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
@@ -167,7 +167,7 @@ def _found(
         opaque = [field.cure for field in fields if field.is_opaque]
         cure = opaque[0] if opaque else cure
         raise RecordingError(
-            f"has no column {', '.join(missing)}; its columns are {listing(fields)}",
+            f"has no column {', '.join(map(quoted, missing))}; its columns are {listing(fields)}",
             where=where,
             cure=f"did you mean {guess}? Otherwise {cure}" if guess else cure,
         )
@@ -175,7 +175,7 @@ def _found(
     for field, _ in known:
         if field.holds:
             raise RecordingError(
-                f"column {field.name} holds {field.holds}, not numbers",
+                f"column {quoted(field.name)} holds {field.holds}, not numbers",
                 where=where,
                 cure=field.cure,
             )

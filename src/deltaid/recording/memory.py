@@ -25,7 +25,7 @@ from deltaid.recording.arrays import (
 )
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Rows, Table
+from deltaid.recording.source import BATCH_ROWS, Rows, Table, first_line
 from deltaid.shown import Plotted, Shown, Tabled
 
 
@@ -79,7 +79,7 @@ class Recording(Shown, Plotted, Tabled):
             try:
                 table = table.collect()
             except pl.exceptions.PolarsError as error:
-                reason = str(error).strip().split("\n", 1)[0][:200]
+                reason = first_line(error)
                 raise RecordingError(
                     f"cannot be computed: {reason}", where=name, cure="collect() it to see why"
                 ) from None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from deltaid.errors import Doubt, RecordingError
+from deltaid.errors import Doubt, RecordingError, quoted
 from deltaid.recording.address import Field, Pick, locate, printable
 
 Column = pl.Series | np.ndarray
@@ -119,7 +119,7 @@ class Table(ABC):
         """A field of a column that is no finite number, as it stands in the file."""
         text = "" if written is None else printable(str(written))
         what = f"is '{text[:40]}', not a finite number" if text else "is empty"
-        return RecordingError(f"column {column} {what}", where=place, cure=self.cure(text))
+        return RecordingError(f"column {quoted(column)} {what}", where=place, cure=self.cure(text))
 
     def cure(self, written: str) -> str:
         """What to do about a field that is no number."""
@@ -168,7 +168,7 @@ def readable(path: Path) -> Generator[None, None, None]:
 
 def first_line(error: BaseException) -> str:
     """What an error says, shortened."""
-    return str(error).strip().split("\n", 1)[0][:200]
+    return quoted(str(error).strip().split("\n", 1)[0])
 
 
 def library(name: str, kind: str, path: Path) -> Any:

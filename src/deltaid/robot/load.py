@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
 
-from deltaid.errors import DescriptionError, nearest
+from deltaid.errors import DescriptionError, nearest, quoted
 from deltaid.files import written_whole
 from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
@@ -273,6 +273,6 @@ def _tree(text: str, where: str) -> Entry:
 def _unknown(name: str) -> DescriptionError:
     hint = nearest(name, catalogue(), 0.4)
     return DescriptionError(
-        f"no robot file and no catalogue robot called '{name[:200]}'",
+        f"no robot file and no catalogue robot called '{quoted(name)}'",
         cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
     )

@@ -28,7 +28,7 @@ from ruamel.yaml.events import (
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, quoted
 
 Scalar = bool | int | float | str | None
 Value = Scalar | list["Entry"] | dict[str, "Entry"]
@@ -219,7 +219,7 @@ def _events(text: str, where: str) -> Iterator[Event]:
         place = f"{where}, line {text.count(chr(10), 0, error.position) + 1}"
         raise _not_yaml(f"character {_code(error.character)} cannot be in it", place) from None
     except (YAMLError, ValueError, OverflowError) as error:  # chr() of what is no character
-        raise _not_yaml(str(error).strip().split("\n", 1)[0][:200], where) from None
+        raise _not_yaml(quoted(str(error).strip().split("\n", 1)[0]), where) from None
 
 
 def _resolved(text: str) -> Scalar:
