@@ -93,8 +93,9 @@ class Manifest(Part):
                     cure="give type, a catalogue name or a description file, of the robot or all",
                 )
             if types.setdefault(robot.robot, kind) != kind:
+                both = f"{quoted(types[robot.robot])} and {quoted(kind)}"
                 raise DescriptionError(
-                    f"robot {robot.robot} has two types, {quoted(types[robot.robot])} and {quoted(kind)}",
+                    f"robot {robot.robot} has two types, {both}",
                     where=where,
                     cure="give each robot one type, or the two robots names of their own",
                 )
