@@ -116,10 +116,8 @@ def test_doubts_are_told_by_cause_and_lower_the_grade(
 def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -> None:
     def with_verdict(grade: Grade) -> Summary:
         verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
-        model = result.model.changed(warnings=(verdict.sentence,))
-        return summary(
-            replace(result, model=model, verdicts=Verdicts((verdict,))), off(error, 0.01)
-        )
+        model = Verdicts((verdict,)).noted(result.model.changed(warnings=(verdict.sentence,)))
+        return summary(replace(result, model=model), off(error, 0.01))
 
     assert with_verdict(Grade.CANNOT_TELL).grade is Trust.GOOD
     assert with_verdict(Grade.DOUBTFUL).grade is Trust.FAIR
@@ -198,3 +196,47 @@ def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
     assert any(text and line.startswith(text) for text in texts if text.startswith("Good:"))
     made = f"deltaid validate {folder / 'model.yaml'} {folder / 'verify.csv'} --report {page}"
     assert made in texts
+
+
+def test_a_model_keeps_its_verdict(folder: Path, tmp_path: Path) -> None:
+    file = tmp_path / "model.yaml"
+    words = ("identify", folder / "robot.yaml", folder / "log.csv", "-o", file)
+    told = run(*words, "--verify", folder / "verify.csv")
+    assert told.code == 0, told.err
+    known = load(file)
+    said = summary(known)
+    assert said.grade is Trust.GOOD
+    assert said.sentence in told.out
+    assert known.identified.verification.log.endswith("verify.csv")
+    assert f"{said.sentence} Verified on" in known.provenance
+    own = IdentifiedModel.load(folder / "model.yaml")
+    again = validate(own, folder / "log.csv").noted(own)
+    assert again.verification is None  # its own recording verifies nothing
+
+
+def test_what_a_model_is_worth_is_said_where_it_is_used(folder: Path, tmp_path: Path) -> None:
+    untested = run("torque", folder / "model.yaml", folder / "verify.csv", "-o", tmp_path / "a.csv")
+    assert untested.code == 0
+    assert "note: " in untested.err
+    assert "Untested: fits torques" in untested.err
+    file, target = tmp_path / "poor.yaml", tmp_path / "robot.xml"
+    IdentifiedModel.load(folder / "model.yaml").changed(wrong=("torque-sign",)).save(file)
+    words = ("export", file, "--to", "mjcf", "-o", target)
+    refused = run(*words)
+    assert (refused.code, refused.errors) == (2, 1)
+    assert "poor.yaml: Poor: " in refused.err
+    assert "found wrong: torque-sign" in refused.err
+    assert not target.exists()
+    assert run(*words, "--force").code == 0
+    assert "found wrong: torque-sign. Model " in target.read_text(encoding="utf-8")
+
+
+def test_a_file_that_was_changed_by_hand_says_so(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "model.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "model.yaml"
+    for ending in ("\n", "\r\n"):
+        file.write_text(text, encoding="utf-8", newline=ending)
+        assert load(file).identified.warnings == load(folder / "model.yaml").identified.warnings
+    file.write_text(text.replace("title:", "title:  "), encoding="utf-8")
+    (first, *_) = load(file).identified.warnings
+    assert "was changed after deltaid wrote it" in first

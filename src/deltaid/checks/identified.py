@@ -110,6 +110,7 @@ def identify(
         verdicts = Verdicts((*judged, *common, *kept), description, sources, mappings)
         poor = (verdict.sentence for verdict in verdicts if verdict.grade is not Grade.GOOD)
         model = result.model.changed(warnings=(*poor, *_warnings(result, verdicts)))
+        model = verdicts.noted(model)
         if settings.intervals == "posterior":
             say("drawing models")
             model = with_posterior_intervals(model)

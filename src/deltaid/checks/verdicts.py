@@ -12,6 +12,7 @@ from deltaid.checks.evidence import Evidence, evidence
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.effect import DescribedEffect
 from deltaid.errors import DeltaidError
+from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
@@ -97,6 +98,12 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         order = list(Grade)
         poor = [verdict for verdict in self if verdict.grade is not Grade.GOOD]
         return tuple(sorted(poor, key=lambda verdict: -order.index(verdict.grade)))
+
+    def noted(self, model: IdentifiedModel) -> IdentifiedModel:
+        """A model that keeps what is wrong with its recordings, and what cannot be told."""
+        wrong = dict.fromkeys(verdict.key for verdict in self if verdict.grade is Grade.WRONG)
+        untold = (verdict.sentence for verdict in self if verdict.grade is Grade.CANNOT_TELL)
+        return model.changed(wrong=tuple(wrong), undecided=tuple(untold))
 
     @property
     def cures(self) -> str:

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Columns, ModelOrRobot, Report
+from deltaid.cli.options import AsJson, Columns, ModelOrRobot, Report, UsePoor
 from deltaid.cli.output import (
     console,
     print_json,
-    print_origin,
     print_problems,
+    print_trust,
     print_warnings,
     print_written,
     progress,
@@ -49,6 +49,7 @@ def compare_controllers(
     elastic_gears: ElasticGears = False,
     columns: Columns = None,
     report: Report = None,
+    force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare tracking with the prior, the base parameters and the identified model.
@@ -59,9 +60,11 @@ def compare_controllers(
     are marked in the table, and none of them is called best; the exit code stays 0.
     """
     from deltaid.control.simulate import compare_controllers as run
+    from deltaid.model.model import load
     from deltaid.view.tracking import comparison_table, infeasible_lines
 
     require_outputs((model, trajectory, plant, columns), {"--report": report})
+    print_trust(load(model), force=force)
     with progress(as_json) as say:
         result = run(
             model, trajectory, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
@@ -72,7 +75,6 @@ def compare_controllers(
             say(f"writing {report}")
             result.report(report)
     on = result.conditions
-    print_origin(on.model)
     print_warnings(on.warnings)
     if as_json:
         held = asdict(on.payload) | {"known": False, "ends": []} if on.payload else None

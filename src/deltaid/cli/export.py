@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.options import bounded
-from deltaid.cli.output import console, print_warnings, progress
+from deltaid.cli.options import UsePoor, bounded
+from deltaid.cli.output import console, print_trust, print_warnings, progress
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
@@ -58,6 +58,7 @@ def export(
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
     fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
+    force: UsePoor = False,
 ) -> None:
     """Write a model as code or as a model of another program.
 
@@ -68,9 +69,11 @@ def export(
 
     functions = [name.strip() for name in further.split(",") if name.strip()]
     online = _online(functions, rate, payload_max, false_alarms)
+    known = load(model)
+    print_trust(known, force=force)
     with progress(False) as say:
         written = run(
-            load(model),
+            known,
             to,
             output,
             (Path(model),),

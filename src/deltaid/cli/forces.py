@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, ModelOrRobot, Report, output_file
+from deltaid.cli.options import AsJson, ModelOrRobot, Report, UsePoor, output_file
 from deltaid.cli.output import (
     console,
     print_json,
-    print_origin,
     print_tables,
+    print_trust,
     print_warnings,
     print_written,
     progress,
@@ -48,6 +48,7 @@ def forces(
         typer.Option(help="The same for the recordings of --logs; repeated, one each."),
     ] = None,
     report: Report = None,
+    force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
     """Constraint forces along a motion: worst cases, margins of ball joints, and what is known.
@@ -56,10 +57,12 @@ def forces(
     that agrees with the recordings is found, else how far the prior leaves a force open.
     """
     from deltaid.joint_forces.forces import forces as run
+    from deltaid.model.model import load
     from deltaid.view.forces import tables, what_is_open
 
     inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
     require_outputs(inputs, {"--output": output, "--report": report})
+    print_trust(load(model), force=force)
     with progress(as_json) as say:
         result = run(
             model, motion, logs=logs or (), strut_spacing=strut_spacing, socket_force=socket_force,
@@ -70,7 +73,6 @@ def forces(
                 result.save(output)
             if report is not None:
                 result.report(report)
-    print_origin(result.model)
     print_warnings(result.warnings)
     if as_json:
         print_json(as_dictionary(result))

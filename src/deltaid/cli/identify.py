@@ -107,7 +107,7 @@ def identify(
     with _uncollected():
         from deltaid.checks.identified import identify as run
         from deltaid.cli.identified import as_dictionary, print_result
-        from deltaid.identification.validation import Validation, remarks
+        from deltaid.identification.validation import Validation, noted, remarks
         from deltaid.model.model import load
         from deltaid.model.record import Settings
         from deltaid.recording.source import opened
@@ -156,17 +156,18 @@ def identify(
             result = identify_gathered(robot, [read(log) for log in logs], settings)
         else:
             result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
-        verification, error, log = None, None, None
+        verification, error, log, kept = None, None, None, result.model
         doubts = list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
             verification = compared(load(result.model), verify, of_verify, keep_all)
             error, log = verification
             doubts += [f"{verify}: {text}" for text in remarks(result.model, log, error)]
+            kept = noted(result.model, log, error, str(verify))
     print_warnings(doubts)
     with together():
         if output is not None:
-            result.model.save(output)
+            kept.save(output)
         if report is not None:
             result.report(report, verification if isinstance(verification, Validation) else None)
     if as_json:

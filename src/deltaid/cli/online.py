@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Columns, Report, bounded, lag_of, output_file
+from deltaid.cli.options import AsJson, Columns, Report, UsePoor, bounded, lag_of, output_file
 from deltaid.cli.output import (
     console,
     print_json,
+    print_trust,
     print_warnings,
     print_written,
     progress,
@@ -54,6 +55,7 @@ def online(
         Path | None, output_file("--output", "-o", help="Table over time (.parquet or .csv).")
     ] = None,
     report: Report = None,
+    force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
     """Find payloads and contacts in a recording as it would be found while the robot runs.
@@ -77,6 +79,7 @@ def online(
     if output is not None:
         require_table(output)
     known = load(model)
+    print_trust(known, force=force)
     delay = None if lag is None else _delay(lag, len(known.robot.drives))
     mapping = as_mapping(columns)
     with progress(as_json) as say:

@@ -108,6 +108,8 @@ Events = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
 
+UsePoor = Annotated[bool, typer.Option("--force", help="Use a model that is poor.")]
+
 # Of every command with a result.
 Report = Annotated[
     Path | None, output_file(help="HTML page with figures and tables, works offline.")

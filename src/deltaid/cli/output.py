@@ -67,10 +67,27 @@ def print_problems(problems: Sequence[str]) -> None:
         error_console.print(styled("not feasible:", "bold red"), text)
 
 
-def print_origin(model: "Model") -> None:
-    """Say on standard error that a robot stands for its prior, where a model is expected."""
+def print_trust(model: "Model", *, force: bool = False) -> None:
+    """Say on standard error what a model is worth, where it is no good one or is a robot's prior.
+
+    Raises:
+        DeltaidError: it is poor, and `force` is not set.
+    """
+    from deltaid.view.page import Trust
+    from deltaid.view.summary import summary
+
     if model.identified is None:
         print_note(f"{model.source} is a robot: it stands for its prior parameters")
+        return
+    verdict = summary(model)
+    if verdict.grade is Trust.POOR and not force:
+        raise DeltaidError(
+            verdict.sentence.rstrip("."),
+            where=model.source,
+            cure="identify it from better recordings, or go on with --force",
+        )
+    if verdict.grade is not Trust.GOOD:
+        print_note(f"{model.source}: {verdict.sentence}")
 
 
 def print_note(text: str) -> None:

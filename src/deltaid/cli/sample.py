@@ -5,8 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from deltaid.cli.options import AsJson, bounded
-from deltaid.cli.output import console, print_json, print_tables, print_written, progress
+from deltaid.cli.options import AsJson, UsePoor, bounded
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_tables,
+    print_trust,
+    print_written,
+    progress,
+)
 from deltaid.errors import DeltaidError
 from deltaid.files import require_new_folder, require_writable
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
@@ -39,6 +46,7 @@ def sample(
             limits=TOLERANCE_LIMITS,
         ),
     ] = 0.0,
+    force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
     """Draw consistent models from what data, prior and physical consistency say together.
@@ -55,9 +63,11 @@ def sample(
         require_writable(output, [Path(model)])
     else:
         require_new_folder(output)
+    known = load(model)
+    print_trust(known, force=force)
     with progress(as_json) as say:
         say("drawing models")
-        drawn = load(model).sample(n, seed, limb_tolerance)
+        drawn = known.sample(n, seed, limb_tolerance)
         say(f"writing {output}")
         written = drawn.save(output) if to == "npz" else drawn.mjcf(output)
     if as_json:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Columns, Report, output_file
+from deltaid.cli.options import AsJson, Columns, Report, UsePoor, output_file
 from deltaid.cli.output import (
     console,
     print_json,
-    print_origin,
     print_problems,
     print_tables,
+    print_trust,
     print_warnings,
     print_written,
     progress,
@@ -86,6 +86,7 @@ def simulate(
         Path | None, output_file("--output", "-o", help="CSV file for motion and torques.")
     ] = None,
     report: Report = None,
+    force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
     """Follow a motion with a controller that knows MODEL, on a robot that may be another one.
@@ -95,9 +96,11 @@ def simulate(
     follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
     """
     from deltaid.control.simulate import simulate as run
+    from deltaid.model.model import load
 
     inputs = (model, trajectory, plant, columns)
     require_outputs(inputs, {"--output": output, "--report": report})
+    print_trust(load(model), force=force)
     with progress(as_json) as say:
         result = run(
             model, trajectory, controller=controller, plant=plant, rate=rate, bandwidth=bandwidth,
@@ -111,7 +114,6 @@ def simulate(
             if report is not None:
                 say(f"writing {report}")
                 result.report(report)
-    print_origin(result.conditions.model)
     print_warnings(result.conditions.warnings)
     if as_json:
         print_json(

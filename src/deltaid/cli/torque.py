@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from deltaid.cli.options import Columns, ModelOrRobot, output_file
-from deltaid.cli.output import console, print_origin, print_warnings, progress, require_outputs
+from deltaid.cli.options import Columns, ModelOrRobot, UsePoor, output_file
+from deltaid.cli.output import console, print_trust, print_warnings, progress, require_outputs
 from deltaid.files import written_whole
 
 
@@ -15,6 +15,7 @@ def torque(
     log: Annotated[Path, typer.Argument(help="A recording or a planned motion, of any kind.")],
     output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
     columns: Columns = None,
+    force: UsePoor = False,
 ) -> None:
     """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m (N).
 
@@ -33,7 +34,7 @@ def torque(
     require_outputs((model, log, columns), {"--output": output})
     known = load(model)
     dynamics = known.dynamics
-    print_origin(known)
+    print_trust(known, force=force)
     mapping = as_mapping(columns)
     rows = 0
     with progress(False) as say:

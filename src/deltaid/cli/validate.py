@@ -11,7 +11,7 @@ from deltaid.cli.options import AsJson, Columns, KeepAll, ModelOrRobot, Report
 from deltaid.cli.output import (
     console,
     print_json,
-    print_origin,
+    print_trust,
     print_verdict,
     print_warnings,
     print_written,
@@ -44,7 +44,7 @@ def validate(
     if are_factor_files([log]):
         require_open({"--columns": columns is not None, "--keep-all": keep_all}, report)
     known = load(model)
-    print_origin(known)
+    print_trust(known, force=True)
     with progress(as_json) as say:
         say(f"comparing with {log}")
         comparison = compared(known, log, columns, keep_all)

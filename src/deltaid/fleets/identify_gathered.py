@@ -62,7 +62,8 @@ def identify_gathered(
         sources=tuple(file.record.model.sources[0] for file in files),
         remarks=_remarks(files, gains),
     )
-    return Judged(model, problem, (), verdicts=Verdicts(_verdicts(files)))
+    verdicts = Verdicts(_verdicts(files))
+    return Judged(verdicts.noted(model), problem, (), verdicts=verdicts)
 
 
 def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:

@@ -74,9 +74,15 @@ class Identification(Shown, Plotted, Tabled, Reported):
         """
         return above("view.show", "report")(self, path, verification)
 
-    def save(self, path: str | Path) -> None:
-        """Write the model as YAML, as `IdentifiedModel.save`."""
-        self.model.save(path)
+    def save(self, path: str | Path, verification: "Validation | None" = None) -> None:
+        """Write the model as YAML, as `IdentifiedModel.save`.
+
+        Args:
+            path: of the file.
+            verification: as of `report`; the file keeps what it says of the model.
+        """
+        model = self.model if verification is None else verification.noted(self.model)
+        model.save(path)
 
     @property
     def base(self) -> BaseParameters:

@@ -9,6 +9,7 @@ from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.record import IdentifiedModel, Verification
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
@@ -62,6 +63,10 @@ class Validation(Shown, Plotted, Tabled, Reported, _Pair):
         pair.model = model
         return pair
 
+    def noted(self, model: IdentifiedModel) -> IdentifiedModel:
+        """A model that keeps how well it predicts this recording, if it is not one of its own."""
+        return noted(model, self.log, self.error, self.log.path.name)
+
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings about the comparison, one sentence each."""
@@ -92,6 +97,19 @@ def validate(
     return Validation(torque_error(dynamics, model.p, recording), recording.log, model)
 
 
+def noted(
+    model: IdentifiedModel, log: "Compared", error: TorqueError, name: str
+) -> IdentifiedModel:
+    """A model that keeps how well it predicts a recording, if it is not one of its own."""
+    if log.sha256 in {source.sha256 for source in model.sources}:
+        return model
+    errors = {"rms": tuple(error.rms.tolist()), "nrmse": tuple(error.nrmse.tolist())}
+    verification = Verification(
+        log=name, sha256=log.sha256, **errors, remarks=tuple(map(str, remarks(model, log, error)))
+    )
+    return model.changed(verification=verification)
+
+
 @runtime_checkable
 class Compared(Protocol):
     """A recording that a model was compared with: surveyed, or in a factor file."""
@@ -119,7 +137,7 @@ def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, .
     return (*log.warnings, *twice[:1], *misfit(model, error))
 
 
-def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
+def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ...]:
     """A warning when a recording does not look like one of the model's robot; else nothing.
 
     Of a robot at its prior nothing better can be expected.
@@ -128,13 +146,14 @@ def misfit(model: ModelLike, error: TorqueError) -> tuple[str, ...]:
     if model.identified is None:
         return ()
     fit = model.identified.fit
-    times = error.rms / np.maximum(fit.rms, np.finfo(float).tiny)
-    bad = np.flatnonzero((times > _WORSE) & (error.nrmse > _SHARE))
+    rms, nrmse = np.asarray(error.rms), np.asarray(error.nrmse)
+    times = rms / np.maximum(fit.rms, np.finfo(float).tiny)
+    bad = np.flatnonzero((times > _WORSE) & (nrmse > _SHARE))
     if not bad.size:
         return ()
     drives = ", ".join(model.robot.drives[i] for i in bad)
-    worst = int(bad[np.argmax(error.nrmse[bad])])
-    drive, now, then = model.robot.drives[worst], error.nrmse[worst], fit.nrmse[worst]
+    worst = int(bad[np.argmax(nrmse[bad])])
+    drive, now, then = model.robot.drives[worst], nrmse[worst], fit.nrmse[worst]
     how_much, cause, cure = next(texts for least, *texts in _LIKELIEST if now > least)
     text = (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "

@@ -232,7 +232,14 @@ class Model(Shown, Plotted, Tabled, Reported):
         """One line for the head of a file."""
         title = _printable(self.robot.title) or self.name
         named = ", ".join((title, *self.altered))
-        return f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
+        line = f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
+        return line if self.identified is None else f"{line}. {self._worth(self.identified)}"
+
+    def _worth(self, known: IdentifiedModel) -> str:
+        """Verdict and verification of the model behind it, and what tells it from others."""
+        verdict = _printable(above("view.summary", "summary")(self).sentence)
+        on = "" if known.verification is None else f" Verified on {known.verification.log}."
+        return f"{verdict}{_printable(on)} Model {known.digest}, deltaid {known.deltaid}"
 
 
 @runtime_checkable

@@ -1,5 +1,6 @@
 """The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
 
+import hashlib
 import re
 from importlib import import_module
 from pathlib import Path
@@ -9,8 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
+from deltaid.checksum import EMPTY, is_intact, sealed
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
+from deltaid.files import written_whole
 from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
 from deltaid.model.friction_record import FrictionChoice, FrictionCurve
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, place
@@ -21,8 +24,9 @@ from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.load import bound, parse, read_text, save_yaml
+from deltaid.robot.load import bound, parse, read_text
 from deltaid.robot.part import Part
+from deltaid.robot.yaml_tree import yaml_text
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
@@ -33,6 +37,8 @@ if TYPE_CHECKING:
 # 2: base parameters name their representative. 3: corrections; what a parameter rests on.
 # 4: the posterior; how intervals were made.
 FORMAT = 4
+_OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
+_CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
@@ -73,6 +79,16 @@ class Consistency(Part):
 
     body: str
     eigenvalues: tuple[float, float, float, float]
+
+
+class Verification(Part):
+    """How well a model predicts a recording of another motion, drive by drive."""
+
+    log: str
+    sha256: str
+    rms: tuple[float, ...]
+    nrmse: tuple[float, ...]
+    remarks: tuple[str, ...] = Field(default=(), description="what is doubtful about it")
 
 
 class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
@@ -124,6 +140,15 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     )
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
+    undecided: tuple[str, ...] = Field(
+        default=(), description="those of the warnings that say only what cannot be told"
+    )
+    wrong: tuple[str, ...] = Field(
+        default=(), description="what checks called wrong and --force went on with"
+    )
+    verification: Verification | None = Field(
+        default=None, description="on a motion that the fit has not seen; missing in earlier files"
+    )
 
     @property
     def layout(self) -> ParameterLayout:
@@ -134,6 +159,11 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     def p(self) -> Float[np.ndarray, " parameters"]:
         """The identified parameter vector."""
         return np.array([parameter.value for parameter in self.parameters])
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that it holds, its first twelve digits."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
 
     @property
     def consistent(self) -> bool:
@@ -179,16 +209,19 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         return whole.sample(n, seed, limb_tolerance, progress=progress)
 
     def save(self, path: str | Path) -> None:
-        """Write as YAML; numbers keep every bit.
+        """Write as YAML with a checksum in its last line; numbers keep every bit.
 
         Raises:
             DeltaidError: the file cannot be written.
         """
-        save_yaml(self, Path(path))
+        text = yaml_text(self.model_dump(mode="json", exclude_none=True))
+        data = sealed(f"{text}# {EMPTY}\n".encode())
+        with written_whole(Path(path)) as file:
+            file.write(data.decode())
 
     @classmethod
     def load(cls, path: str | Path) -> "IdentifiedModel":
-        """Read a saved model.
+        """Read a saved model; one that was changed by hand has a warning more.
 
         Raises:
             DescriptionError: the file is not a model, is of a later version, or its bodies are not
@@ -197,7 +230,10 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         text, where = read_text(Path(path)), str(path)
         _require_readable(text, where)
         model = parse(text, cls, where=where)
-        return model.changed(robot=bound(model.robot, where))
+        warnings = model.warnings
+        if is_intact(text.encode()) is False:
+            warnings = (_CHANGED, *warnings)
+        return model.changed(robot=bound(model.robot, where), warnings=warnings)
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":
@@ -205,9 +241,12 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         if names != self.layout.names:
             raise ValueError("parameters are not those of the robot, in its order")
         drives = len(self.robot.drives)
-        for name in ("rms", "nrmse", "rms_unfiltered"):
-            if len(getattr(self.fit, name)) != drives:
-                raise ValueError(f"fit.{name} must have one number a drive, that is {drives}")
+        counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
+        if (seen := self.verification) is not None:
+            counted |= {"verification.rms": seen.rms, "verification.nrmse": seen.nrmse}
+        for name, numbers in counted.items():
+            if len(numbers) != drives:
+                raise ValueError(f"{name} must have one number a drive, that is {drives}")
         if self.posterior is not None and (strange := self.posterior.names - set(names)):
             raise ValueError(f"posterior names {min(strange)}, which is no parameter of the robot")
         worst, margin = least_margin(self.layout, self.p)

@@ -11,8 +11,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
-from deltaid.model.record import Fit, IdentifiedModel
-from deltaid.model.verdict import Grade
+from deltaid.model.record import Fit, IdentifiedModel, Verification
 from deltaid.view.corrections import corrected
 from deltaid.view.numbers import in_words, percent
 from deltaid.view.page import Summary, Trust
@@ -21,6 +20,7 @@ from deltaid.view.page import Summary, Trust
 # twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
 # much as friction or a load usually is, something is missing in the model.
 GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
+_Errors = TorqueError | Verification
 # Doubts that are told in words; more are counted.
 _TOLD = 3
 _DOUBT = "Doubtful: "
@@ -37,22 +37,22 @@ def summary(
 
     Args:
         of: the result of `identify`, or a model; one at its robot's prior too.
-        error: torque errors on another recording, as of `validate`.
+        error: torque errors on another recording, as of `validate`; those that the model keeps
+            if None.
         log: that recording, without which it counts as one that the model has not seen.
     """
-    verdicts = getattr(of, "verdicts", ())
     model = load(of.model if isinstance(of, Identification) else of)
     known = model.identified
     if known is None:
         return _of_prior(model, error)
-    untold = {verdict.sentence for verdict in verdicts if verdict.grade is Grade.CANNOT_TELL}
-    doubts = [text for text in known.warnings if text not in untold]
-    wrong = [verdict.key for verdict in verdicts if verdict.grade is Grade.WRONG]
-    wrong += ["a body is not physically consistent"] * (not known.consistent)
+    doubts = [text for text in known.warnings if text not in known.undecided]
+    wrong = list(known.wrong) + ["a body is not physically consistent"] * (not known.consistent)
     own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
-    unseen = None if own else error
+    unseen = known.verification if error is None else None if own else error
     if error is not None:
         doubts += remarks(model, log, error) if log is not None else misfit(model, error)
+    elif known.verification is not None:
+        doubts += known.verification.remarks
     missed = unseen is not None and bool(misfit(model, unseen))
     grade = _grade(known.fit, unseen, bad=bool(wrong) or missed, doubtful=bool(doubts))
     return Summary(
@@ -73,7 +73,7 @@ def without_doubts(said: Summary) -> Summary:
     return replace(said, lines=tuple(line for line in said.lines if not line.startswith(_DOUBT)))
 
 
-def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -> Trust:
+def _grade(fit: Fit, unseen: _Errors | None, *, bad: bool, doubtful: bool) -> Trust:
     """The rules of `Trust`."""
     worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
     if bad or not worst <= FAIR_WITHIN:
@@ -83,7 +83,7 @@ def _grade(fit: Fit, unseen: TorqueError | None, *, bad: bool, doubtful: bool) -
     return Trust.GOOD if worst <= GOOD_WITHIN and not doubtful else Trust.FAIR
 
 
-def _verdict(model: Model, unseen: TorqueError | None, doubts: int, wrong: Sequence[str]) -> str:
+def _verdict(model: Model, unseen: _Errors | None, doubts: int, wrong: Sequence[str]) -> str:
     """How well torques are predicted, and whether anything speaks against it."""
     known = model.identified
     said = ""
