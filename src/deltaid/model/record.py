@@ -231,7 +231,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         _require_readable(text, where)
         model = parse(text, cls, where=where)
         warnings = model.warnings
-        if is_intact(text.encode()) is False:
+        if is_intact(text.replace("\r\n", "\n").encode()) is False:
             warnings = (_CHANGED, *warnings)
         return model.changed(robot=bound(model.robot, where), warnings=warnings)
 
