@@ -45,6 +45,10 @@ def cut_short(whole: Plant) -> bytes:
     return whole.path("south/2026-01-05").read_bytes()[:-900]
 
 
+# Another filter than that of what was gathered.
+OTHER = SETTINGS.changed(cutoff=20.0)
+
+
 @contextmanager
 def no_workers() -> Iterator[None]:
     """All work is done here, one item after the other."""
@@ -142,6 +146,39 @@ def test_days_that_come_later_give_the_same_bits(whole: Plant, tmp_path: Path) -
     assert here.table().equals(whole.table().filter(pl.col("robot") == "north"))
     gone = here.table("recordings.parquet").filter(~pl.col("there"))
     assert gone["path"].to_list() == [str(here.path(FIRST[1]))]
+
+
+def test_nothing_that_was_gathered_is_lost(tmp_path: Path) -> None:
+    """Neither where recordings are away, whatever mapping they have, nor with other options."""
+    here = plant(tmp_path / "own", robots=("north",)).record(*FIRST)
+    columns = here.folder / "columns.yaml"
+    columns.write_text("time: {column: t, unit: s}\n", encoding="utf-8")
+    text = here.manifest.read_text(encoding="utf-8")
+    here.manifest.write_text(f"{text.rstrip()}\n    columns: columns.yaml\n", encoding="utf-8")
+    with no_workers():
+        here.run()
+        rows = here.table("recordings.parquet")
+        assert rows["there"].all()
+        away = here.folder / "away"
+        here.path(FIRST[0]).parent.rename(away)
+        here.run()
+        kept = here.table("recordings.parquet")
+        assert kept.drop("there").equals(rows.drop("there"))
+        assert not kept["there"].any()
+        assert here.table("before/recordings.parquet").equals(rows)
+        unnamed = here.manifest.with_name("unnamed.yaml")
+        unnamed.write_text(text.replace("north/*", "south/*"), encoding="utf-8")
+        for manifest, settings in ((here.manifest, OTHER), (unnamed, SETTINGS)):
+            with pytest.raises(DeltaidError, match=r"lose .* 2 recordings that (.|\n)*--drop"):
+                run_fleet(manifest, here.output, settings=settings)
+            assert here.table("recordings.parquet").equals(kept)
+        away.rename(here.path(FIRST[0]).parent)
+        with pytest.raises(DeltaidError, match=r"2 recordings that are gathered otherwise"):
+            run_fleet(here.manifest, here.output, settings=OTHER)
+        run_fleet(here.manifest, here.output, settings=OTHER, regather=True)
+        assert set(here.table("recordings.parquet")["how"]).isdisjoint(rows["how"])
+        run_fleet(unnamed, here.output, settings=OTHER, drop_absent=True)
+        assert here.table("recordings.parquet").is_empty()
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:

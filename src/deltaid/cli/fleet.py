@@ -97,6 +97,15 @@ def fleet(
     retry: Annotated[
         bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
     ] = False,
+    drop_absent: Annotated[
+        bool,
+        typer.Option(
+            "--drop-absent", help="Forget recordings that are away and cannot be used as asked."
+        ),
+    ] = False,
+    regather: Annotated[
+        bool, typer.Option("--regather", help="Gather anew what was gathered otherwise.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
@@ -130,7 +139,8 @@ def fleet(
                 _require_one_type(robots)
             run = run_fleet(
                 robots, output, settings=settings, drift=drift, scheduler=scheduler,
-                workers=workers, force=force, retry=retry, progress=say,
+                workers=workers, force=force, retry=retry, drop_absent=drop_absent,
+                regather=regather, progress=say,
             )  # fmt: skip
     except KeyboardInterrupt:
         print_error(

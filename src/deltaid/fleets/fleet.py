@@ -74,6 +74,7 @@ class Fleet:
         period: of which recordings are fitted together.
         absent: what is named and not there, or has no date.
         entries: robot, and path or pattern, of all that the manifest names.
+        mappings: files of columns that it names, whether there are recordings for them or not.
     """
 
     recordings: tuple[Recorded, ...]
@@ -81,6 +82,7 @@ class Fleet:
     period: Period = "week"
     absent: tuple[Quarantined, ...] = ()
     entries: tuple[tuple[str, str], ...] = ()
+    mappings: tuple[str, ...] = ()
 
 
 def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
@@ -95,6 +97,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
     """
     read, absent, types = read_manifest(manifest), list[Quarantined](), dict[str, str]()
     recordings, entries = dict[str, Recorded](), list[tuple[str, str]]()
+    mappings = set[str]()
     named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
     single = stamps_of(pattern for pattern, _ in named if not has_pattern(pattern))
     for pattern, (robot, kind, file, columns) in named:
@@ -109,6 +112,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
             reason = f"{why}\n  → check the manifest"
             absent.append(Quarantined("recording", robot, pattern, reason))
         mapping = beside(columns, manifest) if columns else ""
+        mappings.add(mapping)
         for path, stamp in matches.items():
             time = _time(file, path)
             if time is None:
@@ -134,6 +138,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         period or read.period,
         tuple(absent),
         tuple(entries),
+        tuple(sorted(mappings - {""})),
     )
 
 

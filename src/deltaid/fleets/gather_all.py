@@ -1,14 +1,14 @@
 """All recordings of a fleet: what earlier calls have gathered or refused is not gathered again."""
 
 import re
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import FactorFile, write
-from deltaid.fleets.fleet import Recorded
+from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.gather_plan import FACTORS, GatherJob
 from deltaid.fleets.known import GatherResult
@@ -17,28 +17,68 @@ from deltaid.fleets.step import Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.parallel import threads
 
+# Why what was gathered of a recording cannot be used.
+_WRONG = "whose description or mapping cannot be read"
+_OTHERWISE = "that are gathered otherwise than asked, or by another version"
+_AWAY = "that are not there, and were gathered otherwise than asked, or by another version"
+_DAMAGED = "that are not there, and whose factor files are damaged or gone"
+_UNNAMED = "that the manifest names no more"
 # Grades of verdicts that a table names.
 _POOR = ("wrong", "doubtful")
 
 
 def gather_all(call: Call) -> tuple[list[GatherResult], int]:
-    """What became of all recordings, in their order, and how many were gathered now."""
+    """What became of all recordings, in their order, and how many were gathered now.
+
+    Raises:
+        DeltaidError: what earlier calls have gathered would be lost, and nobody said so.
+    """
     listing = call.place.listing(FACTORS)
-    outcomes, jobs = list[GatherResult](), list[GatherJob]()
+    outcomes, jobs, lost = list[GatherResult](), list[GatherJob](), Counter[str]()
     for recorded in call.fleet.recordings:
+        before = call.known.hows.get(recorded.path)
         try:
             job = GatherJob.for_recording(recorded, call.plan.how(recorded))
         except DeltaidError as error:
+            lost[_WRONG] += before is not None
             outcomes.append(GatherResult(recorded, "", reason=str(error), is_new=False))
             continue
         known = call.known.gathered(job, listing)
         if known is None:
             jobs.append(job)
+            lost[_OTHERWISE] += before not in (None, job.how.digest)
         else:
             outcomes.append(known)
+    here, named = {recorded.path for recorded in call.fleet.recordings}, Named(call.fleet)
+    gone = [
+        (outcome, _why_lost(call, outcome, named, listing)) for outcome in call.known.gone(here)
+    ]
+    lost.update(why for _, why in gone if why)
+    _require_kept(call, +lost)
     new = _gathered(call, jobs)
-    outcomes += new + _gone(call, listing)
+    outcomes += new + [outcome for outcome, why in gone if not why]
     return _once(outcomes), sum(outcome.is_new for outcome in new)
+
+
+def _require_kept(call: Call, lost: "Counter[str]") -> None:
+    """Refuse to go on without what was gathered.
+
+    Raises:
+        DeltaidError: with how many recordings are concerned.
+    """
+    allowed = {_OTHERWISE: call.regather}
+    kept = {why: n for why, n in lost.items() if not allowed.get(why, call.drop_absent)}
+    if kept:
+        cures = ["put back what is away, or ask as before"]
+        cures += ["--regather gathers anew"] * (_OTHERWISE in kept)
+        cures += ["--drop-absent forgets them"] * (set(kept) != {_OTHERWISE})
+        raise DeltaidError(
+            "would lose what was gathered of " + "; of ".join(
+                f"{n} recording{'s' if n > 1 else ''} {why}" for why, n in kept.items()
+            ),
+            where=call.place.root,
+            cure="; ".join(cures),
+        )  # fmt: skip
 
 
 def gather_again(
@@ -64,26 +104,36 @@ def _failed(job: GatherJob, why: str) -> GatherResult:
     return GatherResult(job.recorded, "", reason=why, how=job.how.digest)
 
 
-def _gone(call: Call, listing: dict[str, int]) -> list[GatherResult]:
-    """Recordings that the manifest still names and that have been thrown away once gathered.
+def _why_lost(call: Call, outcome: GatherResult, named: "Named", listing: Mapping[str, int]) -> str:
+    """Why what a recording that is away has said cannot be used; empty where it can."""
+    if not named.names(outcome.recorded):
+        return _UNNAMED
+    try:
+        same = call.plan.how(outcome.recorded).digest == outcome.how
+    except DeltaidError:
+        return _WRONG
+    if not same:
+        return _AWAY
+    return "" if listing.get(outcome.file) == outcome.size else _DAMAGED
 
-    What they said has been kept, so they count.
-    """
-    from fsspec.utils import glob_translate
 
-    named, patterns = set(call.fleet.entries), dict[str, list[re.Pattern[str]]]()
-    for robot, pattern in call.fleet.entries:
-        if has_pattern(pattern):
-            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
-    here, gone = {recorded.path for recorded in call.fleet.recordings}, list[GatherResult]()
-    for outcome in call.known.gone(here, listing):
-        robot, path = outcome.recorded.robot, outcome.recorded.path
-        matches = any(pattern.fullmatch(path) for pattern in patterns.get(robot, ()))
-        with suppress(DeltaidError):  # what cannot be gathered now is of other means
-            same = call.plan.how(outcome.recorded).digest == outcome.how
-            if same and (matches or (robot, path) in named):
-                gone.append(outcome)
-    return gone
+class Named:
+    """What a manifest names, also of recordings that are away."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        from fsspec.utils import glob_translate
+
+        self._single, self._patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
+        for robot, pattern in fleet.entries:
+            if has_pattern(pattern):
+                own = self._patterns.setdefault(robot, [])
+                own.append(re.compile(glob_translate(pattern)))
+
+    def names(self, log: Recorded) -> bool:
+        """Whether it names a recording."""
+        patterns = self._patterns.get(log.robot, ())
+        single = (log.robot, log.path) in self._single
+        return single or any(pattern.fullmatch(log.path) for pattern in patterns)
 
 
 def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:

@@ -51,8 +51,9 @@ class How:
 
     @cached_property
     def digest(self) -> str:
-        """A checksum of all this."""
-        return digest([ways(self.robot, self.mapping, self.settings), self.force])
+        """A checksum of all this, and of the version that gathers."""
+        own = ways(self.robot, self.mapping, self.settings)
+        return digest([own, self.force, version("deltaid")])
 
     def holding(self, mass: float | None, where: str) -> "How":
         """The same for a recording with a mass that was held all the time, 0 for none.
@@ -84,8 +85,7 @@ class GatherJob:
     @classmethod
     def for_recording(cls, recorded: Recorded, how: How) -> "GatherJob":
         """By the recording's stamp: nothing is read for it."""
-        known = [recorded.path, recorded.stamp, how.digest, version("deltaid")]
-        return cls(recorded, how, digest(known))
+        return cls(recorded, how, digest([recorded.path, recorded.stamp, how.digest]))
 
     @property
     def file(self) -> str:
@@ -136,8 +136,7 @@ class GatherPlan:
             return values
 
         robots = read(fleet.types, _robot)
-        columns = {recorded.columns for recorded in fleet.recordings} - {""}
-        mappings = read({name: name for name in sorted(columns)}, load_mapping)
+        mappings = read({name: name for name in fleet.mappings}, load_mapping)
         return cls(settings, force, robots, mappings, {}, wrong)
 
     def how(self, recorded: Recorded) -> How:

@@ -72,12 +72,14 @@ class EarlierCalls:
     Attributes:
         recordings: that have factors.
         rows: which row of these has a key.
+        hows: how a recording was gathered, by its path.
         refused: reasons, by key.
         tables: of all steps, by name.
     """
 
     recordings: pl.DataFrame
     rows: Mapping[str, int]
+    hows: Mapping[str, str]
     refused: Mapping[str, str]
     tables: Mapping[str, pl.DataFrame]
 
@@ -108,6 +110,7 @@ class EarlierCalls:
         return cls(
             used,
             {key: k for k, key in enumerate(used["key"])},
+            dict(zip(used["path"], used["how"], strict=True)),
             {} if retry else _refused(place),
             {  # what another version has written is made again
                 name: pl.DataFrame(schema=schemas[name])
@@ -143,10 +146,10 @@ class EarlierCalls:
         row = self.recordings.row(self.rows[job.key], named=True)
         return _outcome(job.recorded, row) if listing.get(row["file"]) == row["bytes"] else None
 
-    def gone(self, here: Set[str], listing: Mapping[str, int]) -> Iterator[GatherResult]:
-        """What became of recordings that are not `here` and whose factors are still there whole."""
+    def gone(self, here: Set[str]) -> Iterator[GatherResult]:
+        """What became of recordings that are not `here`."""
         for row in self.recordings.iter_rows(named=True):
-            if row["path"] not in here and listing.get(row["file"]) == row["bytes"]:
+            if row["path"] not in here:
                 yield _outcome(Recorded(**{key: row[key] for key in _RECORDED}), row)
 
 

@@ -45,6 +45,9 @@ from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
 
+# Folder of the tables as they were before a call.
+BEFORE = "before"
+
 
 @dataclass(frozen=True)
 class FleetRun:
@@ -83,6 +86,8 @@ def fleet(
     workers: int | None = None,
     force: bool = False,
     retry: bool = False,
+    drop_absent: bool = False,
+    regather: bool = False,
     progress: Watch = None,
     **options: Any,
 ) -> FleetRun:
@@ -102,13 +107,16 @@ def fleet(
         workers: how many of these; one a core if None.
         force: go on with what the checks call wrong.
         retry: try again what was put into quarantine before.
+        drop_absent: forget recordings that are not there and cannot be used as asked.
+        regather: gather recordings anew that were gathered with other settings, mappings or
+            descriptions, or by another version.
         progress: as of `identify`.
         options: single settings of fits by name, such as `lag="none"`.
 
     Raises:
-        DeltaidError: nobody answers at the address, workers do not see the folder, or the
-            manifest or the folder cannot be used; or this process has lost its threads, as of
-            `require_threads`.
+        DeltaidError: what earlier calls have gathered would be lost, nobody answers at the
+            address, workers do not see the folder, or the manifest or the folder cannot be used;
+            or this process has lost its threads, as of `require_threads`.
     """
     require_threads()
     with watched(progress, "fleet") as say, ExitStack() as stack:
@@ -128,7 +136,8 @@ def fleet(
             return stack.enter_context(workers_of(scheduler, workers, shared))
 
         plan = with_cutoffs(plan, manifest, place, started)
-        return _run(Call(manifest, place, plan, known, started, say), drift or DriftSettings())
+        call = Call(manifest, place, plan, known, started, say, drop_absent, regather)
+        return _run(call, drift or DriftSettings())
 
 
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
@@ -189,6 +198,9 @@ def _write(
 ) -> dict[str, pl.DataFrame]:
     """The tables, by name; what jobs have left behind is then no longer needed."""
     place, tables = call.place, dict[str, pl.DataFrame]()
+    for file in (*(f"{name}.parquet" for name in TABLES), RECORDINGS, QUARANTINE):
+        if (before := place.read(file)) is not None:
+            place.write(f"{BEFORE}/{file}", before)
     for step, own in results.items():
         keys = [result.job.key for result in own]
         for name in step.tables:

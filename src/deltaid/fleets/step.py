@@ -44,6 +44,8 @@ class Call:
         known: what earlier calls have come to.
         workers: who do it, and start when they are asked for.
         say: told of every step.
+        drop_absent: forget recordings that are not there and cannot be used as asked.
+        regather: gather those anew that were gathered otherwise.
     """
 
     fleet: Fleet
@@ -52,6 +54,8 @@ class Call:
     known: EarlierCalls
     workers: Callable[[], Workers]
     say: Say
+    drop_absent: bool = False
+    regather: bool = False
 
     def done(
         self,
