@@ -68,7 +68,8 @@ def load(name: str) -> bytes | None:
 
 
 def save(name: str, content: bytes) -> None:
-    """Keep an entry. Where the system's own folder cannot be written, there is none.
+    """Keep an entry. Where the system's own folder cannot be written, or a disk is full, there is
+    none.
 
     Raises:
         DeltaidError: the folder that `DELTAID_KERNEL_CACHE` names cannot be written.
@@ -83,7 +84,7 @@ def save(name: str, content: bytes) -> None:
         if checksum[0] % _LOOKS == 0:  # as good as at random
             _make_room(place)
     except (OSError, DeltaidError) as error:
-        if os.environ.get(VARIABLE):
+        if os.environ.get(VARIABLE) and not os.access(place, os.W_OK):
             raise DeltaidError(
                 f"compiled kernels cannot be kept there: {_reason(error)}",
                 where=str(place),
