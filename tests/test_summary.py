@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from datetime import date, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -114,13 +115,15 @@ def test_doubts_are_told_by_cause_and_lower_the_grade(
 
 
 def test_verdicts_weigh_as_they_are_graded(result: Judged, error: TorqueError) -> None:
-    def with_verdict(grade: Grade) -> Summary:
-        verdict = Verdict("torque-sign", grade, "seen so", cause="wired so", cure="wire it")
+    def with_verdict(grade: Grade, key: str = "torque-sign", number: float = 0.0) -> Summary:
+        verdict = Verdict(key, grade, "seen so", cause="so", cure="wire it", number=number)
         model = Verdicts((verdict,)).noted(result.model.changed(warnings=(verdict.sentence,)))
         return summary(replace(result, model=model), off(error, 0.01))
 
     assert with_verdict(Grade.CANNOT_TELL).grade is Trust.GOOD
     assert with_verdict(Grade.DOUBTFUL).grade is Trust.FAIR
+    assert with_verdict(Grade.DOUBTFUL, "residual", 14.9).grade is Trust.FAIR
+    assert with_verdict(Grade.DOUBTFUL, "residual", 15.1).grade is Trust.POOR
     wrong = with_verdict(Grade.WRONG)
     assert wrong.grade is Trust.POOR
     assert wrong.sentence.endswith("; found wrong: torque-sign.")
@@ -209,6 +212,11 @@ def test_a_model_keeps_its_verdict(folder: Path, tmp_path: Path) -> None:
     assert said.sentence in told.out
     assert known.identified.verification.log.endswith("verify.csv")
     assert f"{said.sentence} Verified on" in known.provenance
+    day = known.identified.identified_on
+    assert abs(date.today() - day) <= timedelta(days=1)
+    assert f"Model {known.identified.digest} of {day}, deltaid" in known.provenance
+    other = known.identified.changed(identified_on=date(2020, 1, 1))
+    assert other.digest == known.identified.digest != other.changed(wrong=("a",)).digest
     own = IdentifiedModel.load(folder / "model.yaml")
     again = validate(own, folder / "log.csv").noted(own)
     assert again.verification is None  # its own recording verifies nothing

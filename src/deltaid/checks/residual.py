@@ -37,14 +37,17 @@ _SPOILT = 0.05
 _DECLARE = (
     "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
 )
-# A smaller lag [s] that biases no inertia by this share is not reported.
-_LARGE, _HARMS = 2e-4, 0.003
+# A lag that biases no inertia by this share is not reported.
+_HARMS = 0.003
 # A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
 # as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
 # near rest interfere.
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 # Lags of drives differ by more than this at least [ms].
 _APART = 0.3
+# What no cause explains is said and not doubtful below this share of a drive's torque, which the
+# ripple of a good drive makes.
+_LITTLE = 0.01
 # A residual comes in bursts when a tenth of the time has this share of it.
 _BURSTS = 0.7
 _LOOK = "look at the residual over time in the report"
@@ -133,8 +136,7 @@ def _lag(study: Study, why: str, *, unknown: bool) -> Verdict:
     harm, shown = spoilt(study), study.common if study.alike else study.each
     sizes, halves = np.abs(shown.values), shown.interval
     clear = sizes > halves * np.where(halves > _WIDE, _CLEAR, 1.0)
-    largest = np.max(sizes, where=clear, initial=0.0)
-    matters = largest > _LARGE or (largest > 0 and np.abs(harm).max() > _HARMS)
+    matters = bool(clear.any()) and np.abs(harm).max() > _HARMS
     if study.hidden:
         return _LAG.poor(
             f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
@@ -168,7 +170,8 @@ def _lag(study: Study, why: str, *, unknown: bool) -> Verdict:
             cause="the motion is too slow, or the torque too noisy, to see it",
             cure="record a faster motion with more reversals",
         )
-    return _LAG.good(_agreement(study), lag)
+    small = f", too little to bias an inertia by {percent(_HARMS)}" if clear.any() else ""
+    return _LAG.good(_agreement(study) + small, lag)
 
 
 def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
@@ -296,4 +299,5 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     else:
         seen += "it varies with neither speed, place, time nor load"
         cure = f"{_LOOK}; check play and stiffness of the gears"
-    return _REST.poor(seen, drive, 100 * rest.part, cause=cause, cure=cure)
+    grade = Grade.DOUBTFUL if rest.part > _LITTLE else Grade.CANNOT_TELL
+    return _REST.poor(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)

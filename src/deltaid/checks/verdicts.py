@@ -100,10 +100,13 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         return tuple(sorted(poor, key=lambda verdict: -order.index(verdict.grade)))
 
     def noted(self, model: IdentifiedModel) -> IdentifiedModel:
-        """A model that keeps what is wrong with its recordings, and what cannot be told."""
+        """A model that keeps what is wrong with its recordings, what cannot be decided, and how
+        much no cause explains."""
         wrong = dict.fromkeys(verdict.key for verdict in self if verdict.grade is Grade.WRONG)
         untold = (verdict.sentence for verdict in self if verdict.grade is Grade.CANNOT_TELL)
-        return model.changed(wrong=tuple(wrong), undecided=tuple(untold))
+        left = [v.number for v in self if v.key == "residual" and v.grade is not Grade.GOOD]
+        share = max((0.01 * number for number in left if number is not None), default=0.0)
+        return model.changed(wrong=tuple(wrong), undecided=tuple(untold), unexplained=share)
 
     @property
     def cures(self) -> str:

@@ -1,6 +1,7 @@
 """A fit as the model that a file keeps: values, intervals, what decided them, what is doubtful."""
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 
 import numpy as np
@@ -122,6 +123,7 @@ def assembled(
     moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
     return IdentifiedModel(
         deltaid=version("deltaid"),
+        identified_on=datetime.now(UTC).date(),
         robot=problem.dynamics.robot,
         parameters=tuple(judged[:count]),
         base_parameters=judged_base(problem),

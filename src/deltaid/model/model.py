@@ -238,8 +238,12 @@ class Model(Shown, Plotted, Tabled, Reported):
     def _worth(self, known: IdentifiedModel) -> str:
         """Verdict and verification of the model behind it, and what tells it from others."""
         verdict = _printable(above("view.summary", "summary")(self).sentence)
-        on = "" if known.verification is None else f" Verified on {known.verification.log}."
-        return f"{verdict}{_printable(on)} Model {known.digest}, deltaid {known.deltaid}"
+        seen, made = (
+            known.verification,
+            f" of {known.identified_on}" * (known.identified_on is not None),
+        )
+        on = "" if seen is None else f" Verified on {_printable(seen.log)}."
+        return f"{verdict}{on} Model {known.digest}{made}, deltaid {known.deltaid}"
 
 
 @runtime_checkable

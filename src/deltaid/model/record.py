@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from datetime import date
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -146,6 +147,10 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     wrong: tuple[str, ...] = Field(
         default=(), description="what checks called wrong and --force went on with"
     )
+    unexplained: float = Field(
+        default=0.0, ge=0.0, description="largest share of a drive's torque that no cause explains"
+    )
+    identified_on: date | None = Field(default=None, description="missing in earlier files")
     verification: Verification | None = Field(
         default=None, description="on a motion that the fit has not seen; missing in earlier files"
     )
@@ -162,8 +167,9 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that it holds, its first twelve digits."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+        """SHA-256 of all that it holds but its date, the first twelve digits."""
+        data = self.model_dump_json(exclude={"identified_on"})
+        return hashlib.sha256(data.encode()).hexdigest()[:12]
 
     @property
     def consistent(self) -> bool:

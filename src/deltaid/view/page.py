@@ -133,9 +133,10 @@ class Fact:
 class Trust(StrEnum):
     """How far a model may be trusted.
 
-    - good: predicts every drive of a motion that it has not seen within 5 %, and nothing about its
-      recordings or its fit is doubtful;
-    - fair: within 15 %, or within 5 % while something is doubtful;
+    - good: predicts every drive of a motion that it has not seen within 5 %, at most 1 % of a
+      drive's torque is unexplained, and nothing about its recordings or its fit is doubtful;
+    - fair: predicts within 15 %, or within 5 % while something is doubtful, and at most 15 % is
+      unexplained;
     - poor: worse than that, much worse than in the identification, identified with `--force` from
       what the checks call wrong, or not physically consistent;
     - untested: no motion that it has not seen is known, and nothing is poor yet. However well a

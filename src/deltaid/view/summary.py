@@ -54,7 +54,8 @@ def summary(
     elif known.verification is not None:
         doubts += known.verification.remarks
     missed = unseen is not None and bool(misfit(model, unseen))
-    grade = _grade(known.fit, unseen, bad=bool(wrong) or missed, doubtful=bool(doubts))
+    bad = bool(wrong) or missed or known.unexplained > FAIR_WITHIN
+    grade = _grade(known.fit, unseen, bad=bad, doubtful=bool(doubts))
     return Summary(
         grade,
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
