@@ -238,12 +238,10 @@ class Model(Shown, Plotted, Tabled, Reported):
     def _worth(self, known: IdentifiedModel) -> str:
         """Verdict and verification of the model behind it, and what tells it from others."""
         verdict = _printable(above("view.summary", "summary")(self).sentence)
-        seen, made = (
-            known.verification,
-            f" of {known.identified_on}" * (known.identified_on is not None),
-        )
+        seen, made = known.verification, known.identified_on
+        day = "" if made is None else f" of {made}"
         on = "" if seen is None else f" Verified on {_printable(seen.log)}."
-        return f"{verdict}{on} Model {known.digest}{made}, deltaid {known.deltaid}"
+        return f"{verdict}{on} Model {known.digest}{day}, deltaid {known.deltaid}"
 
 
 @runtime_checkable
