@@ -31,7 +31,8 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     model, motion = folder / "model.yaml", folder / "verify.csv"
     out = folder / "forces.csv"
     done = run("forces", model, motion, *OPTIONS, "-o", out, "--json")
-    assert (done.code, done.err) == (0, "")
+    assert done.code == 0
+    assert done.err.startswith("note: model.yaml: Untested")
     told = json.loads(done.out)
     rows = pl.read_csv(out)
     identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)

@@ -10,12 +10,12 @@ from deltaid.cli.output import (
     console,
     print_json,
     print_problems,
-    print_trust,
     print_warnings,
     print_written,
     progress,
     require_outputs,
     shown,
+    used,
 )
 from deltaid.cli.simulate import (
     DEFAULT_BANDWIDTH,
@@ -64,8 +64,7 @@ def compare_controllers(
     from deltaid.view.tracking import comparison_table, infeasible_lines
 
     require_outputs((model, trajectory, plant, columns), {"--report": report})
-    print_trust(load(model), force=force)
-    with progress(as_json) as say:
+    with used(load(model), force=force), progress(as_json) as say:
         result = run(
             model, trajectory, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
             delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,

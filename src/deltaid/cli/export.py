@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltaid.cli.options import UsePoor, bounded
-from deltaid.cli.output import console, print_trust, print_warnings, progress
+from deltaid.cli.output import console, print_warnings, progress, used
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
@@ -70,8 +70,7 @@ def export(
     functions = [name.strip() for name in further.split(",") if name.strip()]
     online = _online(functions, rate, payload_max, false_alarms)
     known = load(model)
-    print_trust(known, force=force)
-    with progress(False) as say:
+    with used(known, force=force), progress(False) as say:
         written = run(
             known,
             to,

@@ -10,11 +10,11 @@ from deltaid.cli.output import (
     console,
     print_json,
     print_tables,
-    print_trust,
     print_warnings,
     print_written,
     progress,
     require_outputs,
+    used,
 )
 from deltaid.files import together
 
@@ -62,8 +62,7 @@ def forces(
 
     inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
     require_outputs(inputs, {"--output": output, "--report": report})
-    print_trust(load(model), force=force)
-    with progress(as_json) as say:
+    with used(load(model), force=force), progress(as_json) as say:
         result = run(
             model, motion, logs=logs or (), strut_spacing=strut_spacing, socket_force=socket_force,
             columns=columns, log_columns=log_columns, progress=say,

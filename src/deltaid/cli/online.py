@@ -10,12 +10,12 @@ from deltaid.cli.options import AsJson, Columns, Report, UsePoor, bounded, lag_o
 from deltaid.cli.output import (
     console,
     print_json,
-    print_trust,
     print_warnings,
     print_written,
     progress,
     require_outputs,
     shown,
+    used,
 )
 from deltaid.errors import DeltaidError, within
 
@@ -79,10 +79,9 @@ def online(
     if output is not None:
         require_table(output)
     known = load(model)
-    print_trust(known, force=force)
     delay = None if lag is None else _delay(lag, len(known.robot.drives))
     mapping = as_mapping(columns)
-    with progress(as_json) as say:
+    with used(known, force=force), progress(as_json) as say:
         say(f"checking {log}")
         replay = open_replay(known, log, mapping, gripper, delay)
         settings = OnlineSettings(

@@ -67,27 +67,33 @@ def print_problems(problems: Sequence[str]) -> None:
         error_console.print(styled("not feasible:", "bold red"), text)
 
 
-def print_trust(model: "Model", *, force: bool = False) -> None:
-    """Say on standard error what a model is worth, where it is no good one or is a robot's prior.
+@contextmanager
+def used(model: "Model", *, force: bool = False) -> Generator[None]:
+    """Say on standard error what a model is worth that a command has used, where it is not good.
 
     Raises:
-        DeltaidError: it is poor, and `force` is not set.
+        DeltaidError: it is poor, and `force` is not set; before it is used.
     """
     from deltaid.view.page import Trust
     from deltaid.view.summary import summary
 
-    if model.identified is None:
-        print_note(f"{model.source} is a robot: it stands for its prior parameters")
-        return
-    verdict = summary(model)
-    if verdict.grade is Trust.POOR and not force:
+    verdict = None if model.identified is None else summary(model)
+    if verdict is not None and verdict.grade is Trust.POOR and not force:
         raise DeltaidError(
             verdict.sentence.rstrip("."),
             where=model.source,
             cure="identify it from better recordings, or go on with --force",
         )
-    if verdict.grade is not Trust.GOOD:
+    yield
+    print_origin(model)
+    if verdict is not None and verdict.grade is not Trust.GOOD:
         print_note(f"{model.source}: {verdict.sentence}")
+
+
+def print_origin(model: "Model") -> None:
+    """Say on standard error that a robot stands for its prior, where a model is expected."""
+    if model.identified is None:
+        print_note(f"{model.source} is a robot: it stands for its prior parameters")
 
 
 def print_note(text: str) -> None:

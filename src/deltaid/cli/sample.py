@@ -10,9 +10,9 @@ from deltaid.cli.output import (
     console,
     print_json,
     print_tables,
-    print_trust,
     print_written,
     progress,
+    used,
 )
 from deltaid.errors import DeltaidError
 from deltaid.files import require_new_folder, require_writable
@@ -64,8 +64,7 @@ def sample(
     else:
         require_new_folder(output)
     known = load(model)
-    print_trust(known, force=force)
-    with progress(as_json) as say:
+    with used(known, force=force), progress(as_json) as say:
         say("drawing models")
         drawn = known.sample(n, seed, limb_tolerance)
         say(f"writing {output}")

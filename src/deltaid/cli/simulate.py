@@ -13,11 +13,11 @@ from deltaid.cli.output import (
     print_json,
     print_problems,
     print_tables,
-    print_trust,
     print_warnings,
     print_written,
     progress,
     require_outputs,
+    used,
 )
 from deltaid.control.options import ControllerName
 from deltaid.files import together, written_whole
@@ -100,8 +100,7 @@ def simulate(
 
     inputs = (model, trajectory, plant, columns)
     require_outputs(inputs, {"--output": output, "--report": report})
-    print_trust(load(model), force=force)
-    with progress(as_json) as say:
+    with used(load(model), force=force), progress(as_json) as say:
         result = run(
             model, trajectory, controller=controller, plant=plant, rate=rate, bandwidth=bandwidth,
             encoder=encoder, delay=delay, current_loop=current_loop, payload=payload,

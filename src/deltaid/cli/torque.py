@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from deltaid.cli.options import Columns, ModelOrRobot, UsePoor, output_file
-from deltaid.cli.output import console, print_trust, print_warnings, progress, require_outputs
+from deltaid.cli.output import console, print_warnings, progress, require_outputs, used
 from deltaid.files import written_whole
 
 
@@ -34,10 +34,9 @@ def torque(
     require_outputs((model, log, columns), {"--output": output})
     known = load(model)
     dynamics = known.dynamics
-    print_trust(known, force=force)
     mapping = as_mapping(columns)
     rows = 0
-    with progress(False) as say:
+    with used(known, force=force), progress(False) as say:
         say(f"checking {log}")
         surveyed = open_log(log, dynamics.kinematics, mapping, need_torque=False)
         recording = as_known(model_filtered(known, surveyed), known)

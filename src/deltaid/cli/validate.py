@@ -11,7 +11,7 @@ from deltaid.cli.options import AsJson, Columns, KeepAll, ModelOrRobot, Report
 from deltaid.cli.output import (
     console,
     print_json,
-    print_trust,
+    print_origin,
     print_verdict,
     print_warnings,
     print_written,
@@ -44,7 +44,6 @@ def validate(
     if are_factor_files([log]):
         require_open({"--columns": columns is not None, "--keep-all": keep_all}, report)
     known = load(model)
-    print_trust(known, force=True)
     with progress(as_json) as say:
         say(f"comparing with {log}")
         comparison = compared(known, log, columns, keep_all)
@@ -61,6 +60,7 @@ def validate(
             record = comparison[1]
             about = {"log": record.log, "sha256": record.sha256}
             missing = record.model.sources[0].left_out
+    print_origin(known)
     print_warnings([f"{log}: {text}" for text in remarks(known, seen, error)])
     if as_json:
         excluded = {"left_out": [span.model_dump() for span in missing]}
