@@ -1,9 +1,7 @@
 """Verdicts as a tuple that knows its robot and recordings, and what they propose for files:
 applied to a description or a mapping, or written as lines to paste."""
 
-import copy
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +18,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import (
     RobotLike,
     catalogue,
+    catalogue_text,
     described,
     described_in,
     holds_a_model,
@@ -28,6 +27,7 @@ from deltaid.robot.load import (
     read_text,
     yaml_text,
 )
+from deltaid.robot.yaml_edit import edited, mended, steps_of
 from deltaid.shown import Reported, Shown, Tabled
 
 File = Literal["robot", "mapping"]
@@ -191,19 +191,36 @@ def as_written(robot: RobotLike) -> Data:
     return described(robot).model_dump(mode="json", exclude_none=True)
 
 
-def mended(data: Data, proposed: Changes) -> Data:
-    """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
-    data = copy.deepcopy(data)
-    for path, value in proposed.items():
-        *parents, last = _steps(path)
-        place: Any = data
-        for step in parents:
-            place = place[step] if isinstance(step, int) else place.setdefault(step, {})
-        if value is None and isinstance(place, dict):
-            place.pop(last, None)
-        else:
-            place[last] = value
-    return data
+def robot_text(robot: RobotLike, proposed: Changes) -> str:
+    """The file of a description with what is proposed; all other lines of it stay.
+
+    Raises:
+        DescriptionError: there is no such robot, or its file is no mapping of keys.
+    """
+    wanted = mended(as_written(robot), proposed)
+    if isinstance(robot, str | Path):
+        name = str(robot)
+        text = catalogue_text(name) if name in catalogue() else read_text(Path(robot))
+        if not holds_a_model(text):
+            return edited(text, proposed, wanted, name)
+    return yaml_text(wanted)
+
+
+def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
+    """The mapping of a recording with what is proposed; all other lines of its file stay.
+
+    Args:
+        record: the recording with its mapping.
+        proposed: values by path.
+        path: of the mapping's file; None where there is none.
+
+    Raises:
+        DescriptionError: the file cannot be read, or is not YAML.
+    """
+    wanted = mended(record.written_mapping, proposed)
+    return (
+        yaml_text(wanted) if path is None else edited(read_text(path), proposed, wanted, str(path))
+    )
 
 
 def pasted(data: Data, proposed: Changes) -> str:
@@ -217,7 +234,7 @@ def to_paste(data: Data, proposed: Changes) -> Data:
     for path in proposed:
         value: Any = data
         target = lines
-        for step in _steps(path):
+        for step in steps_of(path):
             if step not in value:
                 break
             value = value[step]
@@ -226,8 +243,3 @@ def to_paste(data: Data, proposed: Changes) -> Data:
                 break
             target = target.setdefault(step, {})
     return lines
-
-
-def _steps(path: str) -> list[Any]:
-    """'torque[1].sign' as ['torque', 1, 'sign']."""
-    return [int(step) if step.isdigit() else step for step in re.findall(r"[^.\[\]]+", path)]

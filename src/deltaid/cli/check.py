@@ -61,7 +61,6 @@ def check(
     from deltaid.checks.run import check as run
     from deltaid.model.record import Settings
     from deltaid.recording.mapping_proposal import FOUND, as_words
-    from deltaid.robot.load import yaml_text
 
     logs = logs or []
     targets = _targets(write)
@@ -75,14 +74,14 @@ def check(
         if mapping is not None and mapping.source == FOUND:
             print_note(f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
-        cures = _cures(robot, given, logs, verdicts)
+        cures = _cures(robot, given, logs, verdicts, columns)
     written: dict[File, Path] = {}
     with together():
         if write is not None:
             for cure in cures:
                 written[cure.file] = targets[cure.file] if len(cures) > 1 else write
                 with written_whole(written[cure.file]) as file:
-                    file.write(yaml_text(cure.data))
+                    file.write(cure.text)
         if report is not None:
             _write_report(robot, verdicts, logs, cures, report)
     if as_json:
@@ -99,11 +98,12 @@ def check(
 
 @dataclass(frozen=True)
 class Cure:
-    """One file with all that is proposed for it, as plain data."""
+    """One file with all that is proposed for it, as plain data and as the user's text."""
 
     file: "File"
     data: "Data"
     changes: "Changes"
+    text: str
 
     @property
     def lines(self) -> str:
@@ -119,24 +119,33 @@ def _cures(
     given: "Sequence[ColumnMapping] | None",
     logs: Sequence[Path],
     verdicts: "Verdicts",
+    columns: Sequence[Path] | None,
 ) -> tuple[Cure, ...]:
     """Files with what is proposed; of several mappings none, for they differ."""
     from deltaid.checks.evidence import evidence
-    from deltaid.checks.verdicts import as_written, changes, files_of, mended
+    from deltaid.checks.verdicts import (
+        as_written,
+        changes,
+        files_of,
+        mapping_text,
+        mended,
+        robot_text,
+    )
     from deltaid.robot.load import described
 
     cures: list[Cure] = []
     for file in files_of(verdicts):
+        wanted = changes(verdicts, file)
         if file == "robot":
-            data = as_written(robot)
+            data, text = as_written(robot), robot_text(robot, wanted)
         elif given is not None and len(given) > 1:
             print_note("to have a mapping mended, check its recording alone")
             continue
         else:
-            mapping = given[0] if given else None
-            data = evidence(described(robot), logs[0], mapping).written_mapping
-        wanted = changes(verdicts, file)
-        cures.append(Cure(file, mended(data, wanted), wanted))
+            record = evidence(described(robot), logs[0], given[0] if given else None)
+            data = record.written_mapping
+            text = mapping_text(record, wanted, columns[0] if columns else None)
+        cures.append(Cure(file, mended(data, wanted), wanted, text))
     return tuple(cures)
 
 

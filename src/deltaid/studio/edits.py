@@ -6,18 +6,13 @@ asked for, and are shown before.
 
 import copy
 import difflib
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
-from deltaid.checks.verdicts import mended
-from deltaid.errors import DescriptionError
 from deltaid.recording.mapped_columns import AllDrives
 from deltaid.recording.mapping import ColumnMapping, Quantity
 from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
+from deltaid.robot.yaml_edit import edited, mended
 from deltaid.studio.folder import Folder
 
 Data = dict[str, Any]
@@ -155,17 +150,10 @@ def robot_cured(text: str, changes: Sequence[tuple[str, object]], where: str) ->
     Raises:
         DescriptionError: the text is no description, or what comes out is none.
     """
-    yaml = YAML()
-    yaml.width = 100
-    yaml.preserve_quotes = True
-    try:
-        data = yaml.load(text)
-    except YAMLError as error:
-        raise DescriptionError("is no YAML", where=where, cure=str(error)) from None
-    written = io.StringIO()
-    yaml.dump(mended(data, dict(changes)), written)
-    described_in(written.getvalue(), where)
-    return written.getvalue()
+    data, proposed = plain_data(text, where), dict(changes)
+    written = edited(text, proposed, mended(data, proposed), where)
+    described_in(written, where)
+    return written
 
 
 def own_copy(folder: Folder, robot: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.checks.evidence import evidence
-from deltaid.checks.verdicts import mended
+from deltaid.checks.verdicts import mapping_text
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.recording.columns import Channel
@@ -150,7 +150,7 @@ def mapping_cured(
         DeltaidError: robot, recording or mapping cannot be read.
     """
     record = evidence(described(robot), Path(path), load_mapping(mapping) if mapping else None)
-    return yaml_text(mended(record.written_mapping, dict(wanted)))
+    return mapping_text(record, dict(wanted), Path(mapping) if mapping else None)
 
 
 def _si(channel: Channel, values: np.ndarray) -> np.ndarray:

@@ -1,0 +1,183 @@
+"""Values of a YAML file replaced by path, such as `torque[1].sign`; comments, order, numbers stay.
+
+The text is edited between the marks of YAML's own parser, and what comes out is parsed again. Where
+it does not say what it should (values that share an anchor, blocks that are replaced), ruamel.yaml
+writes the file anew, which keeps comments and order, but no layout.
+"""
+
+import copy
+import io
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import CollectionNode, MappingNode, Node, ScalarNode, SequenceNode
+
+from deltaid.errors import DescriptionError
+from deltaid.robot.yaml_tree import plain, read_tree, yaml_text
+
+Data = dict[str, Any]
+
+
+class _LayoutError(Exception):
+    """A value that stands where text cannot be edited in place."""
+
+
+def mended(data: Data, proposed: Mapping[str, object]) -> Data:
+    """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
+    data = copy.deepcopy(data)
+    for path, value in proposed.items():
+        *parents, last = steps_of(path)
+        place: Any = data
+        for step in parents:
+            place = place[step] if isinstance(step, int) else place.setdefault(step, {})
+        if value is None and isinstance(place, dict):
+            place.pop(last, None)
+        else:
+            place[last] = value
+    return data
+
+
+def steps_of(path: str) -> list[Any]:
+    """'torque[1].sign' as ['torque', 1, 'sign']."""
+    return [int(step) if step.isdigit() else step for step in re.findall(r"[^.\[\]]+", path)]
+
+
+def edited(text: str, proposed: Mapping[str, object], wanted: Data, where: str) -> str:
+    """The text of a file with values replaced by path.
+
+    Args:
+        text: of the file.
+        proposed: values by path; None takes a key out.
+        wanted: all that the file should hold then; keys that it has not yet are taken from here.
+        where: the file, for messages.
+
+    Raises:
+        DescriptionError: the text is not YAML.
+    """
+    now = _plain(text, where)
+    added = {top: wanted[top] for path in proposed if (top := steps_of(path)[0]) not in now}
+    added = {top: value for top, value in added.items() if value is not None}
+    changes = added | {p: value for p, value in proposed.items() if steps_of(p)[0] in now}
+    aim = mended(now | added, changes)
+    result = text
+    try:
+        for path, value in changes.items():
+            result = _with_value(result, steps_of(path), value)
+        if _plain(result, where) == aim:
+            return result
+    except (_LayoutError, DescriptionError, YAMLError):
+        pass
+    return _by_ruamel(text, changes)
+
+
+def _plain(text: str, where: str) -> Data:
+    tree = read_tree(text, where)
+    return {} if tree is None or tree.value is None else plain(tree, where)
+
+
+def _by_ruamel(text: str, changes: Mapping[str, object]) -> str:
+    yaml, written = YAML(), io.StringIO()
+    yaml.width, yaml.preserve_quotes = 100, True
+    yaml.dump(mended(yaml.load(text) or {}, changes), written)
+    return written.getvalue()
+
+
+def _with_value(text: str, steps: list[Any], value: object) -> str:
+    parser: Any = YAML(typ="safe", pure=True)
+    node: Node | None = parser.compose(text)
+    if node is None:
+        return f"{text.rstrip()}\n{_block(steps, value)}\n".lstrip("\n")
+    parent: Node = node
+    for depth, step in enumerate(steps):
+        child = _child(node, step)
+        if child is None:
+            return text if value is None else _inserted(text, node, steps[depth:], value)
+        parent, node = node, child
+    if value is None and isinstance(parent, MappingNode):
+        return _removed(text, parent, steps[-1])
+    if isinstance(node, CollectionNode) and not node.flow_style:
+        raise _LayoutError
+    return _spliced(text, node.start_mark.index, node.end_mark.index, _flow(value))
+
+
+def _child(node: Node, step: object) -> Node | None:
+    if isinstance(node, MappingNode):
+        return next((value for key, value in node.value if key.value == str(step)), None)
+    if isinstance(node, SequenceNode) and isinstance(step, int) and step < len(node.value):
+        return node.value[step]
+    return None
+
+
+def _inserted(text: str, node: Node, steps: list[Any], value: object) -> str:
+    """A new key at the end of a mapping, or in place of an empty value."""
+    if isinstance(node, ScalarNode) and node.start_mark.index == node.end_mark.index:
+        at = node.start_mark.index
+        return _spliced(text, at, at, f" {_flow(_nested(steps, value))}")
+    if not isinstance(node, MappingNode) or not node.value:
+        raise _LayoutError
+    if node.flow_style:
+        at = len(text[: node.end_mark.index - 1].rstrip().rstrip(","))
+        new = _flow(_nested(steps, value))[1:-1]
+        return _spliced(text, at, node.end_mark.index - 1, f", {new}")
+    at = text.find("\n", _end(node))
+    at = len(text) if at < 0 else at
+    indent = " " * node.value[0][0].start_mark.column
+    lines = _block(steps, value).splitlines()
+    return _spliced(text, at, at, "".join(f"\n{indent}{line}" for line in lines))
+
+
+def _removed(text: str, parent: MappingNode, key: object) -> str:
+    """A mapping without one of its keys: of a block whole lines, of a flow the key and a comma."""
+    if len(parent.value) < 2:
+        raise _LayoutError
+    place = next(k for k, (name, _) in enumerate(parent.value) if name.value == str(key))
+    name, value = parent.value[place]
+    if not parent.flow_style:
+        start = text.rfind("\n", 0, name.start_mark.index) + 1
+        stop = text.find("\n", _end(value))
+        if text[start : name.start_mark.index].strip():  # the first key of an item: `- key: …`
+            raise _LayoutError
+        return _spliced(text, start, len(text) if stop < 0 else stop + 1, "")
+    if place + 1 < len(parent.value):
+        start, stop = name.start_mark.index, parent.value[place + 1][0].start_mark.index
+    else:
+        start, stop = parent.value[place - 1][1].end_mark.index, value.end_mark.index
+    return _spliced(text, start, stop, "")
+
+
+def _end(node: Node) -> int:
+    """Where the last character of a node stands; marks of blocks lie before what follows them."""
+    if not isinstance(node, CollectionNode) or node.flow_style or not node.value:
+        return node.end_mark.index
+    last = node.value[-1]
+    return _end(last[1] if isinstance(node, MappingNode) else last)
+
+
+def _spliced(text: str, start: int, stop: int, new: str) -> str:
+    return text[:start] + new + text[stop:]
+
+
+def _nested(steps: list[Any], value: object) -> Data:
+    for step in reversed(steps):
+        value = {step: value}
+    if not isinstance(value, dict) or any(isinstance(step, int) for step in steps):
+        raise _LayoutError
+    return value
+
+
+def _block(steps: list[Any], value: object) -> str:
+    """A key and its value as lines."""
+    (key, value), *_ = _nested(steps, value).items()
+    is_short = not isinstance(value, dict | list)
+    return f"{key}: {_flow(value)}" if is_short else yaml_text({key: value}).rstrip()
+
+
+def _flow(value: object) -> str:
+    """A value on one line."""
+    yaml, text = YAML(), io.StringIO()
+    yaml.default_flow_style, yaml.width = True, 1 << 16
+    yaml.dump({"value": value}, text)
+    return text.getvalue().strip()[len("{value: ") : -1]
