@@ -244,3 +244,22 @@ def test_a_platform_that_moves_while_the_drives_rest_has_jumped(par4):
     assert at == 25
     assert "jumps by 0.1" in what
     assert f"{way.time[25]:.6g} s" in what
+
+
+@pytest.mark.parametrize("name", ["h4", "i4, rails"])
+def test_far_angles_name_the_limb_that_is_turned_over_and_no_singularity(name: str) -> None:
+    """The oracle's inverse kinematics, of the described mode, differs at that limb."""
+    oracle, kinematics = twin(MAKES[name]).oracle, dynamics(MAKES[name]).kinematics
+    home, rng = kinematics.inverse(kinematics.home), np.random.default_rng(0)
+    far, named = 0.3 if kinematics.robot.is_linear("drive1") else 1.0, 0
+    for _ in range(40):
+        q = home + far * rng.uniform(-2, 2, 4)
+        z, closed = kinematics._forward(q[None]).z[0], kinematics._forward(q[None]).closed[0]
+        reason = kinematics.why_not(q) if not kinematics.forward_unchecked(q)[1] else ""
+        limb = re.search(r"limb (\d)", reason)
+        if closed and reason:
+            other = np.abs(oracle.positions(z[None])[0] - q) > 1e-6
+            assert other.any() == (limb is not None), reason
+            named += bool(limb and other[int(limb[1]) - 1])
+            assert ("singularity" in reason) == (limb is None)
+    assert named > 3

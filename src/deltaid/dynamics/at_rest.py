@@ -120,4 +120,4 @@ class AtRest:
             kinematics.require_regular(z[None])
         except KinematicsError as error:
             return error.what
-        return "the pose lies beyond a singularity"
+        return "every limb reaches the pose, but it lies beyond a singularity from the home pose"

@@ -30,7 +30,7 @@ class Forward:
         closed: whether the loops close.
         in_mode: whether all limbs are in their described working mode, on the home pose's branch.
         gap: strut length missing for the loops to close [m]; NaN where that is not known.
-        limb: a limb that is in its other working mode, or −1.
+        limb: a limb in its other working mode; −1 if none is, of a pose beyond a singularity too.
     """
 
     z: Samples
@@ -93,7 +93,7 @@ def _by_newton(mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> Forward
             closed=closed,
             in_mode=found.on_branch | ~closed,
             gap=np.full(len(q), np.nan),
-            limb=np.full(len(q), -1),
+            limb=found.limb,
         )
 
     return forward

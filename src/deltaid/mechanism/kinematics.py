@@ -120,9 +120,9 @@ class Kinematics(WithJointStates, Shown, Plotted):
         return self._wrong_mode(int(found.limb[0]))
 
     def _wrong_mode(self, limb: int) -> str:
-        """How a limb's posture differs from the description; −1 for no limb in particular."""
+        """How a limb's posture differs from the description; −1 where none does."""
         if limb < 0:
-            return "the robot is beyond a singularity, on another branch than its home pose"
+            return "the loops close only beyond a singularity from the home pose"
         geometry = self.robot.limb_geometry[limb]
         outwards = geometry.outwards
         if geometry.drive == "linear":

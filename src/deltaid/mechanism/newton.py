@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
@@ -47,11 +47,13 @@ class Solved:
         z: NaN where no solution was found.
         residual: largest |Φ| [m, rad].
         on_branch: solved, in the described working mode, on this side of singularities.
+        limb: a limb of a solution that is in its other working mode, or −1.
     """
 
     z: Samples
     residual: Float[np.ndarray, " samples"]
     on_branch: Bool[np.ndarray, " samples"]
+    limb: Int[np.ndarray, " samples"]
 
 
 class NewtonForward:
@@ -134,13 +136,17 @@ class NewtonForward:
         return z
 
     def _evaluate(self, z: Samples, q: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest residual, determinant and least mode margin of each sample."""
+        """Largest residual, determinant and mode margins of each sample, a column each."""
         out = self._check(np.hstack([z, q]).T)
         n = self._dof
-        return np.abs(out[:n]).max(axis=0), out[n], out[n + 1 :].min(axis=0)
+        return np.abs(out[:n]).max(axis=0), out[n], out[n + 1 :]
 
     def _judge(self, z: Samples, q: Samples) -> Solved:
-        residual, determinant, mode = self._evaluate(z, q)
-        closed = residual <= _CLOSED
-        on_branch = closed & (np.sign(determinant) == self._sign) & (mode > -_MODE)
-        return Solved(np.where(closed[:, None], z, np.nan), residual, on_branch)
+        residual, determinant, modes = self._evaluate(z, q)
+        closed, in_mode = residual <= _CLOSED, np.all(modes > -_MODE, axis=0)
+        return Solved(
+            z=np.where(closed[:, None], z, np.nan),
+            residual=residual,
+            on_branch=closed & in_mode & (np.sign(determinant) == self._sign),
+            limb=np.where(closed & ~in_mode, np.argmin(modes, axis=0), -1),
+        )
