@@ -14,6 +14,7 @@ from deltaid.checks.run import check, of_robot
 from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
+from logs import recorded
 from sweeps import swept
 
 PLAIN = deltaid.Settings(
@@ -236,3 +237,12 @@ def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
     assert (
         sum("contradict" in text or "no robot has" in text for text in forced.model.warnings) == 0
     )
+
+
+def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_path: Path) -> None:
+    data = as_written("clavel-delta3")
+    data.pop("platform_speed", None)
+    robot, log = written(data, tmp_path / "robot.yaml"), tmp_path / "log.csv"
+    recorded(3000).write_csv(log)
+    assert of(check(robot), "limits-missing").grade is Grade.DOUBTFUL
+    assert "limits-missing" not in {verdict.key for verdict in check(robot, log).poor}

@@ -142,3 +142,11 @@ def test_every_key_is_said_somewhere_and_no_other() -> None:
     keys = {key for group in KEYS.values() for key in group}
     assert set(re.findall(r'Verdict\(\s*"([a-z-]+)"', CODE)) <= keys
     assert {key for key in keys if f'"{key}"' not in CODE} == set()
+
+
+def test_what_is_good_is_one_line() -> None:
+    short, full = run("check", "clavel-delta3"), run("check", "clavel-delta3", "--full")
+    assert "friction-missing" not in short.out
+    assert re.fullmatch(r"\d+ good\n", short.out)
+    assert full.out.endswith(f"\n{short.out}")
+    assert full.out.count("good  ") > 4

@@ -83,7 +83,7 @@ def identify(
     """
     description, settings = described(robot), settings_of(settings, options)
     with watched(progress, "identify") as say:
-        judged = of_robot(description, quick=True)
+        judged = of_robot(description, quick=True, recorded=True)
         if not force:
             _refuse(judged, description)
         sources, before_fit = as_sources(logs), list[tuple[Verdict, ...]]()

@@ -74,7 +74,8 @@ def check(
             if (verdict := _in_metres(robot)) is None:
                 raise
             return Verdicts((verdict,))
-        sources, judged = as_sources(logs), of_robot(description)
+        sources = as_sources(logs)
+        judged = of_robot(description, recorded=bool(sources))
         mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings, options)
         places, several = zip(sources, mappings, strict=True), len(sources) > 1
         records = [evidence(description, *place, fitting) for place in places]
@@ -117,11 +118,15 @@ def _in_metres(robot: RobotLike) -> Verdict | None:
     return verdict if verdict.grade is Grade.WRONG else None
 
 
-def of_robot(robot: RobotDescription, *, quick: bool = False) -> tuple[Verdict, ...]:
+def of_robot(
+    robot: RobotDescription, *, quick: bool = False, recorded: bool = False
+) -> tuple[Verdict, ...]:
     """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
-    already, which that would only repeat."""
-    judged = [checked_lengths(as_written(robot))]
-    for judge in (checked_friction, checked_limits, checked_priors, checked_measured):
+    already, which that would only repeat. Limits that are missing matter before a recording, when a
+    motion is planned, and not after it."""
+    judged = [checked_lengths(as_written(robot)), *checked_friction(robot)]
+    judged += [v for v in checked_limits(robot) if v.grade is Grade.GOOD or not recorded]
+    for judge in (checked_priors, checked_measured):
         judged += judge(robot)
     if not quick and worst(judged) is not Grade.WRONG:
         judged += checked_workspace(robot)

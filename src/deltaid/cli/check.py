@@ -31,6 +31,7 @@ from deltaid.files import together, written_whole
 
 if TYPE_CHECKING:
     from deltaid.checks.verdicts import Changes, Data, File, Verdicts
+    from deltaid.model.verdict import Verdict
     from deltaid.recording.mapping import ColumnMapping
     from deltaid.view.page import Drawing
 
@@ -52,6 +53,9 @@ def check(
     ] = None,
     report: Report = None,
     keep_all: KeepAll = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="List what is good too, with its numbers.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Tell what is wrong with a robot's description and recordings, why, and how to mend it.
@@ -87,7 +91,7 @@ def check(
     if as_json:
         print_json(as_dictionary(robot, verdicts))
     else:
-        _print(verdicts)
+        _print(verdicts if full else verdicts.poor, verdicts)
         _print_cures(cures, written)
         if write is not None and not cures:
             nothing = "no verdict proposes a line of robot file or mapping"
@@ -215,12 +219,13 @@ def as_dictionary(robot: str, verdicts: "Verdicts") -> dict[str, Any]:
     }
 
 
-def _print(verdicts: "Verdicts") -> None:
-    """All verdicts, the most severe first, and how many there are of each."""
+def _print(listed: "Sequence[Verdict]", verdicts: "Verdicts") -> None:
+    """Some verdicts, the most severe first, and how many there are of each grade."""
     from deltaid.view.check import tally, verdict_table
 
-    console.print(verdicts_shown(verdict_table(verdicts)))
-    console.print()
+    if listed:
+        console.print(verdicts_shown(verdict_table(listed)))
+        console.print()
     console.print(tally(verdicts))
 
 
