@@ -27,6 +27,7 @@ Size = Mapping[str, int]
 STATED: dict[str, Size] = {
     "belt_picks": {"rows": 9, "picks": 40},
     "bodies_weighed": {"rows": 24, "seeds": 100},
+    "calibrate": {"rows": 6, "machines": 20},
     "coverage_of_intervals": {"rows": 6, "seeds": 200},
     "coverage_of_labels": {"rows": 12, "robots": 20},
     "cutoff_rule": {"rows": 8},
@@ -61,6 +62,7 @@ STATED: dict[str, Size] = {
 # smaller than this replaces them. An entry goes as soon as its study has been run in full.
 BEHIND: dict[str, Size] = {
     "bodies_weighed": {"rows": 12, "seeds": 100},
+    "calibrate": {"rows": 6, "machines": 3},
     "coverage_of_labels": {"rows": 12, "robots": 12},
     "drawn_against_simulated": {"rows": 2, "recordings": 16},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 from deltaid import forked as forked  # it sees to forks from now on
 
 if TYPE_CHECKING:
+    from deltaid.calibration.calibrate import Calibration, calibrate
+    from deltaid.calibration.readings import Measurements
     from deltaid.checks.identified import identify
     from deltaid.checks.run import check
     from deltaid.checks.verdicts import Verdicts
@@ -61,6 +63,9 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOME = {
+    "Calibration": "deltaid.calibration.calibrate",
+    "calibrate": "deltaid.calibration.calibrate",
+    "Measurements": "deltaid.calibration.readings",
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.mapping",
     "ConstraintForces": "deltaid.joint_forces.constraint_forces",
@@ -134,6 +139,7 @@ _RENAMED = {"verdicts": "check", "write_export": "export"}
 
 __all__ = [
     "BodyPose",
+    "Calibration",
     "ColumnMapping",
     "Comparison",
     "ConstraintForces",
@@ -155,6 +161,7 @@ __all__ = [
     "Limbs",
     "Load",
     "MappingProposal",
+    "Measurements",
     "MechanismParts",
     "Model",
     "Offers",
@@ -175,6 +182,7 @@ __all__ = [
     "Verdicts",
     "base",
     "build_limb",
+    "calibrate",
     "catalogue",
     "check",
     "columns",

@@ -14,6 +14,7 @@ import typer
 
 from deltaid.cli import (
     base,
+    calibrate,
     check,
     columns,
     compare_controllers,
@@ -53,9 +54,9 @@ app = typer.Typer(
 )
 # In the order of `--help`; each module has a function of its own name.
 for module in (
-    demo, studio, robots, new, schema, show, excite, sensors, columns, check, gather, fleet,
-    identify, validate, drift, torque, online, simulate, compare_controllers, base, export, sample,
-    forces, reproduce,
+    demo, studio, robots, new, schema, show, calibrate, excite, sensors, columns, check, gather,
+    fleet, identify, validate, drift, torque, online, simulate, compare_controllers, base, export,
+    sample, forces, reproduce,
 ):  # fmt: skip
     name = module.__name__.rpartition(".")[2]
     app.command(name.replace("_", "-"))(getattr(module, name))

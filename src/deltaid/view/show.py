@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 # Class, by the module that it lives in: its kind, and the modules here of the functions that make
 # its card and frame, and its figure and page, such as 'run_card'.
 _KINDS = {
+    "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
     "checks.verdicts.Verdicts": ("verdicts", "check", "check"),
     "control.simulate.Comparison": ("simulation", "simulations", "simulations"),

@@ -1,0 +1,286 @@
+"""`deltaid.calibrate`: the geometry of a Delta from measured poses, and what they cannot know."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.calibration.fit import Fit, fit
+from deltaid.calibration.instruments import Instrument, Kind
+from deltaid.calibration.loops import Loops
+from deltaid.calibration.mistakes import require_sense
+from deltaid.calibration.outlook import Direction, Places, open_directions, places
+from deltaid.calibration.readings import Measurements, ReadingsLike, read
+from deltaid.calibration.robot_file import calibrated_robot
+from deltaid.calibration.unknowns import Unknowns, unknowns
+from deltaid.errors import RecordingError
+from deltaid.recording.memory import RecordingLike
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
+from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+# Singular values of rows below this share of the largest are none, in units of what is known
+# before: rounding makes 1e-12, an instrument's noise against a workspace 1e-5.
+_RANK = 1e-6
+# Half width of a 95 % interval, in standard deviations.
+WIDE = 1.96
+_KINDS: tuple[Kind, ...] = ("points", "probe", "distances")
+
+
+@dataclass(frozen=True)
+class Session:
+    """Readings of one file.
+
+    Attributes:
+        kind, source: of the instrument, and its file.
+        readings: how many there are.
+        excluded: what was excluded, in words.
+        residual: of those used, root mean square [m].
+        noise: standard deviation that the fit took [m].
+        grown: how many times that is what was stated.
+    """
+
+    kind: str
+    source: str
+    readings: int
+    excluded: tuple[str, ...]
+    residual: float
+    noise: float
+    grown: float
+
+
+@dataclass(frozen=True)
+class Knows:
+    """Standard deviations over the workspace.
+
+    Attributes:
+        position: of positions, root mean square [m].
+        worst: the same where it is largest [m].
+        size: of sizes across, as a share.
+    """
+
+    position: float
+    worst: float
+    size: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Shown, Plotted, Tabled, Reported):
+    """A calibrated geometry.
+
+    Attributes:
+        described: the robot as described before.
+        robot: with the estimated geometry and its tolerances.
+        left: root mean square of positions that `robot`, `zeros` and `scales` cannot hold [m].
+        zeros: by rotary drive, what its coordinate is more than recorded [rad]; those of rails are
+            in `robot`.
+        scales: by drive, the share that it moves more than recorded.
+        values: of all numbers, how much they exceed the described ones [m, rad or share].
+        std: their standard deviations.
+        decided: which source decided each number most: 'description', or an instrument's kind.
+        shares: of each source, description first, in each number.
+        sessions: readings, file by file.
+        rank: how many combinations of numbers and instruments' unknowns readings show at all.
+        before, after: what is known of positions and sizes.
+        open: combinations that matter and that readings do not know.
+    """
+
+    described: RobotDescription
+    robot: RobotDescription
+    left: float
+    zeros: dict[str, float]
+    scales: dict[str, float]
+    known: Unknowns
+    values: Float[np.ndarray, " numbers"]
+    std: Float[np.ndarray, " numbers"]
+    decided: tuple[str, ...]
+    shares: Float[np.ndarray, "sources numbers"]
+    sessions: tuple[Session, ...]
+    rank: int
+    before: Knows
+    after: Knows
+    open: tuple[Direction, ...]
+    places: Places = field(repr=False)
+    fit: Fit = field(repr=False)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Of `shares`: the description, then the instruments by kind."""
+        return ("description", *(session.kind for session in self.sessions))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the numbers, such as 'limb1.strut'."""
+        return self.known.names
+
+    @property
+    def verdict(self) -> str:
+        """The main result in one sentence or two."""
+        said = (
+            f"positions to {_mm(self.after.position)} mm ({_mm(self.before.position)} before, "
+            f"{_mm(self.after.worst)} at worst); sizes to {_percent(self.after.size)}"
+        )
+        noisy = [x for x in self.sessions if x.grown > 2]
+        if noisy:
+            return f"doubtful: {said}, if residuals {noisy[0].grown:.2g}× the noise are noise"
+        return f"doubtful: {said}" if self.open else f"good: {said}"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers that are farther from the description than it allows."""
+        far = np.abs(self.values) / np.array(
+            [number.spread or np.inf for number in self.known.numbers]
+        )
+        return tuple(
+            f"{self.names[k]} is {far[k]:.2g} standard deviations from its description"
+            for k in np.argsort(-far)[:3]
+            if far[k] > 5
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the calibrated robot file.
+
+        Raises:
+            DeltaidError: it cannot be written.
+        """
+        save_yaml(self.robot, Path(path))
+
+
+def calibrate(
+    robot: RobotLike,
+    *,
+    points: ReadingsLike | None = None,
+    probe: ReadingsLike | None = None,
+    distances: ReadingsLike | None = None,
+    columns: Measurements | str | Path | None = None,
+    lengths: float | None = None,
+    angles: float | None = None,
+    shared: Sequence[str] = (),
+    hold: Sequence[str] = (),
+    struts_apart: bool = False,
+    tool: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Calibration:
+    """The geometry of a robot from measured poses, by any mixture of instruments.
+
+    Args:
+        robot: a description of limbs, by name, file or value.
+        points: 3-D points of a tracker or camera in a frame of its own: files, or tables.
+        probe: touches of a plane, bare or on blocks of known height.
+        distances: between two tool points each, of a calliper or a ballbar.
+        columns: names of columns, units and noise by kind of instrument.
+        lengths: standard deviation of lengths before [m]; None for the description's tolerance, or
+            1 mm where it states none.
+        angles: the same of angles [rad]; 1 mrad where nothing is stated.
+        shared: kinds of numbers that are alike in all limbs, such as strut.
+        hold: kinds or names of numbers that are as described.
+        struts_apart: whether struts of a limb differ, so that the platform tilts.
+        tool: the tool from the platform point [m]; of effect only where the platform tilts.
+
+    Returns:
+        Geometry, intervals, what decided each number, what readings cannot know.
+
+    Raises:
+        RecordingError: there are no readings, or a file cannot be used as it stands.
+        DescriptionError: the robot has no such numbers.
+        IdentificationError: no geometry fits.
+    """
+    description = described(robot)
+    known = unknowns(
+        description, apart=struts_apart, length=lengths, angle=angles, shared=shared, held=hold
+    )
+    loops = Loops(description, known, tool)
+    mapping = (
+        columns
+        if isinstance(columns, Measurements)
+        else load_yaml(Path(columns), Measurements)
+        if columns
+        else Measurements()
+    )
+    given = {"points": points, "probe": probe, "distances": distances}
+    instruments: list[Instrument] = []
+    for kind in _KINDS:
+        for source in _several(given[kind]):
+            instruments.append(read(kind, source, getattr(mapping, kind), loops))
+            require_sense(loops, known, instruments[-1])
+    if not instruments:
+        raise RecordingError(
+            "nothing was measured",
+            where="calibrate",
+            cure="give --points, --probe or --distances with a file",
+        )
+    return result(description, fit(loops, known, instruments))
+
+
+def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
+    if given is None:
+        return ()
+    return list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+
+
+def result(description: RobotDescription, found: Fit) -> Calibration:
+    """What a fit says."""
+    known, theta = found.known, found.theta
+    over = places(found.loops, known, theta)
+    robot, zeros, scales, kept = calibrated_robot(description, known, theta, found.std)
+    missing = over.moved @ np.where(kept, 0.0, theta)
+    shares = found.shares()
+    kinds = ["description", *(instrument.kind for instrument in found.instruments)]
+    decided = tuple(kinds[k] for k in np.argmax(shares, axis=0))
+    A = np.vstack([part.A for part in found.rows])
+    s = np.linalg.svd(A, compute_uv=False)
+    return Calibration(
+        described=description,
+        robot=robot,
+        left=float(np.linalg.norm(missing) / np.sqrt(len(over.x))),
+        zeros=zeros,
+        scales=scales,
+        known=known,
+        values=theta,
+        std=found.std,
+        decided=decided,
+        shares=shares,
+        sessions=tuple(_session(found, i) for i in range(len(found.instruments))),
+        rank=int(np.sum(s > _RANK * s[0])),
+        before=_knows(over, known.G),
+        after=_knows(over, known.G @ found.root),
+        open=open_directions(found, over),
+        places=over,
+        fit=found,
+    )
+
+
+def _knows(over: Places, root: Float[np.ndarray, "numbers _"]) -> Knows:
+    errors = over.errors(root)
+    return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), over.size(root))
+
+
+def _session(found: Fit, i: int) -> Session:
+    instrument, used, rows = found.instruments[i], found.used[i], found.rows[i]
+    excluded = []
+    for k in np.flatnonzero(~used):
+        same = _earlier(instrument, int(k))
+        why = f"off by {1e3 * np.abs(found.errors[i][k]).max():.3g} mm"
+        if same is not None:
+            why = f"the same as row {instrument.rows[same]}"
+        excluded.append(f"row {instrument.rows[k]}: {why}")
+    return Session(
+        instrument.kind, instrument.source, len(used), tuple(excluded),
+        float(np.sqrt(np.mean(rows.error**2))) * instrument.noise, instrument.noise, found.grown[i],
+    )  # fmt: skip
+
+
+def _earlier(instrument: Instrument, k: int) -> int | None:
+    """An earlier row with the same numbers."""
+    flat = np.hstack([instrument.q.reshape(len(instrument.q), -1), instrument.values])
+    same = np.flatnonzero((flat[:k] == flat[k]).all(axis=1))
+    return int(same[0]) if same.size else None
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.2g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"

@@ -1,0 +1,136 @@
+"""What instruments show of tool points: rows, their slopes, and unknowns of the instrument.
+
+Points      m = R x + t of a tracker or camera, whose frame (R, t) is unknown
+Probe       z − (h + a x + b y + block) = 0 on a plane of unknown height and slopes, bare or on
+            blocks of known height
+Distances   |x_A − x_B| of a calliper or ballbar
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+Points = Float[np.ndarray, "rows 3"]
+Kind = Literal["points", "probe", "distances"]
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Rows of an instrument at some tool points.
+
+    Attributes:
+        error: measured less predicted [m].
+        tools: slopes of the prediction by each end's tool point.
+        own: slopes of the prediction by changes of the instrument's unknowns.
+    """
+
+    error: Float[np.ndarray, "rows values"]
+    tools: tuple[Float[np.ndarray, "rows values 3"], ...]
+    own: Float[np.ndarray, "rows values own"]
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument(ABC):
+    """Readings of one session.
+
+    Attributes:
+        source: file that they come from.
+        q: drive coordinates of each end [rad or m].
+        values: what was read [m].
+        noise: standard deviation of each value [m].
+        rows: of the file, for messages.
+    """
+
+    kind: ClassVar[Kind]
+    unknowns: ClassVar[tuple[str, ...]] = ()
+    source: str
+    q: Float[np.ndarray, "rows ends drives"]
+    values: Float[np.ndarray, "rows values"]
+    noise: float
+    rows: Int[np.ndarray, " rows"]
+
+    @abstractmethod
+    def start(self, x: Sequence[Points]) -> np.ndarray:
+        """A state of the instrument's unknowns that fits tool points of each end."""
+
+    @abstractmethod
+    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
+        """Errors and slopes at tool points of each end."""
+
+    def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
+        """The state after changes of the unknowns."""
+        return state + by
+
+
+class PointReadings(Instrument):
+    """3-D points; the state is a 3 × 4 matrix [R t]."""
+
+    kind = "points"
+    unknowns = ("frame turn x", "frame turn y", "frame turn z", "frame x", "frame y", "frame z")
+
+    def start(self, x: Sequence[Points]) -> np.ndarray:
+        return aligned(x[0], self.values)
+
+    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
+        R, t = state[:, :3], state[:, 3]
+        turned = x[0] @ R.T
+        own = np.zeros((len(turned), 3, 6))
+        own[:, :, 3:] = np.eye(3)
+        for k, axis in enumerate(np.eye(3)):
+            own[:, :, k] = np.cross(axis, turned)
+        return Slopes(self.values - turned - t, (np.broadcast_to(R, (len(own), 3, 3)),), own)
+
+    def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
+        turn = Rotation.from_rotvec(by[:3]).as_matrix()
+        return np.column_stack([turn @ state[:, :3], state[:, 3] + by[3:]])
+
+
+class ProbeReadings(Instrument):
+    """Contacts with a plane; values are the heights of blocks on it. The state is h, a, b."""
+
+    kind = "probe"
+    unknowns = ("plane height", "plane slope x", "plane slope y")
+
+    def start(self, x: Sequence[Points]) -> np.ndarray:
+        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2]])
+        return np.linalg.lstsq(A, x[0][:, 2] - self.values[:, 0], rcond=None)[0]
+
+    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
+        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2]])
+        error = A @ state + self.values[:, 0] - x[0][:, 2]
+        across = np.broadcast_to([-state[1], -state[2], 1.0], (len(A), 1, 3))
+        return Slopes(error[:, None], (across,), -A[:, None, :])
+
+
+class DistanceReadings(Instrument):
+    """Distances between two tool points each."""
+
+    kind = "distances"
+
+    def start(self, x: Sequence[Points]) -> np.ndarray:
+        return np.zeros(0)
+
+    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
+        way = x[1] - x[0]
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        along = (way / length)[:, None, :]
+        return Slopes(self.values - length, (-along, along), np.zeros((len(way), 1, 0)))
+
+
+KINDS: dict[Kind, type[Instrument]] = {
+    "points": PointReadings, "probe": ProbeReadings, "distances": DistanceReadings,
+}  # fmt: skip
+
+
+def aligned(x: Points, m: Points, mirrored: bool = False) -> Float[np.ndarray, "3 4"]:
+    """[R t] of least squares with m ≈ R x + t (Kabsch 1976), R a reflection where mirrored."""
+    mean_x, mean_m = x.mean(axis=0), m.mean(axis=0)
+    U, _, Vt = np.linalg.svd((m - mean_m).T @ (x - mean_x))
+    sign = np.sign(np.linalg.det(U @ Vt)) * (-1.0 if mirrored else 1.0)
+    R = U @ np.diag([1.0, 1.0, sign]) @ Vt
+    return np.column_stack([R, mean_m - R @ mean_x])

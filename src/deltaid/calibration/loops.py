@@ -1,0 +1,227 @@
+"""Closed loops with the geometry as unknowns: poses of the tool and their slopes.
+
+For the pose y = [r; ψ; φ] (platform point, tool angle and tilt, the latter two where there are
+any), drive coordinates q and numbers θ, every strut closes one loop
+
+    c(y, q, θ) = |a(y, θ) − E(q, θ)| − l(θ) = 0
+
+with a its joint at the platform and E the one at the elbow or carriage. The tool x(y, θ) follows,
+and by implicit differentiation dx/dθ = ∂x/∂θ − ∂x/∂y (∂c/∂y)⁻¹ ∂c/∂θ.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.calibration.unknowns import Unknowns
+from deltaid.errors import KinematicsError
+from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.platform import build_platform
+from deltaid.mechanism.rotation import Path, fixed, skew
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry, rotation
+
+# Newton's method doubles its digits a step: from a centimetre to rounding in five; more are for
+# poses near singularities. Loops count as closed below a picometre.
+_STEPS, _CLOSED = 20, 1e-12
+
+Drives = Float[np.ndarray, "samples drives"]
+Numbers = Float[np.ndarray, " numbers"]
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPoints:
+    """Where the tool is.
+
+    Attributes:
+        x: in the world [m].
+        slopes: dx/dθ.
+        by_drive: dx/dq.
+    """
+
+    x: Float[np.ndarray, "samples 3"]
+    slopes: Float[np.ndarray, "samples 3 numbers"]
+    by_drive: Float[np.ndarray, "samples 3 drives"]
+
+
+class Loops:
+    """The closed loops of a robot.
+
+    Args:
+        robot: a Delta-like robot of limbs.
+        known: its numbers.
+        tool: the tool from the platform point [m]; of effect only where the platform tilts.
+    """
+
+    def __init__(
+        self, robot: RobotDescription, known: Unknowns, tool: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        self.kinematics = Kinematics(robot)
+        self.limbs = len(robot.limb_geometry)
+        n, theta = len(known.numbers), ca.SX.sym("theta", len(known.numbers))
+        size = 6 if known.apart else self.limbs
+        y, q = ca.SX.sym("y", size), ca.SX.sym("q", self.limbs)
+        value = {number.name: theta[k] for k, number in enumerate(known.numbers)}
+        z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
+        rest = ca.SX.zeros(z.numel())
+        motion = Path(z, rest, rest)
+        points = build_platform(robot, motion, value.get("platform.half")).points
+        turn = _turned(y[3:6]) if known.apart else ca.SX.eye(3)
+        gaps, x = [], y[:3]
+        for i, limb in enumerate(robot.limb_geometry):
+            own = {key.partition(".")[2]: v for key, v in value.items() if f"limb{i + 1}." in key}
+            seat = points[i].at - y[:3]
+            sides = (-0.5, 0.5) if known.apart else (0.0,)
+            gaps += [_gap(limb, own, q[i], (y[:3], turn, seat), side) for side in sides]
+        if known.apart:
+            offset = ca.DM(list(tool)) + ca.vertcat(*[value[f"tool_{axis}"] for axis in "xyz"])
+            x = x + turn @ offset
+        c = ca.vertcat(*gaps)
+        self._size, self._n = size, n
+        parts = [c, ca.jacobian(c, y), ca.jacobian(c, theta), ca.jacobian(c, q), x,
+                 ca.jacobian(x, y), ca.jacobian(x, theta)]  # fmt: skip
+        self._shapes = [part.shape for part in parts]
+        inputs = ca.vertcat(y, q)
+        self._newton = BatchKernel(inputs, ca.vertcat(c, ca.vec(parts[1])), theta)
+        self._all = BatchKernel(
+            inputs, ca.vertcat(*[ca.vec(ca.densify(part)) for part in parts]), theta
+        )
+
+    def start(self, q: Drives) -> Float[np.ndarray, "samples coordinates"]:
+        """Poses of the described robot; NaN where its loops do not close."""
+        z, _ = self.kinematics.forward_unchecked(self._padded(q))
+        pose = np.zeros((len(q), self._size))
+        pose[:, : min(self._size, self.limbs)] = z[:, : min(self._size, self.limbs)]
+        if self._size > self.limbs:
+            pose[:, 3:] = 0.0
+        return pose
+
+    def _padded(self, q: Drives) -> Drives:
+        """With a fourth drive, which turns the tool alone, where the robot has a telescope."""
+        return np.pad(q, ((0, 0), (0, self.kinematics.dof - self.limbs)))
+
+    def inverse(self, x: Float[np.ndarray, "samples 3"]) -> Drives:
+        """Drive coordinates of the described robot at platform points, the tool at its home angle.
+
+        Raises:
+            KinematicsError: a point is out of reach.
+        """
+        z = np.tile(self.kinematics.home, (len(x), 1))
+        z[:, :3] = x
+        return self.kinematics.inverse(z)[:, : self.limbs]
+
+    def points(
+        self, q: Drives, theta: Numbers, start: Float[np.ndarray, "samples coordinates"]
+    ) -> ToolPoints:
+        """Tool points and their slopes, by Newton's method from poses near by.
+
+        Raises:
+            KinematicsError: loops do not close; names the sample.
+        """
+        y, c = start.copy(), np.full(start.shape, np.inf)
+        for _ in range(_STEPS):
+            out = self._newton(np.hstack([y, q]).T, theta).T
+            c, C_y = out[:, : self._size], _square(out[:, self._size :], self._size)
+            with np.errstate(all="ignore"):
+                try:
+                    y = y - np.linalg.solve(C_y, c[..., None])[..., 0]
+                except np.linalg.LinAlgError:
+                    break
+            if not np.max(np.abs(c), initial=0.0) > _CLOSED:
+                break
+        open_ = np.flatnonzero(~(np.abs(c).max(axis=1) < 1e3 * _CLOSED))
+        if open_.size:
+            raise KinematicsError(
+                "the loops do not close with the estimated geometry",
+                where=f"pose {open_[0]}",
+                cure="check this pose; or hold some numbers, such as --hold upper_arm",
+            )
+        _, C_y, C_theta, C_q, x, X_y, X_theta = self._evaluate(y, q, theta)
+        X_c = X_y @ np.linalg.inv(C_y)
+        return ToolPoints(x[..., 0], X_theta - X_c @ C_theta, -X_c @ C_q)
+
+    def _evaluate(self, y: Drives, q: Drives, theta: Numbers) -> list[np.ndarray]:
+        out, parts, first = self._all(np.hstack([y, q]).T, theta).T, [], 0
+        for rows, columns in self._shapes:
+            block = out[:, first : first + rows * columns]
+            parts.append(block.reshape(-1, columns, rows).swapaxes(1, 2))  # CasADi stores columns
+            first += rows * columns
+        return parts
+
+
+def _square(out: np.ndarray, size: int) -> np.ndarray:
+    return out.reshape(-1, size, size).swapaxes(1, 2)
+
+
+def _turned(angles: ca.SX) -> ca.SX:
+    """The rotation by a small vector of angles, to third order: exact for what struts allow."""
+    S = skew(angles)
+    return ca.SX.eye(3) + S + S @ S / 2 + S @ S @ S / 6
+
+
+def _turn(axis: int, angle: ca.SX) -> ca.SX:
+    """A turn about axis 0, 1 or 2."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = ca.SX.eye(3)
+    R[i, i], R[j, j], R[i, j], R[j, i] = ca.cos(angle), ca.cos(angle), -ca.sin(angle), ca.sin(angle)
+    return R
+
+
+def _gap(
+    limb: LimbGeometry,
+    own: dict[str, ca.SX],
+    q: ca.SX,
+    platform: tuple[ca.SX, ca.SX, ca.SX],
+    side: float,
+) -> ca.SX:
+    """|a − E| − l of a limb, or of one strut of it.
+
+    Args:
+        limb: as described.
+        own: its numbers by kind.
+        q: its drive coordinate.
+        platform: the platform point, the platform's turn, and the limb's seat from that point.
+        side: −½ or ½ for the first or second strut of a pair, 0 for what stands for both.
+    """
+    r, turn, seat = platform
+    q = own["zero"] + q * (1 + own.get("scale", 0.0))
+    if limb.drive == "rotary":
+        # the frame L is the upright one, turned about its x by the tilt
+        frame: ca.SX = _turn(2, own["azimuth"]) @ fixed(limb.R_WL) @ _turn(0, own["tilt"])
+        axes = fixed(upright(limb))
+        moved = ca.vertcat(own["base_out"], own["base_across"], own["base_up"])
+        arm = limb.upper_arm + own["upper_arm"]
+        elbow = frame @ ca.vertcat(arm * ca.cos(q), 0, -arm * ca.sin(q))
+    else:
+        axes = fixed(rail_frame(limb))
+        frame = fixed(limb.R_WL)
+        moved = ca.vertcat(own["rail_out"], own["rail_across"], 0)
+        elbow = axes @ _turn(0, own["lean_across"]) @ _turn(1, -own["lean_out"])
+        elbow = -q * elbow[:, 2]
+    elbow = fixed(limb.base) + axes @ moved + elbow
+    strut = limb.strut + own["strut"]
+    if side:
+        along = (limb.spacing or 0.0) + own["spacing"]
+        pair = ca.vertcat(own["pair_out"], own["pair_across"], own["pair_up"])
+        elbow += side * frame @ (ca.vertcat(0, along, 0) + pair)
+        seat = seat + side * fixed(limb.R_WL[:, 1]) * along
+        strut += side * own["strut_difference"]
+    return ca.norm_2(r + turn @ seat - elbow) - strut
+
+
+def upright(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
+    """Axes out, across and up of a rotary limb: those of L without its tilt about x."""
+    out = limb.R_WL[:, 0]
+    up = np.array([0.0, 0.0, 1.0])
+    return np.column_stack([out, np.cross(up, out), up])
+
+
+def rail_frame(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
+    """Axes of a rail: across it in the limb's plane (outwards where it is upright), across it
+    sideways, and against its positive direction."""
+    tilt = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
+    return limb.R_WL @ rotation("y", -float(tilt))

@@ -1,0 +1,148 @@
+"""Mistakes of those who measure, found before any fit: units, mirrored frames, order, drives.
+
+Each is a hypothesis under which the described robot fits the readings; one that explains them much
+better than what the file says is named with its cure, and nothing is computed from the file.
+"""
+
+from collections.abc import Iterator
+from itertools import permutations
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linear_sum_assignment
+
+from deltaid.calibration.instruments import Instrument, PointReadings, ProbeReadings, aligned
+from deltaid.calibration.loops import Loops
+from deltaid.calibration.unknowns import Unknowns
+from deltaid.errors import RecordingError
+
+# Lengths that differ by more than this factor are in another unit: an inch is a fortieth of a
+# metre, and no robot is five times as large as described.
+_UNITS = 5.0
+_NAMED = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
+# A misfit within so many times of what description and noise allow is none.
+_ALLOWED = 5.0
+# A hypothesis explains readings that leaves this share of the misfit.
+_EXPLAINS = 0.3
+# Points whose order is searched; the search grows with the cube.
+_ORDERED = 300
+
+
+def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None:
+    """Refuse readings that only a mistake explains.
+
+    Raises:
+        RecordingError: lengths are in another unit, a frame is mirrored, points stand in another
+            order, or drives are exchanged.
+    """
+    ends = list(instrument.q.swapaxes(0, 1))
+    x = [loops.start(q)[:, :3] for q in ends]
+    _require_enough(instrument)
+    _require_unit(instrument, x)
+    here = _misfit(instrument, x)
+    if here <= _ALLOWED * _allowed(loops, known, instrument):
+        return
+    better = [
+        (left, what, cure)
+        for left, what, cure in _hypotheses(loops, instrument, ends, x)
+        if left < _EXPLAINS * here
+    ]
+    if better:
+        least = min(left for left, _, _ in better)
+        like = [entry for entry in better if entry[0] <= 1.5 * least]
+        raise RecordingError(
+            f"{instrument.kind} misfit the described robot by {1e3 * here:.3g} mm, and by "
+            f"{1e3 * least:.3g} mm if {' or '.join(what for _, what, _ in like)}",
+            where=instrument.source,
+            cure="; or ".join(dict.fromkeys(cure for _, _, cure in like)),
+        )
+
+
+def _require_enough(instrument: Instrument) -> None:
+    count = len(instrument.values)
+    if count < len(instrument.unknowns) / instrument.values.shape[1] + 1:
+        raise RecordingError(
+            f"has {count} rows; too few to fix the {len(instrument.unknowns)} unknowns of "
+            "the instrument itself",
+            where=instrument.source,
+            cure="measure more poses",
+        )
+
+
+def _require_unit(instrument: Instrument, x: list[np.ndarray]) -> None:
+    if isinstance(instrument, PointReadings):
+        ratio = np.linalg.norm(np.std(instrument.values, axis=0)) / np.linalg.norm(np.std(x[0], 0))
+    elif isinstance(instrument, ProbeReadings):
+        if np.ptp(instrument.values) == 0:
+            return
+        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2], instrument.values])
+        slope = np.linalg.lstsq(A, x[0][:, 2], rcond=None)[0][3]
+        ratio = 1 / slope if slope > 0 else 1.0
+    else:
+        ratio = float(np.median(instrument.values[:, 0] / np.linalg.norm(x[1] - x[0], axis=1)))
+    if 1 / _UNITS < ratio < _UNITS:
+        return
+    unit = min(_NAMED, key=lambda factor: abs(np.log(ratio / factor)))
+    likely = f"; likely they are in {_NAMED[unit]}" if 0.5 < ratio / unit < 2 else ""
+    raise RecordingError(
+        f"lengths are {ratio:.4g} times those of the robot's poses{likely}",
+        where=instrument.source,
+        cure=f"say so: unit: {_NAMED[unit]} under {instrument.kind}, with --columns FILE.yaml"
+        if likely
+        else "check units and columns",
+    )
+
+
+def _misfit(instrument: Instrument, x: list[np.ndarray]) -> float:
+    """Typical error of readings at tool points, whatever a few of them say [m]."""
+    error = instrument.slopes(x, instrument.start(x)).error
+    return float(np.median(np.linalg.norm(error, axis=1)))
+
+
+def _allowed(loops: Loops, known: Unknowns, instrument: Instrument) -> float:
+    """What description and noise explain of it [m]."""
+    q = instrument.q[:, 0]
+    tools = loops.points(q, np.zeros(len(known.numbers)), loops.start(q))
+    moved = np.linalg.norm(tools.slopes @ known.G, axis=(1, 2))
+    return float(np.median(moved)) + instrument.noise
+
+
+def _hypotheses(
+    loops: Loops, instrument: Instrument, ends: list[np.ndarray], x: list[np.ndarray]
+) -> Iterator[tuple[float, str, str]]:
+    """Misfit, what would be the case, and what to do about it."""
+    if isinstance(instrument, PointReadings):
+        m = instrument.values
+        state = aligned(x[0], m, mirrored=True)
+        mirrored = float(np.median(np.linalg.norm(instrument.slopes(x, state).error, axis=1)))
+        yield mirrored, "the frame is left-handed", "change the sign of one axis of the points"
+        if len(m) <= _ORDERED:
+            order = _order(x[0], m)
+            left = _misfit(instrument, [x[0][order]])
+            wrong = np.flatnonzero(order != np.arange(len(order)))
+            rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
+            more = ", …" if len(wrong) > 6 else ""
+            yield left, f"points stand in another order (rows {rows}{more})", "sort the points"
+    n = ends[0].shape[1]
+    for order in permutations(range(n)):
+        if order == tuple(range(n)):
+            continue
+        y = [loops.start(q[:, order])[:, :3] for q in ends]
+        if not all(np.isfinite(part).all() for part in y):
+            continue
+        swapped = [str(k + 1) for k in range(n) if order[k] != k]
+        listed = f"{', '.join(swapped[:-1])} and {swapped[-1]}"
+        yield (
+            _misfit(instrument, y),
+            f"drives {listed} are exchanged",
+            "name the columns of q in the order of the description's limbs",
+        )
+
+
+def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
+    """Which pose each point is of, by its distances to all others, which no frame changes."""
+    profiles = [
+        np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1) for points in (m, x)
+    ]
+    cost = np.linalg.norm(profiles[0][:, None] - profiles[1][None], axis=2)
+    return linear_sum_assignment(cost)[1]

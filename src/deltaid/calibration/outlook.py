@@ -1,0 +1,163 @@
+"""What is known of positions and sizes over the workspace, and which numbers are not known.
+
+Slopes J of tool points by the numbers, less rigid motions (where a robot stands is no error of
+its geometry), make of the covariance of u that of positions: E = P J G L with Cov u = L Lᵀ. Its
+singular vectors are the motions of the workspace that remain uncertain; each comes from one
+combination of numbers, which readings decide in part and the description for the rest.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.calibration.fit import Fit
+from deltaid.calibration.loops import Loops
+from deltaid.calibration.unknowns import WORDS, Unknowns
+from deltaid.mechanism.kinematics import Kinematics
+
+# Places over the workspace that stand for all of it, and the seed that draws them.
+PLACES, _SEED = 200, 1
+# A combination counts where it makes this share of the whole remaining error, or more ...
+_MATTERS = 0.2
+# ... and is not known from readings where these decide less than half of it, or where it makes
+# more of positions than this many times their noise.
+_HALF, _WEAK = 0.5, 5.0
+# Numbers are named that move at least this share of their spread before, against the largest.
+_NAMED = 0.3
+# Most kinds of numbers that a sentence names.
+_LISTED = 3
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of numbers that measurements do not know.
+
+    Attributes:
+        words: what it does, and which numbers it is of.
+        error: what it makes of positions, root mean square over the workspace [m].
+        size: what it makes of sizes across, as a share.
+        numbers: one standard deviation of it, by name.
+    """
+
+    words: str
+    error: float
+    size: float
+    numbers: dict[str, float] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places over a workspace.
+
+    Attributes:
+        x: tool points [m].
+        moved: what a unit of each number moves them by, less rigid motions.
+    """
+
+    x: Float[np.ndarray, "places 3"]
+    moved: Float[np.ndarray, "entries numbers"]
+
+    def errors(self, root: Float[np.ndarray, "numbers _"]) -> Float[np.ndarray, " places"]:
+        """Standard deviation of positions at each place [m], for L with Cov θ = L Lᵀ."""
+        E = (self.moved @ root).reshape(len(self.x), -1)
+        return np.linalg.norm(E, axis=1)
+
+    def size(self, root: Float[np.ndarray, "numbers _"]) -> float:
+        """Standard deviation of sizes across, as a share."""
+        return float(np.linalg.norm(_across(self.x) @ self.moved @ root))
+
+
+def _across(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, " entries"]:
+    """Takes displacements to the share by which they grow in x and y."""
+    f = x - x.mean(axis=0)
+    f[:, 2] = 0.0
+    return f.ravel() / np.sum(f**2)
+
+
+def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> Places:
+    """Places over the described workspace that the robot reaches."""
+    q = drawn(loops.kinematics, loops.limbs)
+    tools = loops.points(q, theta, loops.start(q))
+    J = tools.slopes.reshape(-1, len(known.numbers))
+    Q = np.linalg.qr(rigid(tools.x))[0]
+    return Places(tools.x, J - Q @ (Q.T @ J))
+
+
+def drawn(
+    kinematics: Kinematics, limbs: int, count: int = PLACES, seed: int = _SEED
+) -> Float[np.ndarray, "places drives"]:
+    """Drive coordinates at random places of the workspace, away from singularities."""
+    rng, robot = np.random.default_rng(seed), kinematics.robot
+    low, high = robot.workspace.bounding_box
+    # a hemisphere fills a quarter of its box, and edges may be out of reach
+    x = rng.uniform(low, high, (20 * count, 3))
+    x = x[robot.workspace.contains(x)]
+    z = np.tile(kinematics.home, (len(x), 1))
+    z[:, :3] = x
+    if robot.platform_turns:
+        z[:, 3] = rng.uniform(robot.turn.low, robot.turn.high, len(z))
+    good = kinematics.regularity(z).condition < robot.largest_condition
+    return kinematics.inverse(z[good][:count])[:, :limbs]
+
+
+def rigid(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "entries 6"]:
+    """Displacements of places by three shifts and three turns."""
+    arms = x - x.mean(axis=0)
+    turns = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
+    return np.column_stack([*np.tile(np.eye(3), (len(x), 1)).T, *turns])
+
+
+def open_directions(found: Fit, over: Places) -> tuple[Direction, ...]:
+    """Combinations that matter and that measurements do not know, the worst first."""
+    known, n = found.known, len(found.u)
+    C = found.root @ found.root.T
+    L = np.linalg.cholesky(C + 1e-14 * np.trace(C) * np.eye(n))
+    _, s, Vt = np.linalg.svd(over.moved @ known.G @ L, full_matrices=False)
+    total = np.linalg.norm(s)
+    noise = max(instrument.noise for instrument in found.instruments)
+    directions = []
+    reach = float(np.sqrt(np.mean(np.sum((over.x - over.x.mean(axis=0))[:, :2] ** 2, axis=1))))
+    for size, v in zip(s, Vt, strict=True):
+        u = L @ v
+        # with the posterior's metric uᵀC⁻¹u = 1 = |u|² (the description's share) + data's
+        error = float(size / np.sqrt(len(over.x)))
+        if size < _MATTERS * total or (u @ u < _HALF and error < _WEAK * noise):
+            continue
+        theta = known.G @ u
+        grows = float(_across(over.x) @ over.moved @ theta)
+        theta = theta * (np.sign(grows) or 1.0)
+        directions.append(
+            Direction(_words(known, theta, abs(grows), error, reach), error, abs(grows),
+                      dict(zip(known.names, theta.tolist(), strict=True)))
+        )  # fmt: skip
+    return tuple(directions)
+
+
+def _words(
+    known: Unknowns, theta: Float[np.ndarray, " numbers"], grows: float, error: float, reach: float
+) -> str:
+    """Such as 'sizes stay uncertain by 1.2 %, 0.9 mm of position: strut +2.7 mm, … together'."""
+    named = []
+    for kind in known.kinds:
+        at = known.of_kind(kind)
+        own, mean, number = theta[at], float(np.mean(theta[at])), known.numbers[at[0]]
+        largest = int(np.argmax(np.abs(own)))
+        # alike in all limbs where their mean makes most of it
+        alike = abs(mean) * np.sqrt(len(at)) > np.sqrt(_HALF) * np.linalg.norm(own)
+        peak = mean if alike else float(own[largest])
+        text = f"{WORDS[kind]} {amount(peak, number.unit)}"
+        text += "" if alike else f" (limb {largest + 1} most)"
+        named.append((abs(peak) / (number.spread or np.inf), text))
+    named.sort(key=lambda entry: -entry[0])
+    listed = [text for share, text in named if share > _NAMED * named[0][0]][:_LISTED]
+    scales = grows * reach > np.sqrt(_HALF) * error
+    what = f"sizes stay uncertain by {100 * grows:.2g} %" if scales else "shape stays uncertain"
+    return f"{what}, positions by {1e3 * error:.2g} mm: {', '.join(listed)}"
+
+
+def amount(value: float, unit: str) -> str:
+    """A small length, angle or share, such as '+2.7 mm'."""
+    if unit == "m":
+        return f"{1e3 * value:+.2g} mm"
+    return f"{1e3 * value:+.2g} mrad" if unit == "rad" else f"{100 * value:+.2g} %"

@@ -1,0 +1,150 @@
+"""A calibrated geometry as lines, tables, figures and a page."""
+
+import numpy as np
+import plotly.graph_objects as go
+import polars as pl
+
+from deltaid.calibration.calibrate import WIDE, Calibration
+from deltaid.calibration.unknowns import WORDS
+from deltaid.view import style
+from deltaid.view.card import Card
+from deltaid.view.drawing import drawing
+from deltaid.view.numbers import percent, with_uncertainty
+from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
+
+# Excluded rows that a line names.
+_ROWS = 3
+_READ = {"points": "points", "probe": "touches", "distances": "distances"}
+# Units that numbers are shown in: 1000 to m and rad, per mille.
+_SHOWN = {"m": "mm", "rad": "mrad", "": "‰"}
+
+
+def session_lines(found: Calibration) -> list[str]:
+    """Each file with its residual and what was excluded."""
+    lines = []
+    for x in found.sessions:
+        noise = f"noise {1e3 * x.noise:.2g} mm"
+        if x.grown > 1:
+            noise += f", {x.grown:.2g}× what was stated"
+        left = f"residual {1e3 * x.residual:.2g} mm ({noise})"
+        lines.append(f"{x.source}: {x.readings} {_READ[x.kind]}, {left}")
+        if x.excluded:
+            more = f"; and {len(x.excluded) - _ROWS} more" if len(x.excluded) > _ROWS else ""
+            lines.append(f"  excluded {'; '.join(x.excluded[:_ROWS])}{more}")
+    return lines
+
+
+def number_table(found: Calibration) -> Table:
+    """A row a kind of number, a column a limb: how much it exceeds the described one, 95 %."""
+    limbs = found.fit.loops.limbs
+    rows = []
+    for kind in found.known.kinds:
+        at = found.known.of_kind(kind)
+        unit = _SHOWN[found.known.numbers[at[0]].unit]
+        cells = ["±".join(filter(None, _pair(found, k))) for k in at]
+        decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
+        rows.append((f"{WORDS[kind]}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
+    head = ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from")
+    return Table(head, tuple(rows))
+
+
+def _pair(found: Calibration, k: int) -> tuple[str, str]:
+    return with_uncertainty(1e3 * float(found.values[k]), 1e3 * WIDE * float(found.std[k]))
+
+
+def calibration_card(found: Calibration) -> Card:
+    """For prompts and notebooks."""
+    grade, _, said = found.verdict.partition(": ")
+    return Card(
+        f"Geometry of {found.described.title or found.described.name}",
+        (f"{said}.",),
+        grade,
+        (("not known", str(len(found.open))), ("readings", str(_readings(found)))),
+        number_table(found),
+        tuple(("not known", direction.words) for direction in found.open),
+        (".robot", '.save("robot.yaml")', ".plot()", ".to_frame()", '.report("x.html")'),
+        told=tuple(session_lines(found)),
+    )
+
+
+def _readings(found: Calibration) -> int:
+    return sum(x.readings for x in found.sessions)
+
+
+def calibration_frame(found: Calibration) -> pl.DataFrame:
+    """A number a row: value, standard deviation after and before [m, rad or share], source."""
+    return pl.DataFrame(
+        {
+            "number": list(found.names),
+            "value": found.values,
+            "std": found.std,
+            "before": [number.spread for number in found.known.numbers],
+            "unit": [number.unit for number in found.known.numbers],
+            "decided_by": list(found.decided),
+        }
+    )
+
+
+def calibration_figure(found: Calibration) -> go.Figure:
+    """Standard deviation of positions over the workspace, before and after [mm]."""
+    x, known = found.places.x, found.known
+    figure = go.Figure()
+    roots = {"before": known.G, "after": known.G @ found.fit.root}
+    for k, (name, root) in enumerate(roots.items()):
+        errors = 1e3 * found.places.errors(root)
+        figure.add_scatter3d(
+            x=1e3 * x[:, 0], y=1e3 * x[:, 1], z=1e3 * x[:, 2], mode="markers", name=name,
+            scene="scene" if k == 0 else "scene2",
+            marker={"size": 4, "color": errors, "colorscale": "Viridis", "cmin": 0,
+                    "colorbar": {"title": f"{name}, mm", "x": 0.45 + 0.55 * k, "len": 0.8}},
+            text=[f"{error:.2g} mm" for error in errors], hoverinfo="text",
+        )  # fmt: skip
+    half = [{"domain": {"x": [0.55 * k, 0.45 + 0.55 * k]}, "aspectmode": "data"} for k in (0, 1)]
+    return figure.update_layout(scene=half[0], scene2=half[1], showlegend=False, height=420)
+
+
+def residual_figure(found: Calibration) -> go.Figure:
+    """Residuals of every reading over their standard deviation."""
+    figure = go.Figure()
+    for instrument, r in zip(found.fit.instruments, found.fit.residuals, strict=True):
+        for k in range(r.shape[1]):
+            name = f"{instrument.kind} {'xyz'[k]}" if r.shape[1] > 1 else instrument.kind
+            figure.add_scatter(x=instrument.rows, y=r[:, k], mode="markers", name=style.label(name))
+    return figure.update_layout(
+        xaxis_title="row of the file", yaxis_title="residual / its standard deviation", height=320
+    )
+
+
+def calibration_page(found: Calibration) -> Page:
+    """Everything that a calibration says."""
+    robot = found.described
+    grade, _, said = found.verdict.partition(": ")
+    trust = Trust.GOOD if grade == "good" else Trust.FAIR
+    lines = tuple(f"Not known: {direction.words}." for direction in found.open)
+    return Page(
+        title=robot.title or robot.name,
+        subtitle="Geometry from measured poses",
+        verdict=Summary(trust, f"{grade.capitalize()}: {said}.", lines),
+        drawing=drawing(robot, found.fit.loops.kinematics),
+        facts=(
+            Fact("position", f"{1e3 * found.after.position:.2g} mm", "standard deviation"),
+            Fact("before", f"{1e3 * found.before.position:.2g} mm", "by the description"),
+            Fact("sizes", percent(found.after.size), "standard deviation across"),
+            Fact("readings", str(_readings(found))),
+        ),
+        warnings=found.doubts,
+        sections=(
+            Section("Numbers", (number_table(found),), "more than described, 95 %", unfolded=True),
+            Section(
+                "Positions over the workspace",
+                (Figure(calibration_figure(found)),),
+                "before and after",
+                unfolded=True,
+            ),
+            Section(
+                "Readings",
+                (Text("\n\n".join(session_lines(found))), Figure(residual_figure(found))),
+                "residuals by pose",
+            ),
+        ),
+    )
