@@ -22,6 +22,7 @@ from deltaid.studio.steps import (
     forces_step,
     show_step,
     simulate_step,
+    torque_step,
     validate_step,
 )
 from logs import recorded
@@ -63,6 +64,8 @@ def _steps() -> Iterator[object]:
     yield EXCITE
     yield pytest.param(simulate_step(ROBOT, MOTION, None, "at", "pd"), marks=SLOW)
     yield pytest.param(simulate_step(ROBOT, "log.csv", MAPPING, "at"), marks=SLOW)
+    yield torque_step(ROBOT, "log.csv", MAPPING, "at")
+    yield pytest.param(torque_step(ROBOT, MOTION, None, "at", periodic=True), marks=SLOW)
     yield forces_step(ROBOT, MOTION, None, "at", 0.1)
     yield forces_step(ROBOT, "log.csv", MAPPING, "at")
     for form in ("c", "mjcf", "urdf", "casadi", "npz"):

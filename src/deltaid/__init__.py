@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.fleets.run import FleetRun, fleet
+    from deltaid.identification.feed_forward import FeedForward, torque
     from deltaid.identification.generic_motion import base
     from deltaid.identification.identify import Identification
     from deltaid.identification.validation import Validation, validate
@@ -111,6 +112,7 @@ _HOME = {
     "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
     "forces": "deltaid.joint_forces.forces",
+    "FeedForward": "deltaid.identification.feed_forward",
     "Forces": "deltaid.joint_forces.forces",
     "SensorNoise": "deltaid.motion.surrogate",
     "FleetRun": "deltaid.fleets.run",
@@ -131,6 +133,7 @@ _HOME = {
     "sensor_plan": "deltaid.sensors.planning.plan",
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
+    "torque": "deltaid.identification.feed_forward",
     "validate": "deltaid.identification.validation",
 }
 
@@ -148,6 +151,7 @@ __all__ = [
     "Excitation",
     "ExcitationSettings",
     "Exciter",
+    "FeedForward",
     "FleetRun",
     "Forces",
     "ForwardDynamics",
@@ -205,6 +209,7 @@ __all__ = [
     "simulate_recording",
     "step_through",
     "surrogate_parameters",
+    "torque",
     "use_mechanism",
     "validate",
 ]

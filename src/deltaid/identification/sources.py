@@ -1,7 +1,7 @@
 """A recording as the file of a model keeps it: what was corrected in it and excluded, reason by
 reason; and recordings corrected as those were that a model comes from."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from typing import Literal
 
@@ -57,12 +57,17 @@ def source(recording: Recording, used: int, error: TorqueError, drives: tuple[st
     )
 
 
-def model_filtered(model: ModelLike, log: Log) -> Recording:
+def model_filtered(
+    model: ModelLike, log: Log, filtered: Callable[[Log, float | None], Recording] = with_filter
+) -> Recording:
     """A log that a model is compared with, filtered and corrected as the model's own recordings.
 
     Gains and lags are those of the drives, so any recording of them has the same: a lag that is
     estimated anew for each comparison would hide a wrong model. What was excluded from a
     recording that the model comes from is excluded again.
+
+    Args:
+        filtered: gives the log its filter, with a cut-off or by its own.
 
     Raises:
         RecordingError: the cut-off does not go with the log's rate, or the log is too short.
@@ -70,14 +75,14 @@ def model_filtered(model: ModelLike, log: Log) -> Recording:
     model = load(model)
     identified = model.identified
     if identified is None:
-        return with_filter(log)
+        return filtered(log, None)
     sources, corrections = _sources(model, log), identified.corrections
     cutoff = next((s.cutoff_hz for s in sources if s.cutoff_hz is not None), None)
     forced = identified.settings.cutoff is not None
     kinds = {correction.kind for correction in corrections}
     if "velocity" in kinds:
         log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
-    recording = with_filter(log, cutoff if forced or not log.has_derivatives else None)
+    recording = filtered(log, cutoff if forced or not log.has_derivatives else None)
     gears, compliance = None, {c.subject: c.value for c in corrections if c.kind == "compliance"}
     if compliance and recording.low_pass is not None:
         soft = [compliance.get(drive) or 0.0 for drive in model.robot.drives]

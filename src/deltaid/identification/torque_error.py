@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
@@ -71,7 +70,7 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 
     def predicted(window: Window) -> PredictedTorques:
         own, wide = window.own, window.wide
-        tau, n = _predicted(dynamics, p, wide), wide.tau.shape[1]
+        tau, n = predicted_torques(dynamics, p, wide), wide.tau.shape[1]
         drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
         torques = np.hstack([wide.tau, tau]).T
         smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
@@ -93,7 +92,9 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
     return recording.evaluate(dynamics.kinematics, predicted)
 
 
-def _predicted(dynamics: Dynamics, p: Parameters, w: Samples) -> Float[np.ndarray, "samples dof"]:
+def predicted_torques(
+    dynamics: Dynamics, p: Parameters, w: Samples
+) -> Float[np.ndarray, "samples dof"]:
     """Y p, and what held loads add to friction that depends on load, Σ μ sign(q̇)(|x + x_L| − |x|).
 
     What loads take of the torques otherwise has been subtracted from them.
@@ -119,7 +120,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:
         own, wide = window.own, window.wide
-        error = wide.tau - _predicted(dynamics, p, wide)
+        error = wide.tau - predicted_torques(dynamics, p, wide)
         torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
         filtered, tau = np.split(window.smoothed(torques, thinned=True), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
@@ -147,16 +148,3 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> Tor
         cutoff=recording.cutoff,
         fastest=fastest,
     )
-
-
-def prediction_csv(
-    part: PredictedTorques, gains: Float[np.ndarray, " drives"], *, header: bool
-) -> str:
-    """Torques to be commanded, as lines of CSV: t, tau1, tau2, …
-
-    Args:
-        gains: torque at the joint for a commanded one.
-    """
-    torques = ((part.predicted + part.carried) / gains).T
-    columns = {"t": part.time} | {f"tau{i + 1}": tau for i, tau in enumerate(torques)}
-    return pl.DataFrame(columns).write_csv(include_header=header)

@@ -82,6 +82,11 @@ class LowPass:
         return len(self.first) // 2
 
     @property
+    def first_row(self) -> int:
+        """Number of the row that belongs to the first filtered position."""
+        return self.lead_half + self.stride * (self.margin + self.spread_half)
+
+    @property
     def thinned(self) -> int:
         """Every how many samples of a recording are kept in the end."""
         return self.stride * self.decimation

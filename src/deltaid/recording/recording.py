@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,12 +23,25 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Burden, Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Uncut, Window, blocks, reach
+from deltaid.recording.windows import WINDOW, Rows, Uncut, Window, blocks, reach
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
 # Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
 _FEW = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """Rows of a motion that go on where a log ends, columns as in `Log.batches`.
+
+    Attributes:
+        before: ahead of the first row, as many as the filter takes; None where they are not known.
+        after: behind the last row, at least as many.
+    """
+
+    before: Rows | None
+    after: Rows | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +55,7 @@ class Recording(Shown):
         excerpt: stretches that stand for all of it; None before they have been read.
         watch: sees every window that is worked on.
         every: of its windows each so-manieth is worked on.
+        beyond: rows beyond its ends, which make that no row of it is lost there.
     """
 
     log: Log
@@ -50,6 +64,7 @@ class Recording(Shown):
     excerpt: Excerpt | None = None
     watch: Callable[[Window], None] | None = None
     every: int = 1
+    beyond: Beyond | None = None
 
     @property
     def path(self) -> Path:
@@ -130,13 +145,38 @@ class Recording(Shown):
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)
             repaired = self.repairs.apply(timed, log.columns, log.rate)
-            for rows in blocks(repaired, self.low_pass):
+            for rows in blocks(self._extended(repaired), self.low_pass):
                 uncut = Uncut(
                     start, rows, log.columns, kinematics, self.low_pass, directions, burden
                 )
                 if uncut.samples:
                     yield uncut
                 start += -(-uncut.samples // self.thinned) * self.thinned
+
+    @property
+    def without(self) -> tuple[int, int]:
+        """Rows at the beginning and at the end that a filter over positions alone gives nothing
+        for, where rows are steady."""
+        low_pass = self.low_pass
+        if low_pass is None or not self.log.laid.steady:
+            return 0, 0
+        known = self.beyond or Beyond(None, None)
+        first = low_pass.first_row
+        start = first if known.before is None else 0
+        if known.after is not None:
+            return start, 0
+        rows = self.log.samples + (first if known.before is not None else 0)
+        apart = (rows - len(low_pass.lead)) // low_pass.stride + 1
+        given = max(0, apart - low_pass.lost) * low_pass.stride
+        return start, self.log.samples - start - given
+
+    def _extended(self, segment: Iterator[Rows]) -> Iterator[Rows]:
+        """The rows of the only segment, and those beyond its ends."""
+        if self.beyond is None:
+            return segment
+        before, after = ([rows] if rows is not None else [] for rows in
+                         (self.beyond.before, self.beyond.after))  # fmt: skip
+        return chain(before, segment, after)
 
     @property
     def _directions(self) -> Directions:

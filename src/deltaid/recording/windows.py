@@ -208,7 +208,7 @@ class Uncut:
             samples = self._samples(0, q, qd, qdd, weights)
             lost = _lost(samples, weights)
             return Window(self.start, samples, samples, None, np.zeros_like(q), lost)
-        first = low_pass.lead_half + low_pass.stride * (low_pass.margin + low_pass.spread_half)
+        first = low_pass.first_row
         smooth, speed, acceleration = _motion(low_pass, q, qd, qdd)
         wide = self._samples(first, smooth, speed, acceleration, weights)
         apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half

@@ -10,7 +10,9 @@ from typing import Any, Literal
 from deltaid.model.record import Settings
 from deltaid.studio.plan import Plan, Used
 
-Kind = Literal["new", "show", "check", "fit", "validate", "excite", "simulate", "forces", "export"]
+Kind = Literal[
+    "new", "show", "check", "fit", "validate", "excite", "torque", "simulate", "forces", "export"
+]
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,20 @@ result = {_call("deltaid.excite", repr(robot), **asked)}
 result.save({motion!r})
 """
     return _step("excite", (robot,), asked, _made(folder, motion), python)
+
+
+def torque_step(
+    model: str, motion: str, mapping: str | None, folder: str, *, periodic: bool = False
+) -> Step:
+    """Feed-forward: the torques that a model predicts along a motion."""
+    output = f"{folder}/feed-forward.csv"
+    asked = {"columns": mapping, "periodic": periodic or None}
+    python = f"""\
+result = {_call("deltaid.torque", repr(model), repr(motion), **asked)}
+print("rows without torques at both ends:", result.without)
+result.save({output!r})
+"""
+    return _step("torque", (model, motion), asked, {"output": output}, python)
 
 
 def simulate_step(

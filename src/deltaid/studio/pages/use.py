@@ -15,6 +15,7 @@ from deltaid.studio.steps import (
     export_step,
     forces_step,
     simulate_step,
+    torque_step,
 )
 
 _FORMS = {
@@ -41,6 +42,7 @@ async def body(session: Session) -> None:
         _model(session, model)
     motions = _motions(session)
     _excite(session, model)
+    _along(session, "torque", "Feed-forward: torques along a motion", model, motions)
     _along(session, "simulate", "Simulate a controller", model, motions)
     _along(session, "forces", "Forces in struts, joints and bearings", model, motions)
     _export(session, model)
@@ -113,7 +115,7 @@ def _excite(session: Session, model: str) -> None:
 
 
 def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
-    """Simulation, or forces, along a motion."""
+    """Feed-forward, simulation, or forces, along a motion."""
     with parts.panel(title):
         if not motions:
             parts.note("There is no motion yet: take one from above, or add a recording.")
@@ -122,23 +124,28 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
         with ui.row().classes("items-center"):
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
-            if kind == "simulate":
+            if kind == "torque":
+                option = ui.checkbox("The motion goes on as it begins (periodic)")
+            elif kind == "simulate":
                 names = list(get_args(ControllerName))
                 option = ui.select(names, value="computed-torque", label="Controller")
             else:
                 option = ui.number("Distance of a limb's struts [m], if not described")
                 option.classes("w-96")
-            option.props("outlined dense")
+            option.props("dense" if kind == "torque" else "outlined dense")
             parts.remembered(session, f"{kind} motion", motion)
             parts.remembered(session, f"{kind} option", option)
 
             def make(at: str) -> Step:
                 path, asked = str(motion.value), option.value
+                if kind == "torque":
+                    return torque_step(model, path, used.get(path), at, periodic=bool(asked))
                 if kind == "simulate":
                     return simulate_step(model, path, used.get(path), at, str(asked))
                 return forces_step(model, path, used.get(path), at, asked)
 
-            ui.button(kind.capitalize(), on_click=lambda: _begin(session, kind, make)).props(
+            name = "Feed-forward" if kind == "torque" else kind.capitalize()
+            ui.button(name, on_click=lambda: _begin(session, kind, make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, kind)

@@ -1,0 +1,266 @@
+"""A planned motion of positions alone, as it goes on before its first row and behind its last one.
+
+A filter needs rows on either side of each that it gives. A plan that rests at an end rests beyond
+it, and a periodic one goes on as it begins; so rows are put there, and every row of the plan is
+kept. Beyond an end that moves nothing is known, and the filter's length is lost there.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.errors import RecordingError
+from deltaid.recording.filter import LowPass, design_low_pass
+from deltaid.recording.log import Log
+from deltaid.recording.recording import Beyond, Recording, with_filter
+from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
+from deltaid.recording.windows import reach
+
+Rows = Float[np.ndarray, "_ _"]
+Drives = Float[np.ndarray, " drives"]
+End = Literal["first", "last"]
+
+# Rows at an end that are looked at, half a segment of a spectrum.
+_ROWS = 2048
+# An end rests whose speed is below this share of the plan's largest one, give or take so many
+# standard deviations, which may be this share at most: an error of the torque of a few percent.
+_RESTS, _SIGMAS, _UNSURE = 0.01, 4.0, 0.1
+# A plan closes whose positions at both ends differ by less than this share of its largest step.
+_CLOSES = 0.1
+# Degree of the polynomial that shows the speed at an end, and rows under it at least.
+_DEGREE, _FEWEST = 3, 6
+
+
+@dataclass(frozen=True)
+class PlanEnds:
+    """The rows at both ends of a plan, columns as in `Log.batches`.
+
+    Attributes:
+        head, tail: its first and last rows, up to `_ROWS` or as many as the filter needs.
+        rows: how many it has.
+        speed: the largest speed of each drive [rad/s or m/s].
+    """
+
+    log: Log
+    head: Rows
+    tail: Rows
+    rows: int
+    speed: Drives
+
+    def taken(self, places: np.ndarray, period: int) -> Rows:
+        """Rows of a plan that repeats itself after so many, by their numbers from 0."""
+        at = np.mod(places, period)
+        behind = at >= len(self.head)
+        found = self.head[np.where(behind, 0, at)]
+        found[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
+        return found
+
+    @property
+    def noise(self) -> Drives:
+        """Standard deviation of positions, steps of their digits included [rad or m]."""
+        q = self.positions(np.vstack([self.head, self.tail]))
+        change = np.abs(np.diff(q, axis=0))
+        step = np.where(change > 0, change, np.inf).min(axis=0, initial=np.inf)
+        step = np.where(np.isfinite(step), step, 0.0)
+        return np.maximum(step / np.sqrt(12), self.log.position_noise)
+
+    def positions(self, rows: Rows) -> Rows:
+        """Those of some rows [rad or m]."""
+        return rows[:, 1 : 1 + len(self.log.columns.position)]
+
+    def state(self, end: End, cutoff: float) -> tuple[Drives, Drives, Drives]:
+        """Position and speed at an end, and the speed's standard deviation.
+
+        Least squares of a cubic over half a period of the cut-off [Hz], in which nothing turns.
+        """
+        c, rate = self.log.columns, self.log.rate
+        rows = self.head if end == "first" else self.tail[::-1]
+        q = self.positions(rows)
+        if c.velocity:
+            n = len(c.position)
+            return q[0], rows[0, 1 + n : 1 + 2 * n], np.zeros(n)
+        count = min(len(q), max(_FEWEST, round(rate / (2 * cutoff))))
+        time = np.arange(count) / rate * (1 if end == "first" else -1)
+        fit = np.linalg.pinv(np.vander(time, min(_DEGREE, count - 1) + 1, increasing=True))
+        return fit[0] @ q[:count], fit[1] @ q[:count], np.linalg.norm(fit[1]) * self.noise
+
+    def moving(self, end: End, cutoff: float) -> tuple[int, float] | None:
+        """A drive that moves at an end, from 0, and its speed; None where the plan rests."""
+        _, speed, spread = self.state(end, cutoff)
+        unsure = _SIGMAS * spread
+        limit = _RESTS * self.speed + np.minimum(unsure, _UNSURE * self.speed)
+        over = np.abs(speed) - np.where(self.speed > 0, limit, np.inf)
+        k = int(np.argmax(over))
+        return (k, float(speed[k])) if over[k] > 0 else None
+
+    def period(self, cutoff: float) -> int:
+        """After how many rows the plan begins anew: its last row is its first one, or the next is.
+
+        Raises:
+            RecordingError: it does not go on as it begins.
+        """
+        (q, v, spread), (q_last, v_last, spread_last) = (
+            self.state(end, cutoff) for end in ("first", "last")
+        )
+        largest, unsure = self.speed / self.log.rate, _SIGMAS * self.noise
+        apart = {
+            self.rows - 1: np.abs(q_last - q),
+            self.rows: np.abs(q_last + v_last / self.log.rate - q),
+        }
+        closing = {rows: gap - _CLOSES * largest - 2 * unsure for rows, gap in apart.items()}
+        period = min(closing, key=lambda rows: closing[rows].max())
+        jump = np.abs(v_last - v) - 2 * _RESTS * self.speed - _SIGMAS * (spread + spread_last)
+        k = int(np.argmax(np.maximum(closing[period] / np.maximum(largest, 1e-30), jump)))
+        if closing[period].max() > 0:
+            k = int(np.argmax(closing[period]))
+            what = f"the drive is at {q_last[k]:.6g} in the last row and at {q[k]:.6g} in the first"
+        elif jump.max() > 0:
+            k = int(np.argmax(jump))
+            what = f"the drive ends with a speed of {v_last[k]:.4g} and begins with {v[k]:.4g}"
+        else:
+            return period
+        raise RecordingError(
+            f"does not go on as it begins: {what}",
+            where=f"{self.log.path}, column {self.log.columns.position[k].column}",
+            cure="write one whole period, with or without its first row again, or leave out "
+            "--periodic",
+        )
+
+
+def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) -> Recording:
+    """A planned motion with its filter over positions, and with rows beyond its ends.
+
+    Rows of torques are not filtered: of each row of the plan that the filter reaches there is one.
+
+    Args:
+        log: of steady rows, else nothing is put beyond its ends.
+        cutoff: a lowest cut-off [Hz].
+        periodic: whether it goes on as it begins.
+
+    Raises:
+        RecordingError: it is periodic and does not go on as it begins, or is too short for the
+            filter and does not rest at both ends.
+    """
+    if log.has_derivatives and cutoff is None:
+        return with_filter(log)
+    if not log.laid.steady:
+        if periodic:
+            raise RecordingError(
+                "has time stamps that are not even, so it is no period of a motion",
+                where=str(log.path),
+                cure="write rows at even times, or leave out --periodic",
+            )
+        return _unfiltered_rows(with_filter(log, cutoff))
+    least = max(cutoff or 0.0, log.motion_cutoff or 0.0)
+    ends = _ends(log, _ROWS + 1)
+    # Of a plan too short for a spectrum, speeds are judged as of the fastest motion.
+    judged = least or 0.1 * log.rate
+    period = ends.period(judged) if periodic else 0
+    rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
+    stretches = [stretch for stretch in _stretches(ends, period, rests) if stretch is not None]
+    seen = [spectrum_of(ends.positions(rows)).cutoff(log.rate) for rows in stretches]
+    motion = max([least, *(found for found in seen if found is not None)])
+    if not motion:
+        raise _too_short(log, SpectrumEstimate.SHORTEST, "first")
+    low_pass = _only_motion(design_low_pass(motion, log.rate))
+    first, all_lost = low_pass.first_row, reach(low_pass)
+    last = all_lost + low_pass.stride - first
+    needed = all_lost - sum(n for n, rest in zip((first, last), rests, strict=True) if rest)
+    if not periodic and log.samples <= max(0, needed):
+        raise _too_short(log, needed + 1, "last" if rests[0] else "first")
+    ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
+    before = _before(ends, first, period) if periodic or rests[0] else None
+    after = _after(ends, last, period) if periodic or rests[1] else None
+    return replace(Recording(log, low_pass), beyond=Beyond(before, after))
+
+
+def still_speed(recording: Recording) -> Drives:
+    """The speed of each drive below which a plan of positions does not show that it moves.
+
+    Friction of a drive at rest would follow the sign of what rounding and steps of positions leave
+    of its speed.
+    """
+    low_pass, c = recording.low_pass, recording.log.columns
+    if low_pass is None or c.velocity:
+        return np.zeros(len(c.position))
+    ends = _ends(recording.log, _ROWS + 1)
+    largest = np.abs(ends.positions(np.vstack([ends.head, ends.tail]))).max(axis=0)
+    rounding = np.finfo(float).eps * largest * np.abs(low_pass.first).sum()
+    return np.maximum(rounding, _SIGMAS * ends.noise * low_pass.speed_gain)
+
+
+def _too_short(log: Log, needed: int, end: End) -> RecordingError:
+    return RecordingError(
+        f"has {log.samples} samples, too few to filter and differentiate (at least {needed:g}), "
+        f"because it does not rest at its {end} row",
+        where=str(log.path),
+        cure="begin and end at rest, add --periodic if it goes on as it begins, or write "
+        "velocities and accelerations as well",
+    )
+
+
+def _only_motion(low_pass: LowPass) -> LowPass:
+    """The same filter over positions, and none over rows."""
+    return replace(low_pass, smooth=np.ones(1), decimation=1)
+
+
+def _unfiltered_rows(recording: Recording) -> Recording:
+    low_pass = recording.low_pass
+    return recording if low_pass is None else replace(recording, low_pass=_only_motion(low_pass))
+
+
+def _ends(log: Log, count: int) -> PlanEnds:
+    """Both ends of a log, read once."""
+    c = log.columns
+    head = tail = np.zeros((0, 1))
+    speed, rows = np.zeros(len(c.position)), 0
+    for values in _blocks(log):
+        head = values[:count] if not rows else np.vstack([head, values[: count - len(head)]])
+        joined = values if not rows else np.vstack([tail, values])
+        q = joined[:, 1 : 1 + len(c.position)]
+        speed = np.maximum(speed, np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0) * log.rate)
+        tail, rows = joined[-count:], rows + len(values)
+    return PlanEnds(log, head, tail, rows, speed)
+
+
+def _blocks(log: Log) -> Iterator[Rows]:
+    return (values for segment in log.segments(None) for values in segment if len(values))
+
+
+def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> tuple[Rows | None, Rows | None]:
+    """Rows about each end beyond which the motion is known, half of them beyond it."""
+    known = [bool(period) or rest for rest in rests]
+    first = last = None
+    if known[0]:
+        first = np.vstack([_before(ends, _ROWS, period), ends.head[:_ROWS]])
+    if known[1]:
+        last = np.vstack([ends.tail[-_ROWS:], _after(ends, _ROWS, period)])
+    if all(known) and ends.rows < _ROWS:  # all of a short plan lies in the middle of one stretch
+        half = _ROWS - ends.rows // 2
+        return np.vstack([_before(ends, half, period), ends.head, _after(ends, half, period)]), None
+    return first, last
+
+
+def _before(ends: PlanEnds, count: int, period: int) -> Rows:
+    rows = ends.taken(np.arange(-count, 0), period) if period else _resting(ends, 0, count)
+    rows[:, 0] = ends.head[0, 0] + np.arange(-count, 0) / ends.log.rate
+    return rows
+
+
+def _after(ends: PlanEnds, count: int, period: int) -> Rows:
+    places = ends.rows + np.arange(count)
+    rows = ends.taken(places, period) if period else _resting(ends, -1, count)
+    rows[:, 0] = ends.tail[-1, 0] + np.arange(1, count + 1) / ends.log.rate
+    return rows
+
+
+def _resting(ends: PlanEnds, row: int, count: int) -> Rows:
+    """An end row again and again, without speed."""
+    c = ends.log.columns
+    at = (ends.tail if row else ends.head)[row]
+    rows = np.repeat(at[None], count, axis=0)
+    rows[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
+    return rows

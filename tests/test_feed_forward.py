@@ -1,0 +1,163 @@
+"""Feed-forward along plans of positions alone: every row, beside motions with known derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from command import refused, run
+from deltaid.errors import RecordingError
+from deltaid.model.model import Model
+from logs import names
+
+RATE = 1000
+WAY = np.array([0.5, -0.4, 0.3])  # of the drives [rad]
+
+
+@cache
+def robot() -> Model:
+    return deltaid.load("clavel-delta3")
+
+
+@cache
+def smooth() -> Model:
+    """The same without friction, whose steps no filter follows."""
+    return robot().without_friction()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion with its derivatives in closed form, one sample a row."""
+
+    time: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+
+    @property
+    def torque(self) -> np.ndarray:
+        return robot().dynamics.inverse_dynamics(self.q, self.qd, self.qdd, smooth().p)
+
+    def frame(self, step: float = 0.0) -> pl.DataFrame:
+        """Time and positions, on the steps of an encoder."""
+        q = step * np.round(self.q / step) if step else self.q
+        return pl.DataFrame(dict(zip(names("t", "q"), [self.time, *q.T], strict=True)))
+
+    def error(self, found: pl.DataFrame) -> np.ndarray:
+        """Of each row, as a share of the largest torque."""
+        np.testing.assert_array_equal(found["t"], self.time)
+        off = np.abs(found.select(names("tau")).to_numpy() - self.torque)
+        return off.max(axis=1) / np.abs(self.torque).max()
+
+
+def start() -> np.ndarray:
+    return robot().dynamics.kinematics.inverse(robot().home[None])[0] - 0.5 * WAY
+
+
+def point_to_point(duration: float, rest: float = 0.0) -> Plan:
+    """Polynomial of seventh degree from rest to rest, whose jerk begins at zero."""
+    c = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+    time = np.arange(round((duration + 2 * rest) * RATE)) / RATE
+    duration -= 1 / RATE  # from the first row to the last
+    s = np.clip((time - rest) / duration, 0, 1)
+    orders = [c.deriv(k)(s) / duration**k if k else c(s) for k in range(3)]
+    q, qd, qdd = (x[:, None] * WAY for x in orders)
+    return Plan(time, start() + q, qd, qdd)
+
+
+def circling(duration: float, period: float, closed: bool = False) -> Plan:
+    """Cosines of two harmonics, at no time at rest."""
+    time = np.arange(round(duration * RATE) + closed) / RATE
+    q, qd, qdd = np.tile(start() + 0.5 * WAY, (len(time), 1)), *np.zeros((2, len(time), 3))
+    for harmonic, size in ((1, 0.25), (2, 0.05)):
+        w = 2 * np.pi * harmonic / period
+        phase = w * time[:, None] + np.array([0.3, 1.7, 3.9]) * harmonic
+        q += size * np.cos(phase)
+        qd -= size * w * np.sin(phase)
+        qdd -= size * w**2 * np.cos(phase)
+    return Plan(time, q, qd, qdd)
+
+
+@pytest.mark.parametrize(
+    ("duration", "rest"), [(0.2, 0.0), (0.8, 0.0), (0.8, 0.1), (3.0, 0.0), (20.0, 0.0)]
+)
+@pytest.mark.parametrize("step", [0.0, 1e-5])
+def test_a_plan_that_rests_at_both_ends_keeps_every_row(
+    duration: float, rest: float, step: float
+) -> None:
+    plan = point_to_point(duration, rest)
+    result = deltaid.torque(smooth(), plan.frame(step))
+    assert result.without == (0, 0)
+    assert not result.note
+    error = plan.error(result.table())
+    assert error.max() < (5e-3 if step else 2e-3)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("step", [0.0, 1e-5])
+def test_a_periodic_plan_keeps_every_row(closed: bool, step: float) -> None:
+    plan = circling(1.0, 1.0, closed)
+    result = deltaid.torque(smooth(), plan.frame(step), periodic=True)
+    assert result.without == (0, 0)
+    error = plan.error(result.table())
+    assert error.max() < (5e-3 if step else 2e-3)
+
+
+def test_rows_of_ends_that_move_are_there_without_torques(tmp_path: Path) -> None:
+    plan, out = circling(4.0, 1.3), tmp_path / "torque.csv"
+    plan.frame().write_csv(tmp_path / "plan.csv")
+    outcome = run("torque", "clavel-delta3", tmp_path / "plan.csv", "-o", out)
+    assert outcome.code == 0
+    head, *_ = out.read_text().splitlines()
+    assert head.startswith("# the first ")
+    assert "rows have no torque" in outcome.err.replace("\n", " ")
+    written = pl.read_csv(out, comment_prefix="#")
+    known = written["tau1"].is_not_null().to_numpy()
+    first, last = np.flatnonzero(known)[[0, -1]]
+    assert known[first : last + 1].all()
+    assert 0 < first == len(plan.time) - 1 - last < 400
+    assert f"wrote {known.sum()} of 4000 samples" in outcome.out.replace("\n", " ")
+    assert deltaid.columns(out) is not None  # the file is one that deltaid reads
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-5])
+def test_friction_of_what_rests_has_no_sign(step: float) -> None:
+    """Where a plan waits, torques are those of rest, not friction of what rounding leaves."""
+    plan = point_to_point(0.8, 0.4)
+    found = deltaid.torque(robot(), plan.frame(step)).table().select(names("tau")).to_numpy()
+    waits, goes = plan.time < 0.3, (plan.qd**2).max(axis=1) > 0.01
+    at_rest = found[waits] - plan.torque[waits]
+    assert np.abs(at_rest).max() < 0.01 * np.abs(plan.torque).max()
+    friction = (found - plan.torque)[goes]
+    assert (np.sign(friction) == np.sign(plan.qd[goes])).all()
+
+
+def test_one_end_may_rest() -> None:
+    plan = point_to_point(0.8)
+    half = Plan(*(x[:400] for x in (plan.time, plan.q, plan.qd, plan.qdd)))
+    result = deltaid.torque(smooth(), half.frame())
+    assert result.without[0] == 0
+    assert 0 < result.without[1] < 200
+    error = half.error(result.table())
+    assert np.nanmax(error) < 2e-3
+    assert np.isnan(error[-result.without[1] :]).all()
+
+
+def test_what_is_not_periodic_or_too_short_is_refused(tmp_path: Path) -> None:
+    circling(1.1, 1.0).frame().write_csv(tmp_path / "open.csv")
+    circling(0.04, 1.0).frame().write_csv(tmp_path / "short.csv")
+    out = ("-o", tmp_path / "torque.csv")
+    command = ("torque", "clavel-delta3")
+    said = refused(*command, tmp_path / "open.csv", "--periodic", *out, folder=tmp_path)
+    assert "does not go on as it begins" in said
+    assert "q" in said
+    said = refused(*command, tmp_path / "short.csv", *out, folder=tmp_path)
+    assert "too few to filter" in said
+    with pytest.raises(RecordingError, match="does not go on"):
+        deltaid.torque(robot(), point_to_point(0.5).frame(), periodic=True)
