@@ -255,7 +255,7 @@ def test_far_angles_name_the_limb_that_is_turned_over_and_no_singularity(name: s
     for _ in range(40):
         q = home + far * rng.uniform(-2, 2, 4)
         z, closed = kinematics._forward(q[None]).z[0], kinematics._forward(q[None]).closed[0]
-        reason = kinematics.why_not(q) if not kinematics.forward_unchecked(q)[1] else ""
+        reason = kinematics.why_not(q[None]) if not kinematics.forward_unchecked(q)[1] else ""
         limb = re.search(r"limb (\d)", reason)
         if closed and reason:
             other = np.abs(oracle.positions(z[None])[0] - q) > 1e-6

@@ -69,7 +69,7 @@ MISTAKES: dict[str, tuple[Callable[[], object], str, str]] = {
     "samples on their side": (lambda: deltaid.Kinematics(NAME).forward(np.zeros((3, 50))),
                               "q: expected arrays of shape (samples, 3), got (3, 50)", "q.T"),
     "text for a sample": (lambda: deltaid.Kinematics(NAME).inverse("home"),
-                          "z: a str is no array of numbers", "shape (3,)"),
+                          "z: holds <U4, not numbers", "shape (3,)"),
     "samples that do not fit": (
         lambda: deltaid.Dynamics(NAME).terms(np.zeros((5, 3)), np.zeros((4, 3))),
         "qd: has 4 samples, but q has 5", "one row a sample"),

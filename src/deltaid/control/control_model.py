@@ -10,6 +10,7 @@ from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.load_friction import with_load_friction
 from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
@@ -28,7 +29,7 @@ class ControlModel:
     """
 
     def __init__(self, robot: RobotDescription, p: Parameters) -> None:
-        self.robot, self.p = robot, np.asarray(p, dtype=float)
+        self.robot, self.p = robot, real_numbers(p, "p").astype(float)
         self._kernel = _law(robot.model_dump_json())
 
     def holding(self, mass: float) -> "ControlModel":

@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError
+from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples
 from deltaid.shown import Shown
 
@@ -69,6 +70,9 @@ def integrate(
         DeltaidError: friction jumps at rest with these parameters.
         KinematicsError: a limb gets stretched; with the time.
     """
+    z, zd, time = (
+        real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd"), (time, "time"))
+    )
     if not forward.is_smooth(p):
         raise DeltaidError(
             "friction that jumps at rest has no solution that a solver with error control finds",
@@ -122,6 +126,7 @@ def step_through(
     Within it there are as many steps of `ForwardDynamics.step` as keep each below `LONGEST_STEP`.
     A robot with a limb that gets stretched is NaN from there on; the others go on.
     """
+    z, zd = (real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd")))
     samples = round(duration * rate)
     substeps, h = time_steps(rate)
     q, qd = forward.drive_motion(z, zd)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
 from deltaid.errors import RecordingError
+from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.motion.surrogate import Motion
 from deltaid.recording.log import Log
@@ -84,6 +85,7 @@ class SampledTrajectory:
     def __init__(
         self, kinematics: Kinematics, time: Float[np.ndarray, " samples"], q: Samples
     ) -> None:
+        time, q = real_numbers(time, "time"), real_numbers(q, "q")
         self._kinematics = kinematics
         self._spline = make_interp_spline(time - time[0], q, k=_DEGREE)
         self.duration = float(time[-1] - time[0])

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import DescriptionError
+from deltaid.kernel.real import real_numbers
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, catalogue, holds_a_model, parse, read_text
 
@@ -52,12 +53,13 @@ class WithParameters:
         """
         if p is None:
             return self.p
-        p = np.asarray(p, dtype=float)
+        cure = "give one for each of layout.names, such as p of a model"
+        p = real_numbers(p, "p", cure=cure, error=DescriptionError).astype(float, copy=False)
         if p.shape != (len(self.layout.names),):
             raise DescriptionError(
                 f"p has shape {p.shape}, but the robot has {len(self.layout.names)} parameters",
                 where=self.robot.name,
-                cure="give one for each of layout.names, such as p of a model",
+                cure=cure,
             )
         return p
 

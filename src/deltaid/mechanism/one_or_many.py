@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from deltaid.errors import KinematicsError
+from deltaid.kernel.real import real_numbers
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -54,7 +55,7 @@ def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @functools.wraps(method)
     def call(self: Any, time: Any) -> Any:
-        times = np.asarray(time, dtype=float)
+        times = real_numbers(time, "time").astype(float)
         out = method(self, np.atleast_1d(times))  # pyright: ignore[reportCallIssue]
         return out if times.ndim else _first(out)
 
@@ -62,14 +63,8 @@ def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def _array(value: Any, dof: int, name: str) -> np.ndarray:
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise KinematicsError(
-            f"a {type(value).__name__} is no array of numbers",
-            where=name,
-            cure=f"give an array of shape (samples, {dof}), or a single sample of shape ({dof},)",
-        ) from None
+    cure = f"give an array of shape (samples, {dof}), or a single sample of shape ({dof},)"
+    array = real_numbers(value, name, cure=cure, error=KinematicsError).astype(float, copy=False)
     if array.ndim not in (1, 2) or array.shape[-1] != dof:
         turned = array.ndim == 2 and array.shape[0] == dof
         raise KinematicsError(

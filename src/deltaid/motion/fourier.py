@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.shown import Shown
 
@@ -25,6 +26,10 @@ class FourierMotion(Shown):
     centre: Float[np.ndarray, " coordinates"]
     sine: Coefficients
     cosine: Coefficients
+
+    def __post_init__(self) -> None:
+        for name in ("centre", "sine", "cosine"):
+            real_numbers(getattr(self, name), name)
 
     @property
     def period(self) -> float:

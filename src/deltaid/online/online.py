@@ -11,6 +11,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.estimation.scatter import NORMAL
 from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.real import real_numbers
 from deltaid.kernel.recurrence import Recurrence
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
@@ -210,6 +211,7 @@ class Online(Named):
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
+        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
         parts = [q, *self._velocity(qd), tau, [NOT_TOLD if gripper is None else float(gripper)]]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
@@ -228,6 +230,7 @@ class Online(Named):
             tau: torques.
             gripper: 1 holds, 0 empty, -1 not told.
         """
+        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
         told = np.full(len(q), NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
         return self._estimate(self._advance(np.column_stack([q, *self._velocity(qd), tau, told])))
 
@@ -240,7 +243,7 @@ class Online(Named):
                 where="qd",
                 cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
             )
-        return [] if qd is None else [qd]
+        return [] if qd is None else [real_numbers(qd, "qd")]
 
     def _advance(
         self, inputs: Float[np.ndarray, "samples inputs"]

@@ -26,6 +26,7 @@ class Field:
         cure: what to do about that.
         is_opaque: whether it may hold the numbers of a recording, but cannot be read.
         is_clock: whether it is read as seconds since the first row, as dates are.
+        is_duration: whether it holds durations, read as seconds.
         is_truth: whether it holds true and false, read as 1 and 0.
     """
 
@@ -35,6 +36,7 @@ class Field:
     holds: str = ""
     cure: str = "store it as numbers; times as seconds since the start"
     is_clock: bool = False
+    is_duration: bool = False
     is_opaque: bool = False
     is_truth: bool = False
 

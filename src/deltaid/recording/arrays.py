@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
+from deltaid.kernel.real import real_numbers
 from deltaid.recording.mapped_columns import DriveColumn, TimeColumn
 from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, Quantity
 
@@ -15,30 +16,25 @@ Units = str | Sequence[str]
 
 
 def copied(values: np.ndarray) -> np.ndarray:
-    """Contiguous, and the recording's own: polars would share the memory of the array."""
-    return np.array(values, dtype=np.float64, order="C", copy=True)
+    """Contiguous, and the recording's own: polars would share the memory of the array.
+
+    Truth values stay some: what is no state refuses them.
+    """
+    kind = bool if values.dtype == bool else np.float64
+    return np.array(values, dtype=kind, order="C", copy=True)
 
 
 def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndarray:
     """Something array-like as real numbers; `where` for messages.
 
     Args:
-        truths: whether truth values are taken too, as 1 and 0.
+        truths: whether arrays of truth values are taken too.
     """
+    is_truth = getattr(getattr(value, "dtype", None), "kind", "") == "b"
+    if truths and is_truth and not np.ma.is_masked(value):
+        return np.asarray(value)
     cure = "give an array of real numbers, one sample a row"
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise RecordingError("rows differ in length", where=where, cure=cure) from None
-    if truths and array.dtype == bool:
-        return array.astype(float)
-    if array.dtype.kind not in "iuf":
-        raise RecordingError(f"holds {array.dtype}, not numbers", where=where, cure=cure)
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        raise RecordingError(
-            "has masked values", where=where, cure="cut them off; deltaid does not fill gaps"
-        )
-    return array
+    return real_numbers(value, where, cure=cure, error=RecordingError)
 
 
 def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
@@ -93,7 +89,7 @@ def time_of(
 def beside(
     given: Mapping[str, ArrayLike], samples: int, taken: Collection[str], name: str
 ) -> dict[str, np.ndarray]:
-    """Columns of what was recorded beside the drives; truth values as 1 and 0.
+    """Columns of what was recorded beside the drives.
 
     Of an array of several columns these are called `key[0]`, `key[1]`, …
 

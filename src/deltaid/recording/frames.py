@@ -89,7 +89,7 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Fie
     elif isinstance(kind, pl.Datetime | pl.Time) or _is_clock(kind, first):
         yield Field(name, is_clock=True)
     elif _is_number(kind):
-        yield Field(name)
+        yield Field(name, is_duration=isinstance(kind, pl.Duration))
     elif isinstance(kind, pl.Boolean):
         yield Field(name, is_truth=True)
     else:

@@ -246,7 +246,8 @@ def _series(key: str, column: Any) -> pl.Series:
         column = column.astype(column.cat.categories.dtype)
         kind = column.dtype.kind
     if kind == "b":
-        return pl.Series(key, column.to_numpy(dtype=bool))
+        truths = column.to_numpy(dtype=object, na_value=None).tolist()
+        return pl.Series(key, truths, dtype=pl.Boolean)
     if kind in "iuf":
         return pl.Series(key, copied(column.to_numpy(dtype=np.float64, na_value=math.nan)))
     if kind == "M":

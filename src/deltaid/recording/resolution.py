@@ -201,11 +201,12 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
 
 
 def _require_numbers(picks: list[Pick], states: int, where: str) -> None:
-    """Refuse dates, and truth values anywhere but in the last columns, which are states."""
+    """Refuse times, and truth values anywhere but in the last columns, which are states."""
     for k, pick in enumerate(picks):
-        if pick.field.is_clock:
+        if pick.field.is_clock or pick.field.is_duration:
+            kind = "durations" if pick.field.is_duration else "dates or times of day"
             raise RecordingError(
-                f"column {pick.field.name} holds dates or times of day, which no drive measures",
+                f"column {pick.field.name} holds {kind}, which no drive measures",
                 where=where,
                 cure="map another column",
             )

@@ -177,7 +177,8 @@ def _held(
     elif item.is_virtual or item.external:
         yield Field(name, item.shape, holds="numbers kept in other files"), None
     elif item.shape is not None:
-        for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, item.dtype):
+        dtype = np.dtype(bool) if kind == "logical" else item.dtype  # kept as bytes
+        for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, dtype):
             entry = _entry(item.dtype, field.name[len(name) + 1 :])
             yield field, (item.name or item.ref, entry)
 

@@ -6,7 +6,7 @@ Nothing of what a header claims is believed before it fits into the file.
 import math
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -34,6 +34,7 @@ _CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16,
 _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
 # The flag of a matrix that has an imaginary part.
 _COMPLEX = 0x800
+_LOGICAL = 0x200
 # Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
 _DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
 
@@ -186,7 +187,9 @@ class _Reader:
                 self._element()
             yield from self._entries(name, kind, math.prod(shape), end, depth)
         elif name:  # what has none is MATLAB's own
-            yield name, self._numbers(self._element(), tuple(shape))
+            numbers = self._numbers(self._element(), tuple(shape))
+            is_truth = flags & _LOGICAL and np.dtype(numbers.dtype).itemsize == 1
+            yield name, replace(numbers, dtype="?") if is_truth else numbers
         self._at = _padded(end)
 
     def _entries(

@@ -37,7 +37,7 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> Table:
         for variable in variables(data):
             for name, held in contents(data, variable):
                 if isinstance(held, Numbers):
-                    fields.append(Field(name, held.shape))
+                    fields.append(Field(name, held.shape, is_truth=held.dtype == "?"))
                     places.setdefault(name, (variable, held))
                 else:
                     fields.append(held)
