@@ -168,6 +168,8 @@ def test_columns_that_are_certain_are_used_and_it_is_said(tmp_path: Path) -> Non
     seen = deltaid.check("clavel-delta3", path)
     assert [str(mapping and mapping.source) for mapping in seen.mappings] == ["columns found"]
     assert "refused" not in {verdict.key for verdict in seen}
+    found = run("torque", "clavel-delta3", path, "-o", tmp_path / "torques.csv")
+    assert "columns are found: time time [s]" in " ".join(found.err.split())
     found = run("check", "clavel-delta3", path)
     assert "columns are found: time time [s]" in " ".join(found.err.split())
 
@@ -201,6 +203,7 @@ def test_a_mapping_that_lacks_something_is_not_written(tmp_path: Path) -> None:
     path, mapping = tmp_path / "axes.csv", tmp_path / "columns.yaml"
     names = ("t [s]", *(f"q{k} [rad]" for k in (1, 2, 3)), *(f"torque{k} [%]" for k in (1, 2, 3)))
     path.write_text(",".join(names) + "\n0,0,1,2,3,4,5\n0.1,1,2,3,4,5,6\n")
+    assert "torque" not in deltaid.columns(path).valid_data  # what a studio may write
     refused = run("columns", path, "clavel-delta3", "-o", mapping)
     assert refused.code == 2
     assert "unit of torque not found" in refused.err
@@ -225,3 +228,34 @@ def test_motor_columns_take_gear_and_torque_constant(tmp_path: Path) -> None:
         "column": "", "unit": "A", "gear": 50, "torque_constant": 0.1
     }  # fmt: skip
     assert found.data["position"][2]["gear"] == 50
+
+
+def german(path: Path, log: pl.DataFrame) -> Path:
+    """A recording as a German controller writes it: of motors behind gears of 50, in degrees and
+    ampere; drive 2 is counted the other way in both."""
+    names = [f"Istposition Achse {k} [°]" for k in (1, 2, 3)]
+    names += [f"Motorstrom Achse {k} [A]" for k in (1, 2, 3)]
+    scales = np.array([1e3, *50 * np.rad2deg([1, -1, 1]), *np.array([1, -1, 1]) / (50 * 0.1)])
+    rows = [[f"{number:.6f}" for number in row] for row in log.to_numpy() * scales]
+    lines = [["Zeitstempel [ms]", *names], *([x.replace(".", ",") for x in row] for row in rows)]
+    path.write_bytes("\n".join(";".join(line) for line in lines).encode("cp1252"))
+    return path
+
+
+def test_from_a_foreign_log_to_feed_forward_without_a_line_of_yaml(tmp_path: Path) -> None:
+    first = german(tmp_path / "Messung1.csv", recorded(9000)[:6000])
+    second = german(tmp_path / "Messung2.csv", recorded(9000)[6000:])
+    found, fixed = tmp_path / "found.yaml", tmp_path / "fixed.yaml"
+    model, torques = tmp_path / "model.yaml", tmp_path / "feed-forward.csv"
+    robot, motor = "clavel-delta3", ("--gear", 50, "--torque-constant", 0.1)
+    assert run("columns", first, robot, *motor, "-o", found).code == 0
+    seen = run("check", robot, first, "--columns", found, "--write", fixed)
+    assert "turn the sign of its position and torque column" in " ".join(seen.out.split())
+    both = ("--columns", fixed, "--verify", second)
+    assert run("identify", robot, first, *both, "-o", model).code == 0
+    assert run("torque", model, second, "--columns", fixed, "-o", torques).code == 0
+    wanted = recorded(9000)[6000:]["tau2"].to_numpy()
+    given = pl.read_csv(torques)
+    rows = (given["t"] * 1000 - 6000).round().cast(int).to_numpy()
+    error = given["tau2"].to_numpy() - wanted[rows]
+    assert np.std(error) < 0.02 * np.std(wanted)

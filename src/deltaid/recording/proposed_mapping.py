@@ -12,7 +12,7 @@ from deltaid.recording.address import Field
 from deltaid.recording.column_names import Group, Reading, groups_of, kind_of, read_name, unit_of
 from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
 from deltaid.recording.column_words import QUANTITIES as WORDS
-from deltaid.recording.mapping import QUANTITIES, Quantity
+from deltaid.recording.mapping import QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal
 from deltaid.recording.resolution import si_unit
 
@@ -191,8 +191,13 @@ def _drives(
     if group.by_letter:
         doubts.append("letters may be directions in space and no drives")
     units, assumed = list[str](), ""
+    usual = [f"{SHORT_NAMES[quantity]}{axis}" for axis in range(1, len(members) + 1)]
+    is_default = [column.address for column in members] == usual
     for column, slides in zip(members, linear, strict=True):
         unit, reason = _stated(quantity, column, read_name(column.address), known)
+        if unit is None and is_default:
+            unit = si_unit(quantity, linear=slides)
+            reason = f"{unit} is what default names are in"
         if unit is None:
             unit, assumed = _by_size(quantity, reading, members, slides=slides)
         elif not unit:

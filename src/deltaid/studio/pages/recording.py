@@ -123,7 +123,8 @@ def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDesc
     lines = [f"· {reason}" for reason in guess.reasons]
     if guess.missing:
         lines.append(f"· not found: {', '.join(guess.missing)}; these are to be named by hand")
-    parts.note("Proposed, and not used yet:\n" + "\n".join(lines))
+    head = "Found without doubt" if guess.certain else "Proposed"
+    parts.note(f"{head}, and not used yet:\n" + "\n".join(lines))
     fitting = _fitting(session, contents, len(robot.drives))
     with ui.row():
         for mapping, of in fitting.items():
@@ -131,7 +132,7 @@ def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDesc
             ui.button(f"Use {mapping}{of}", on_click=point).props("no-caps")
         ui.button(
             f"{'Name the rest by hand' if guess.missing else 'Use these'}, write {name}",
-            on_click=lambda: _take(session, used, name, guess.data),
+            on_click=lambda: _take(session, used, name, guess.valid_data),
         ).props("no-caps outline" if fitting else "no-caps")
 
 
