@@ -36,11 +36,36 @@ def test_a_table_says_the_same_as_yaml(tmp_path: Path) -> None:
     assert own.manifest.exists()
 
 
+@pytest.mark.parametrize("name", ["'a\\0b'", "~nobody-there/a.csv", "a" * 5000])
+def test_names_that_no_file_can_have_are_of_none(tmp_path: Path, name: str) -> None:
+    own = plant(tmp_path)
+    own.manifest.write_text(MANIFEST.replace("north/*.parquet", name.replace("'", '"')))
+    (absent,) = find_fleet(str(own.manifest)).absent
+    assert absent.reason.startswith("no such file\n  → ")
+
+
+@pytest.mark.parametrize("time", ["2026-02-03", "2026-02-03T08:30", "'2026-02-03 08:30:00'"])
+def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> None:
+    own = plant(tmp_path).record(*FIRST)
+    entry = f"\n    - {{path: {FIRST[0]}.parquet, time: {time}}}"
+    own.manifest.write_text(MANIFEST.replace("north/*.parquet", entry), encoding="utf-8")
+    (found,) = find_fleet(str(own.manifest)).recordings
+    assert f"{found.time:%Y-%m-%d}" == "2026-02-03"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         (MANIFEST.replace("robot:", "robt:"), "line 3, robots.0.robt: unknown key"),
         (MANIFEST.replace(f"type: {TYPE}\n", ""), "robot north has no type"),
+        (
+            f"{MANIFEST}    - {{path: a.csv, time: 2026-13-05}}\n".replace("north/*.parquet", ""),
+            "time: must be written as 2026-01-31",
+        ),
+        (
+            MANIFEST.replace("north/*.parquet", "[{path: a.csv, time: 0001-01-01T00:00+05:00}]"),
+            "time: must be written as 2026-01-31",
+        ),
         (MANIFEST + "period: year\n", "line 5, period: "),
         (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
         (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "has two types"),

@@ -8,7 +8,7 @@ s3://plant/line1/*.parquet.
 import os
 import re
 from collections.abc import Iterator
-from datetime import date, datetime
+from datetime import UTC, date, datetime
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +23,7 @@ from deltaid.robot.load import parse
 from deltaid.robot.part import Part
 
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
+_TIMES = "must be written as 2026-01-31 or 2026-01-31T08:30"
 _TABLES = (".csv", ".parquet")
 # Columns of a table, of which the first two must be there.
 _COLUMNS = ("robot", "recording", "type", "time", "columns", "load", "temperature")
@@ -52,8 +53,15 @@ class RecordedFile(Part):
     def _is_written_out(cls, time: object) -> object:
         # 01/02/2026 is two dates, and 20260131 would be seconds.
         if isinstance(time, str | int | float) and not _ISO.match(str(time)):
-            raise ValueError("must be written as 2026-01-31 or 2026-01-31T08:30")
-        return time
+            raise ValueError(_TIMES)
+        try:  # strict validation takes no text for a time once a function has had it
+            if isinstance(time, str):
+                time = datetime.fromisoformat(time)
+                if time.tzinfo is not None:
+                    time.astimezone(UTC)  # which the first and last days may not have
+            return time
+        except (ValueError, OverflowError):
+            raise ValueError(_TIMES) from None
 
 
 class FleetRobot(Part):
@@ -138,7 +146,7 @@ def beside(name: str, manifest: str) -> str:
         return name
     if is_address(manifest):
         return f"{manifest.rpartition('/')[0]}/{name}"
-    path = Path(name).expanduser()
+    path = Path(os.path.expanduser(name))  # that of pathlib fails where there is no such user
     return str(path if path.is_absolute() else Path(manifest).parent.resolve() / path)
 
 
