@@ -62,7 +62,6 @@ STATED: dict[str, Size] = {
 # smaller than this replaces them. An entry goes as soon as its study has been run in full.
 BEHIND: dict[str, Size] = {
     "bodies_weighed": {"rows": 12, "seeds": 100},
-    "calibrate": {"rows": 6, "machines": 3},
     "coverage_of_labels": {"rows": 12, "robots": 12},
     "drawn_against_simulated": {"rows": 2, "recordings": 16},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -376,3 +377,59 @@ def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:
     plain = deltaid.calibrate(CLAVEL, points=files / "points.csv")
     mapped = deltaid.calibrate(CLAVEL, points=tmp_path / "mm.csv", columns=own)
     assert mapped.values == pytest.approx(plain.values, abs=1e-8)
+
+
+def sphere_point(towers: Array, rods: Array) -> Array:
+    """The lower of two points at given distances of three."""
+    A, b = 2 * (towers[1:] - towers[0]), np.sum(towers**2, axis=1) - rods**2
+    way = np.cross(A[0], A[1])
+    p = np.linalg.lstsq(A, b[1:] - b[0], rcond=None)[0]
+    t = np.roots(
+        [way @ way, 2 * way @ (p - towers[0]), np.sum((p - towers[0]) ** 2) - rods[0] ** 2]
+    )
+    return min((p + root * way for root in t.real), key=lambda point: point[2])
+
+
+def letters(line: str) -> dict[str, list[float]]:
+    return {word[0]: [float(x) for x in word[1:].split(":")] for word in line.split()[1:]}
+
+
+def test_a_firmware_with_these_numbers_stands_where_the_printer_does(tmp_path: Path) -> None:
+    robot, rng = machine(KOSSEL, 4, length=5e-4, angle=1e-6, scale=0.0)
+    x = somewhere(KOSSEL, rng, 60)
+    pl.DataFrame(tracked(KOSSEL, x, real(robot, KOSSEL, x), rng)).write_csv(tmp_path / "points.csv")
+    places = np.column_stack([rng.uniform(-0.07, 0.07, (20, 2)), np.full(20, -0.5)])
+    pl.DataFrame(touched(robot, KOSSEL, places, 1e-6, rng)).write_csv(tmp_path / "bed.csv")
+    names = ("klipper", "marlin", "reprap")
+    given = ("--points", tmp_path / "points.csv", "--probe", tmp_path / "bed.csv")
+    configs = [word for name in names for word in (f"--{name}", tmp_path / name)]
+    done = run("calibrate", KOSSEL, *given, *configs)
+    assert done.code == 0, done.err
+    left = float(re.search(r"leaves (\S+) mm", done.out)[1]) * 1e-3
+    text = {name: (tmp_path / name).read_text("utf-8") for name in names}
+    values = dict(re.findall(r"\[(stepper_.)\]\n((?:\w+: .*\n)+)", text["klipper"]))
+    towers = [dict(line.split(": ") for line in part.splitlines()) for part in values.values()]
+    R = float(re.search(r"delta_radius: (.*)", text["klipper"])[1])
+    rods, angle, end = (
+        np.array([float(t[k]) for t in towers]) for k in ("arm_length", "angle", "position_endstop")
+    )
+    m665, m666 = (letters(line) for line in text["reprap"].splitlines()[-2:])
+    assert m665["H"] + np.ravel([m666[k] for k in "XYZ"]) == pytest.approx(end, abs=1e-3)
+    m665, m666 = (letters(line) for line in text["marlin"].splitlines()[-2:])
+    assert m665["H"] - np.ravel([m666[k] for k in "XYZ"]) == pytest.approx(end, abs=1e-3)
+    assert m665["L"] + np.ravel([m665[k] for k in "ABC"]) == pytest.approx(rods, abs=1e-3)
+    trims = np.ravel([m665[k] for k in "XYZ"])
+    assert (angle - trims) % 360 == pytest.approx(np.array([0, 120, 240]), abs=1e-3)
+    a, q = np.deg2rad(angle), 1e3 * kinematics(KOSSEL).inverse(x)
+    at_home = end + np.sqrt(rods**2 - R**2)
+    believed = np.array([
+        sphere_point(np.column_stack([R * np.cos(a), R * np.sin(a), at_home - row]), rods)
+        for row in q
+    ]) * 1e-3  # fmt: skip
+    m = real(robot, KOSSEL, x)
+    assert shape_error(believed, m) < 1.5 * left + 3e-5
+    assert shape_error(x, m) > 5 * shape_error(believed, m)
+    assert believed[:, 2] == pytest.approx(m[:, 2] + 0.5, abs=3 * left + 1e-4)  # above the bed
+    alone = ("calibrate", KOSSEL, *given[:2], "--klipper", tmp_path / "new")
+    refusal = refused(*alone, folder=tmp_path)
+    assert "no bed was probed" in refusal

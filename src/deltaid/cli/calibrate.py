@@ -44,6 +44,11 @@ def calibrate(
     output: Annotated[
         Path | None, output_file("--output", "-o", help="Robot file with this geometry (YAML).")
     ] = None,
+    klipper: Annotated[
+        Path | None, output_file(help="Lines of a printer.cfg with this geometry.")
+    ] = None,
+    marlin: Annotated[Path | None, output_file(help="M665 and M666 of Marlin.")] = None,
+    reprap: Annotated[Path | None, output_file(help="M665 and M666 of RepRapFirmware.")] = None,
     lengths: Annotated[
         float | None,
         bounded(
@@ -79,13 +84,15 @@ def calibrate(
     Tracker, bed probe, gauge blocks, calliper and ballbar, in any mixture.
     """
     from deltaid.calibration.calibrate import calibrate as run
+    from deltaid.calibration.firmware import firmware_text
     from deltaid.errors import DeltaidError
-    from deltaid.files import together
+    from deltaid.files import together, write_bytes
     from deltaid.view.calibration import calibration_page, number_table, session_lines
     from deltaid.view.html import write_page
 
+    configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
     files = [*(points or ()), *(probe or ()), *(distances or ()), columns]
-    require_outputs((robot, *files), {"--output": output, "--report": report})
+    require_outputs((robot, *files), {"--output": output, "--report": report, **configs})
     try:
         x, y, z = (float(part) for part in tool.split(","))
     except ValueError:
@@ -107,7 +114,12 @@ def calibrate(
             struts_apart=struts_apart,
             tool=(x, y, z),
         )
+    texts = {
+        path: firmware_text(found, option.strip("-")) for option, path in configs.items() if path
+    }
     with together():
+        for path, (text, _) in texts.items():
+            write_bytes(path, text.encode())
         if output is not None:
             found.save(output)
         if report is not None:
@@ -128,6 +140,8 @@ def calibrate(
     console.print(shown(number_table(found)))
     for doubt in found.doubts:
         console.print(f"doubtful: {doubt}")
+    for path, (_, left) in texts.items():
+        console.print(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
     print_written(output, report)
 
 

@@ -1,0 +1,171 @@
+"""A calibrated printer in the numbers of its firmware: Klipper, Marlin, RepRapFirmware.
+
+All three hold one radius, and a rod, an angle and an endstop a tower; towers stand upright on the
+bed. Of that model the best is taken, least squares of positions over the workspace, whatever the
+firmware's axes x and y are turned and shifted by; z is the height above the probed bed. What it
+cannot hold is stated. With tower i's joint p_i + √(l_i² − R²) above the bed where its endstop
+triggers (nozzle at p_i were all towers like it),
+
+    Klipper         position_endstop of each stepper is p_i
+    RepRapFirmware  M665 H is the mean of p, M666 is p_i − H
+    Marlin          M665 H is the least p, M666 is H − p_i: how far a carriage backs off
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.calibration.calibrate import Calibration
+from deltaid.calibration.outlook import drawn
+from deltaid.errors import DeltaidError
+
+# Rails within this of the vertical stand upright to a firmware [rad]: what it takes for upright is
+# corrected by the fit of its other numbers.
+_UPRIGHT = 0.02
+_KINDS = ("rail_across", "zero", "strut")
+
+
+@dataclass(frozen=True)
+class Printer:
+    """The numbers of a firmware.
+
+    Attributes:
+        radius: R, from tower to the middle, less that of the platform [m].
+        rods, endstops: l_i, p_i of each tower [m].
+        azimuths: of the towers [degrees], and by how much they exceed the described ones.
+        left: what the model cannot hold, rms of positions [m].
+    """
+
+    radius: float
+    rods: Float[np.ndarray, " 3"]
+    endstops: Float[np.ndarray, " 3"]
+    azimuths: Float[np.ndarray, " 3"]
+    corrections: Float[np.ndarray, " 3"]
+    left: float
+    title: str
+    reach: float
+
+
+def printer(found: Calibration) -> Printer:
+    """The best firmware model of a calibrated printer.
+
+    Raises:
+        DeltaidError: the robot is no linear Delta on three upright rails, described by radii, 120°
+            apart and counted anticlockwise; or its bed was not probed.
+    """
+    robot, known, limbs = found.described, found.known, found.described.limb_geometry
+    assert robot.limbs is not None  # unknowns refuse others
+    where = robot.name
+    turns = np.mod(np.diff([*robot.limbs.azimuth_deg, robot.limbs.azimuth_deg[0]]), 360)
+    if (
+        len(limbs) != 3
+        or any(limb.drive != "linear" or np.hypot(*limb.rail[:2]) > _UPRIGHT for limb in limbs)
+        or robot.limbs.base_radius is None
+        or robot.limbs.platform_radius is None
+        or known.apart
+        or not np.allclose(turns, 120)
+    ):
+        raise DeltaidError(
+            "firmwares take three upright rails, 120° apart and anticlockwise, with struts alike",
+            where=where,
+            cure="describe them by base_radius and platform_radius, or take the robot file",
+        )
+    beds = [k for k, session in enumerate(found.sessions) if session.kind == "probe"]
+    if not beds:
+        raise DeltaidError(
+            "no bed was probed, so heights above it are not known", where=where, cure="give --probe"
+        )
+    h, a, b = found.fit.states[beds[0]]
+    loops = found.fit.loops
+    q = drawn(loops.kinematics, loops.limbs)
+    tools = loops.points(q, np.zeros(len(found.values)), loops.start(q))
+    J = tools.slopes.reshape(-1, len(found.values))
+    # a turn that makes the bed level; shifts and turns in its plane are free
+    level = np.cross([-b, a, 0.0], tools.x).ravel()
+    arms = tools.x - tools.x.mean(axis=0)
+    plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
+    free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
+    G = np.zeros((len(found.values), 10))
+    G[known.of_kind("rail_out"), 0] = 1
+    for k, kind in enumerate(_KINDS):
+        G[known.of_kind(kind), 1 + 3 * k + np.arange(3)] = 1
+    A, target = np.column_stack([J @ G, free]), J @ found.values + level
+    fitted = np.linalg.lstsq(A, target, rcond=None)[0]
+    left = float(np.linalg.norm(target - A @ fitted) / np.sqrt(len(q)))
+    theta = G @ fitted[:10]
+    across, zero, strut = (theta[known.of_kind(kind)] for kind in _KINDS)
+    joints = np.array([limb.base - limb.attachment for limb in limbs])
+    radius = float(np.mean(np.linalg.norm(joints[:, :2], axis=1)) + fitted[0])
+    rods = np.array([limb.strut for limb in limbs]) + strut
+    heights = joints[:, 2] - zero - h
+    corrections = np.rad2deg(across / radius)
+    return Printer(
+        radius, rods, heights - np.sqrt(rods**2 - radius**2),
+        np.array(robot.limbs.azimuth_deg) + corrections, corrections, left,
+        robot.title or robot.name, float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
+    )  # fmt: skip
+
+
+def _klipper(p: Printer) -> list[str]:
+    lines = ["[printer]", "kinematics: delta", f"delta_radius: {1e3 * p.radius:.4f}"]
+    for name, rod, endstop, azimuth in zip("abc", p.rods, p.endstops, p.azimuths, strict=True):
+        lines += [
+            f"[stepper_{name}]",
+            f"arm_length: {1e3 * rod:.4f}",
+            f"angle: {azimuth % 360:.5f}",
+            f"position_endstop: {1e3 * endstop:.4f}",
+        ]
+    return lines
+
+
+def _marlin(p: Printer) -> list[str]:
+    rod, height = float(p.rods.mean()), float(p.endstops.min())
+    trims, backs = 1e3 * (p.rods - rod), 1e3 * (height - p.endstops)
+    return [
+        f"M665 L{1e3 * rod:.4f} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} "
+        f"{_each('XYZ', p.corrections, 5)} {_each('ABC', trims)}",
+        f"M666 {_each('XYZ', backs)}",
+    ]
+
+
+def _reprap(p: Printer) -> list[str]:
+    height = float(p.endstops.mean())
+    rods = ":".join(f"{1e3 * rod:.4f}" for rod in p.rods)
+    return [
+        f"M665 L{rods} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} B{1e3 * p.reach:.0f} "
+        f"{_each('XYZ', p.corrections, 5)}",
+        f"M666 {_each('XYZ', 1e3 * (p.endstops - height))}",
+    ]
+
+
+def _each(letters: str, values: Float[np.ndarray, " 3"], digits: int = 4) -> str:
+    pairs = zip(letters, values, strict=True)
+    return " ".join(f"{letter}{value:.{digits}f}" for letter, value in pairs)
+
+
+FIRMWARES: dict[str, tuple[str, Callable[[Printer], list[str]]]] = {
+    "klipper": ("#", _klipper), "marlin": (";", _marlin), "reprap": (";", _reprap),
+}  # fmt: skip
+
+
+def firmware_text(found: Calibration, firmware: str) -> tuple[str, float]:
+    """Lines for a printer's configuration, and what its model cannot hold [m].
+
+    Args:
+        found: a calibrated linear Delta whose bed was probed.
+        firmware: klipper, marlin or reprap.
+
+    Raises:
+        DeltaidError: it is no printer that a firmware could run.
+    """
+    mark, lines = FIRMWARES[firmware]
+    p = printer(found)
+    head = [
+        f"{p.title}, calibrated by deltaid {version('deltaid')}",
+        f"this model of the printer leaves {1e3 * p.left:.3f} mm of position (rms)",
+        "towers are limbs 1, 2, 3; q = 0 of the description is where endstops trigger",
+    ]
+    return "\n".join([*(f"{mark} {line}" for line in head), *lines(p), ""]), p.left
