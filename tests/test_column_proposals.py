@@ -187,6 +187,16 @@ def test_a_row_of_units_below_foreign_names_is_read(tmp_path: Path) -> None:
     assert found.data["position"][2] == {"column": "Axis 3.ActPos", "unit": "deg"}
 
 
+@pytest.mark.parametrize("units", ["", "°,°,°,N*m,N*m,N*m,s"])
+def test_foreign_names_below_a_preamble_are_read(tmp_path: Path, units: str) -> None:
+    path = foreign(tmp_path / "axes.csv", units=units)
+    path.write_text("Project,cell 3\nDate,2026-11-01,10:00:00\n\n" + path.read_text())
+    found = deltaid.columns(path, "clavel-delta3")
+    assert found.certain, found
+    assert found.data["position"][1] == {"column": "Axis 2.ActPos [deg]", "unit": "deg"}
+    assert len(deltaid.check("clavel-delta3", path)) > 10
+
+
 def test_the_command_writes_what_a_check_takes(tmp_path: Path) -> None:
     path, mapping = foreign(tmp_path / "axes.csv", angle=""), tmp_path / "columns.yaml"
     asked = ("columns", path, "clavel-delta3", "-o", mapping)

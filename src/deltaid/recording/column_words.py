@@ -37,7 +37,7 @@ QUANTITIES: dict[str, frozenset[str]] = {
 DERIVATIVES = {"dot": "velocity", "ddot": "acceleration"}
 MEASURED = _words(
     "act actual ist istwert meas measured fb fdb feedback present real reel mesure mesuree "
-    "estimate est 实际 反馈 实测 実 検出 フィードバック"
+    "estimate est 实际 反馈 实测 当前 実 現在 検出 フィードバック"
 )
 COMMANDED = _words(
     "set setpoint sp cmd command commanded con control ref reference target desired des d "
@@ -51,7 +51,7 @@ OTHERS = _words(
     "temp temperature temperatur voltage spannung tension power leistung puissance bus supply "
     "jerk ruck status mode sensor external ext friction fric gravity grav nle cost reward corr "
     "rated id isd dob rfob wheel imu cycle exec seq frame "
-    "偏差 误差 誤差 温度 电压 功率 外力"
+    "偏差 误差 誤差 温度 电压 功率 外力 外乱 扰动"
 )
 # What names an axis, and fills compounds.
 FILLERS = _words(

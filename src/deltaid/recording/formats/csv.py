@@ -34,6 +34,8 @@ from deltaid.recording.units import is_unit
 
 # Lines in which the names are looked for, and comments that may stand together.
 _SEARCHED_LINES = 200
+# Columns of a recording at least: time, a position, a torque.
+_FEWEST = 3
 _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 
@@ -113,7 +115,7 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     if row is None and not numbered:
         row = _row_of_names(lines, needed)
     if row is None:
-        row = _after_comments(lines, 1)
+        row = _row_above_numbers(lines) or _after_comments(lines, 1)
     text = decoded(lines[row], f"{path}, row {row}")
     bare = COMMENT.sub("", text, count=1)
     # A mark that has a field of its own is the name of a column.
@@ -152,6 +154,28 @@ def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int 
         text = as_text(lines[row])
         if _holds(text, needed) or _holds(COMMENT.sub("", text, count=1), needed):
             return row
+    return None
+
+
+def _row_above_numbers(lines: HeadLines) -> int | None:
+    """The first line of words above as many numbers, or above a row of units and the numbers: the
+    names of a file whose names are foreign, below a preamble."""
+    for row in range(1, _SEARCHED_LINES + 1):
+        if not lines[row]:
+            return None
+        try:
+            separator = separator_of(as_text(lines[row]))
+            names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
+        except csv.Error:
+            continue
+        if len(names) < _FEWEST or any(is_number(name) for name in names):
+            continue
+        for cells in below:
+            filled = [cell for cell in cells if cell]
+            if len(cells) == len(names) and filled and all(map(is_number, filled)):
+                return row
+            if any(map(is_number, filled)) or len(cells) != len(names):
+                break
     return None
 
 
