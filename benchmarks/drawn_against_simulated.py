@@ -1,8 +1,6 @@
 """Whether drawn recordings of `drawn_fleet.py` say what simulated ones do: base parameters of both.
 
 python benchmarks/drawn_against_simulated.py [RECORDINGS]
-
-The table is so far of 16 recordings, where 40 are stated.
 """
 
 import sys
