@@ -158,10 +158,13 @@ from pathlib import Path
 from deltaid.files import together, write_bytes
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as nohup does not leave it
-renamed = Path.replace
+renamed, left = Path.replace, int(sys.argv[3])
 def replace(self, target):
+    global left
     renamed(self, target)
-    os.kill(os.getpid(), int(sys.argv[2]))
+    left -= 1
+    if left <= 0:
+        os.kill(os.getpid(), int(sys.argv[2]))
 Path.replace = replace
 folder = Path(sys.argv[1])
 with together():
@@ -175,10 +178,29 @@ with together():
 def test_all_names_change_before_a_process_ends(tmp_path: Path, number: int) -> None:
     for name in "abc":
         write(tmp_path / name, "old")
-    script = [sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path), str(int(number))]
+    assert killed_while_writing(tmp_path, number, 1) == ["new"] * 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize("renamed", [1, 2])
+def test_a_kill_between_two_names_leaves_whole_files(tmp_path: Path, renamed: int) -> None:
+    """Each is new or old, and the next command removes what has no name yet."""
+    for name in "abc":
+        write(tmp_path / name, "old")
+    held = killed_while_writing(tmp_path, signal.SIGKILL, renamed)
+    assert held == ["new"] * renamed + ["old"] * (3 - renamed)
+    assert len(listing(tmp_path)) == 6 - renamed
+    require_writable(tmp_path / "d")
+    assert listing(tmp_path) == ["a", "b", "c"]
+
+
+def killed_while_writing(folder: Path, number: int, after: int) -> list[str]:
+    """What three files hold behind a process that is killed when so many have their names."""
+    words = [str(folder), str(int(number)), str(after)]
+    script = [sys.executable, "-c", KILLED_WHILE_WRITING, *words]
     ended = subprocess.run(script, capture_output=True, check=False)
     assert ended.returncode == -number
-    assert [(tmp_path / name).read_text() for name in "abc"] == ["new"] * 3
+    return [(folder / name).read_text() for name in "abc"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="nobody can ask there whether a process lives")

@@ -42,6 +42,9 @@ def together() -> Generator[None, None, None]:
     They lie beside their places until all are complete; what is left then needs no space. Missing
     folders are made at the end too. A block inside another one belongs to that.
 
+    A signal that can be caught waits until all have their names. What ends the process at once in
+    that millisecond, SIGKILL or a power failure, leaves the first of them new and the others old.
+
     Raises:
         DeltaidError: a folder cannot be made, or a place has been taken meanwhile.
     """
