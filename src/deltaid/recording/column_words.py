@@ -50,7 +50,7 @@ OTHERS = _words(
     "limit max min tcp tool platform cartesian ee eef effector end gripper base com foot wrist ft "
     "temp temperature temperatur voltage spannung tension power leistung puissance bus supply "
     "jerk ruck status mode sensor external ext friction fric gravity grav nle cost reward corr "
-    "rated id isd dob rfob wheel imu cycle exec seq frame "
+    "rated disturbance dob rfob wheel imu cycle exec seq frame "
     "偏差 误差 誤差 温度 电压 功率 外力 外乱 扰动"
 )
 # What names an axis, and fills compounds.
