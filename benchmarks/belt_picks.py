@@ -135,7 +135,7 @@ def row(made: Line, case: Case) -> tuple[object, ...]:
     settings = OnlineSettings(largest_mass=PAYLOAD, grip_time=case.grip_time or 0.0)
     found = watch(made.model, replay, settings)
     near, holds = judged(made, found)
-    said = any("the gripper tells" in one for one in found.doubts)
+    said = any("the gripper signals" in one for one in found.doubts)
     return (
         case.name, case.signal, PICKS, f"{np.mean(near):.0%}", f"{np.mean(holds):.0%}",
         len(found.touches), "yes" if said else "no",

@@ -248,7 +248,7 @@ def test_pages_of_an_excitation_with_linear_drives(tmp_path: Path) -> None:
     assert outcome.code == 0, outcome.err
     assert f"wrote {page}" in outcome.out
     text = page.read_text(encoding="utf-8")
-    assert {"Motion", "Limits", "What it will tell", "Search"} <= set(Document(text).texts)
+    assert {"Motion", "Limits", "Predicted deviations", "Search"} <= set(Document(text).texts)
     assert re.search(r"Good: [\d.]+ s from rest to rest, within all \d+ limits; ", text)
     assert all(word in text for word in ("position [m]", "speed [m", "force [N]"))
     assert not any(word in text for word in ("angle [deg]", "speed [deg", "torque [N m]"))

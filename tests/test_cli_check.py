@@ -91,7 +91,7 @@ def test_the_page_of_a_description_that_cannot_be_read_has_no_drawing(tmp_path: 
     outcome = run("check", robot, "--report", path)
     assert outcome.code == 4
     page = path.read_text(encoding="utf-8")
-    assert "Wrong: one thing to be mended" in page
+    assert "Wrong: one thing to be corrected" in page
     assert "Drawing of the robot" not in page
 
 

@@ -262,7 +262,7 @@ def test_a_drive_that_tells_nothing_is_unknown_and_disturbs_no_other() -> None:
     assert one.recordings == 0
     assert np.isnan(one.level)
     assert one.limit is None
-    assert "no recording tells" in one.reason
+    assert "no recording determines" in one.reason
     assert other.state == "steady"
 
 

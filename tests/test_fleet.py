@@ -310,7 +310,9 @@ def test_what_kills_workers_stops_nothing_else(
 
 def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
     blind = Mock(run=lambda *_, **__: {"tcp://far:1": False, "tcp://near:1": True})
-    with pytest.raises(DeltaidError, match=r"not seen by 1 of 2 workers.* tcp://far:1(.|\n)*s3://"):
+    with pytest.raises(
+        DeltaidError, match=r"not visible to 1 of 2 workers.* tcp://far:1(.|\n)*s3://"
+    ):
         require_shared(blind, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -214,7 +214,7 @@ def test_what_nobody_can_tell_is_not_called_good(tmp_path: Path) -> None:
     robot = words(folder / "site" / "robots" / "R001.html")
     assert "Not enough data to say whether friction changes." in robot
     kind = words(folder / "site" / "types" / f"{TYPES[0]}.html")
-    assert "Whether its robots are alike is not known." in kind  # two robots cannot tell
+    assert "Whether its robots are of one type is not known." in kind  # two robots cannot tell
 
 
 def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ GAIN = np.array([1.2, 0.9, 1.05])
 
 @dataclass(frozen=True, eq=False)
 class Push(Addition):
-    """A torque of the second drive, told by a load that is known."""
+    """A torque of the second drive, determined by a load that is known."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -107,7 +107,7 @@ def judged(std: float) -> list[Judged]:
 
 @pytest.mark.parametrize(
     ("alike", "std", "words"),
-    [((), 0.01, "told by a push"), ((), 0.06, "hardly shows"),
+    [((), 0.01, "determined by a push"), ((), 0.06, "hardly shows"),
      ((0, 1), 0.01, "drive3 is taken to be right")],
 )  # fmt: skip
 def test_what_is_told_is_the_whole_gain_with_its_interval(

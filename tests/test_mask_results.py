@@ -161,7 +161,7 @@ def test_table_names_reason_drives_share_and_times() -> None:
     assert first[3] == "0.000–0.250, 1.000–1.250, 2.000–2.250 and 8 more"
     assert second == ("reversal", "1", "1.0 %", "")
     assert left_out_table([("a.csv", (turning,))]) is None
-    assert reversals((clipped, turning)) == ", 1.0 % left out at reversals"
+    assert reversals((clipped, turning)) == ", 1.0 % excluded at reversals"
     several = left_out_table([("a.csv", (clipped,)), ("b.csv", (clipped,))])
     assert [row[0] for row in several.rows] == ["a.csv", "b.csv"]
 

@@ -77,11 +77,11 @@ def test_what_the_robot_does_not_have_is_refused(text: str, words: str) -> None:
         ("spread: {mass: 0.1}", "spread"),
         (
             "free: [m, mcx, Sxx]\n    measured: [{centre: 0.01, axis: y, std: 0.001}]",
-            "bodies.S.free leaves out mcy, which says that it is zero; name it there",
+            "bodies.S.free excludes mcy, which says that it is zero; name it there",
         ),
         (
             "free: [m, mcx]\n    measured: [{first_moment: 1, axis: [1, 0, 1], std: 0.1}]",
-            "is along x, z, but bodies.S.free leaves out mcz",
+            "is along x, z, but bodies.S.free excludes mcz",
         ),
     ],
 )

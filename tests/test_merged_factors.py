@@ -143,11 +143,11 @@ def with_gain(one: FactorFile, low: float, high: float) -> FactorFile:
 
 def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[FactorFile]) -> None:
     described, one = robot()[0].robot, with_gain(loaded[0], 1.0, 1.1)
-    with pytest.raises(RecordingError, match=r"drive1 was put right .*and in .* it was not"):
+    with pytest.raises(RecordingError, match=r"drive1 was corrected .*and in .* it was not"):
         identify_gathered(described, [one, loaded[1]], PLAIN)
     for low, high in ((1.15, 1.2), (0.8, 0.95)):
         # Files go by their names, which are checksums.
-        with pytest.raises(RecordingError, match=r"drive1 was put right .* by .*, and in .* by"):
+        with pytest.raises(RecordingError, match=r"drive1 was corrected .* by .*, and in .* by"):
             identify_gathered(described, [one, with_gain(loaded[1], low, high)], PLAIN)
     alike = [one, with_gain(loaded[1], 1.02, 1.04)]
     for files, gain in (([one], 1.05), (alike, 1.03)):

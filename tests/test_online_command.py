@@ -137,11 +137,11 @@ def test_what_is_doubtful_stands_everywhere(folder: Path, tmp_path: Path) -> Non
     files = (folder / "model.yaml", folder / "log.csv", *TOLD, "--lag", 3, "--report", page)
     outcome = run("online", *files, "--json")
     (doubt,) = json.loads(outcome.out)["warnings"]
-    assert "3 ms late is put right" in doubt
+    assert "3 ms late is corrected" in doubt
     assert doubt in " ".join(outcome.err.split())
     text = page.read_text(encoding="utf-8")
     assert "read a warning below" in text
-    assert "3 ms late is put right" in text
+    assert "3 ms late is corrected" in text
 
 
 def test_what_is_refused(folder: Path, tmp_path: Path) -> None:

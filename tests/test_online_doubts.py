@@ -203,7 +203,7 @@ def test_signals_in_time_are_not_doubted() -> None:
 
 def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
     (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({EMPTY})), [], 0.0)
-    assert "tells of empty from the first row to the last" in doubt
+    assert "signals empty from the first row to the last" in doubt
     (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
     assert "something held from the first row" in doubt
     always = replace(NOTHING, told=frozenset({HOLDS}))

@@ -183,7 +183,7 @@ def test_few_robots_say_what_they_cannot(known) -> None:
         found = fitted(members[:count], ROBOT)
         assert not found.spreads.known
         assert np.all(np.isnan(found.spread))
-        assert "cannot tell how much robots differ" in " ".join(found.notes)
+        assert "cannot show how much robots differ" in " ".join(found.notes)
         assert types_table("x", found)["spread"].null_count() == sum(found.free)
     inside = np.abs(found.mean.value - truths[0])[found.free] < 3 * found.mean.std[found.free]
     assert inside.mean() > 0.9

@@ -69,7 +69,7 @@ def printer(found: Calibration) -> Printer:
         or not np.allclose(turns, 120)
     ):
         raise DeltaidError(
-            "firmwares take three upright rails, 120° apart and anticlockwise, with struts alike",
+            "firmwares take three upright rails, 120° apart and anticlockwise, with equal struts",
             where=where,
             cure="describe them by base_radius and platform_radius, or take the robot file",
         )

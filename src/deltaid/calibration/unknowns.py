@@ -146,7 +146,7 @@ def unknowns(
         raise DescriptionError(
             "struts apart need three limbs, a rigid platform and strut_spacing",
             where=f"{robot.name}, limbs",
-            cure="give limbs.strut_spacing, or calibrate with struts alike",
+            cure="give limbs.strut_spacing, or calibrate with equal struts",
         )
     per_limb = dict(ROTARY if limbs.drive == "rotary" else LINEAR) | (APART if apart else {})
     listed: list[tuple[str, int, Unit]] = [

@@ -56,7 +56,7 @@ _RINGS = Fault(
     "resonance",
     "Hz",
     "struts, gears or frame ring there, or the drive's control loop does",
-    "excite less near it and take a --cutoff below it; look for play and loose screws, or lower "
+    "excite less near it and take a --cutoff below it; inspect for play and loose screws, or lower "
     "the gain of the control loop",
 )
 _REST = Fault(
@@ -213,7 +213,7 @@ def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
         grade=grade,
         cause="drives with filters or bus cycles of their own; otherwise a sign of a wrong "
         "friction law or torque constant, which a lag imitates",
-        cure="set the torque filters of all drives alike and record in one cycle; check the "
+        cure="give all drives the same torque filter and record in one cycle; check the "
         "friction law and torque constant of those that differ",
     )
 

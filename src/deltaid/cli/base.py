@@ -92,7 +92,7 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
         f"parameters; {_free(dynamics)} free in a consistent fit"
     )
     if beside:
-        console.print(f"told by torques together with {', '.join(beside)}")
+        console.print(f"determined by torques together with {', '.join(beside)}")
     units = [layout.units[group.representative] for group in result.groups]
     console.print(shown(estimate_table(result.formulas, units, estimate)))
     names = ", ".join(layout.names[i] for i in result.invisible)

@@ -64,7 +64,7 @@ def calibrate(
         ),
     ] = None,
     shared: Annotated[
-        str, typer.Option(help="Numbers that are alike in all limbs, such as strut,upper_arm.")
+        str, typer.Option(help="Numbers that all limbs share, such as strut,upper_arm.")
     ] = "",
     hold: Annotated[
         str, typer.Option(help="Numbers that are as described, such as tilt,limb1.zero.")

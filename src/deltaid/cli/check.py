@@ -143,7 +143,7 @@ def _cures(
         if file == "robot":
             data, text = as_written(robot), robot_text(robot, wanted)
         elif given is not None and len(given) > 1:
-            print_note("to have a mapping mended, check its recording alone")
+            print_note("to have a mapping corrected, check its recording alone")
             continue
         else:
             record = evidence(described(robot), logs[0], given[0] if given else None)

@@ -27,7 +27,7 @@ FalseAlarms = Annotated[
 Since = Annotated[
     str | None,
     typer.Option(
-        help="Leave out of drift what was recorded before this day, such as that of a repair.",
+        help="Exclude from drift what was recorded before this day, such as that of a repair.",
         metavar="DATE",
     ),
 ]

@@ -41,7 +41,7 @@ def export(
     ] = None,
     payload_max: Annotated[
         float | None,
-        bounded(help="Largest mass that the function online looks for, kg.", limits=(1e-3, 1e4)),
+        bounded(help="Largest mass that the function online expects, kg.", limits=(1e-3, 1e4)),
     ] = None,
     false_alarms: Annotated[
         float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")

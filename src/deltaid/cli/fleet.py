@@ -147,7 +147,7 @@ def fleet(
             DeltaidError(
                 "stopped; what has been gathered and fitted is kept",
                 where=output,
-                cure="the same command does what is left",
+                cure="the same command does the rest",
             )
         )
         raise typer.Exit(_INTERRUPTED) from None
@@ -214,7 +214,7 @@ def _print(run: "FleetRun", output: str) -> None:
     robots = len({outcome.recorded.robot for outcome in used})
     console.print(
         f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
-        f"({run.computed[0]} looked at now), "
+        f"({run.computed[0]} processed now), "
         f"{_count(sum(not fit.reason for fit in run.fits), 'fit')} "
         f"({run.computed[1]} made now); in {output}"
     )

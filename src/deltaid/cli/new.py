@@ -181,7 +181,7 @@ class _Terminal:
         names = list(KINDS)
         for i, name in enumerate(names):
             console.print(f"  {i + 1}  {name}: {KINDS[name]}")
-        console.print("A number may have a unit (235 mm, 3 kg cm²); ? tells how to find it out.")
+        console.print("A number may have a unit (235 mm, 3 kg cm²); ? shows how to find it out.")
         while True:
             text = _line("number or name: ").strip()
             if text.isdigit() and 1 <= int(text) <= len(names):

@@ -44,7 +44,7 @@ def online(
     lag: Annotated[
         str | None,
         typer.Option(
-            help="How late torques come, ms, one or one a drive; none; the model's if left out.",
+            help="How late torques come, ms, one or one a drive; none; the model's by default.",
             show_default=False,
         ),
     ] = None,

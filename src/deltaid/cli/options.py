@@ -72,9 +72,7 @@ ModelOrRobot = Annotated[
 # Of every command that reads torques.
 KeepAll = Annotated[
     bool,
-    typer.Option(
-        "--keep-all", help="Leave nothing out: rest, brakes, stops, saturation, reversals."
-    ),
+    typer.Option("--keep-all", help="Exclude nothing: rest, brakes, stops, saturation, reversals."),
 ]
 Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
 # Of every command that takes several recordings.
@@ -104,7 +102,7 @@ Compliance = Annotated[
 ]
 Events = Annotated[
     bool,
-    typer.Option(help="Look for contacts, stops, spikes and play in gears, and leave them out."),
+    typer.Option(help="Detect contacts, stops, spikes and play in gears, and exclude them."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
 

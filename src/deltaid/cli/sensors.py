@@ -165,7 +165,7 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
     console.print()
     console.print(shown(entry_table(plan)))
     if hidden := untold(plan):
-        console.print(f"nothing of the list tells much of {', '.join(hidden)}")
+        console.print(f"nothing of the list determines much of {', '.join(hidden)}")
     console.print()
     print_tables(use_table(plan, entries))
     if plan.steps:

@@ -50,9 +50,7 @@ PayloadText = Annotated[
         metavar="MASS[±STD]",
     ),
 ]
-PayloadKnown = Annotated[
-    bool, typer.Option("--payload-known", help="The controller is told of MASS.")
-]
+PayloadKnown = Annotated[bool, typer.Option("--payload-known", help="The controller knows MASS.")]
 CurrentLoop = Annotated[
     float | None,
     typer.Option(help="Bandwidth of the drives' current loop, Hz. Default: torques at once."),

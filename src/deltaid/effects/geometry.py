@@ -157,7 +157,7 @@ class Structure(UnknownEffect):
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
         text = (
-            "bodies are less symmetric than their descriptions say: entries that `free` leaves out "
+            "bodies are less symmetric than their descriptions say: entries that `free` excludes "
             "are estimated too"
         )
         return (Correction(kind="structure", text=text),)

@@ -20,7 +20,7 @@ class PlaceDependence(DescribedEffect):
         "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears have "
         "play"
     )
-    fix = "measure arms, struts and radii, set the drives' zeros anew, and look for play"
+    fix = "measure arms, struts and radii, set the drives' zeros anew, and inspect for play"
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         w, dof = fit.motion, fit.dof

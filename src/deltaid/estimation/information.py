@@ -167,7 +167,7 @@ def collect(
         raise IdentificationError(
             "the regressor is not finite; is the motion singular?",
             where=where,
-            cure="leave out what comes near a singular pose, and check the robot's lengths",
+            cure="exclude what comes near a singular pose, and check the robot's lengths",
         )
     return Information(columns, factors, samples, torque_max, channels)
 

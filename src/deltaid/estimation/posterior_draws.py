@@ -67,7 +67,7 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
         raise DeltaidError(f"must not be negative, and is {seed}", where="seed")
     if model.identified is None:
         raise DescriptionError(
-            "is a robot with its prior, and models are drawn from what a recording has told",
+            "is a robot with its prior, and models are drawn from what a recording has determined",
             where=model.source or model.robot.name,
             cure="identify it first: `deltaid identify ROBOT LOG… -o MODEL`",
         )

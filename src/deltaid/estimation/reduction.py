@@ -261,7 +261,7 @@ def _of_body(
     p_reg = reduced_prior(prior, free)
     if consistency(p_reg) <= 0:
         raise IdentificationError(
-            f"with the entries that 'free' leaves out set to zero, the prior of body {body} is "
+            f"with the entries that 'free' excludes set to zero, the prior of body {body} is "
             "not consistent",
             where=f"bodies.{body}",
             cure="free the first moments of its centre of mass, or change the prior",

@@ -106,7 +106,7 @@ def require_shared(client: "Client", folder: Path) -> None:
     blind = sorted(address for address, answer in seen.items() if answer is False)
     if blind:
         raise DeltaidError(
-            f"is not seen by {len(blind)} of {len(seen)} workers, such as {blind[0]}",
+            f"is not visible to {len(blind)} of {len(seen)} workers, such as {blind[0]}",
             where=f"-o {folder}",
             cure="give a folder that this machine and all workers share, or an address such as "
             "s3://bucket/fleet",
@@ -163,7 +163,7 @@ class DaskWorkers:
             raise DeltaidError(
                 "is gone; what has been gathered and fitted is kept",
                 where="the scheduler",
-                cure="start it again; the same command does what is left",
+                cure="start it again; the same command does the rest",
             ) from None
 
 

@@ -195,7 +195,7 @@ def _reason(
     state: State, few: bool, count: int, span: float, series: Explained, rate: Between, note: str
 ) -> str:
     if not count:
-        return "no recording tells its friction"
+        return "no recording determines its friction"
     if few:
         return (
             f"{count} recordings over {span:.0f} days: at least {FEWEST} over {SHORTEST:.0f} days "

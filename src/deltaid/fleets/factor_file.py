@@ -199,8 +199,8 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
             )
         if file.record.sha256 in paths:
             raise RecordingError(
-                f"is of the same recording as {paths[file.record.sha256]}; a copy tells nothing "
-                "new, but would narrow every interval",
+                f"is of the same recording as {paths[file.record.sha256]}; a copy adds "
+                "nothing, but would narrow every interval",
                 where=file.path,
                 cure="give each recording once",
             )

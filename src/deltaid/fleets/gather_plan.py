@@ -178,7 +178,7 @@ def with_cutoffs(
             cutoffs[kind] = cutoff
         elif jobs:
             wrong[kind] = RecordingError(
-                f"none of its first {len(jobs)} recordings tells a cut-off",
+                f"none of its first {len(jobs)} recordings determines a cut-off",
                 where=kind,
                 cure="check these with `deltaid check`, or give --cutoff",
             )

@@ -169,7 +169,7 @@ def _remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[s
                 "not in this fit; identify the recording itself to have it"
             )
     remarks += [
-        f"the torque constant of {gain.subject} was put right as recordings were gathered and "
+        f"the torque constant of {gain.subject} was corrected as recordings were gathered and "
         "counts as known here: intervals leave its own out"
         for gain in gains
     ]
@@ -219,7 +219,7 @@ def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
         how += [f"and in {file.where} it was not" for file in files if file not in corrected]
         if how:
             raise RecordingError(
-                f"the torque constant of {drive} was put right in this recording, {how[-1]}",
+                f"the torque constant of {drive} was corrected in this recording, {how[-1]}",
                 where=first.where,
                 cure="identify the recordings themselves together, or write the constant into the "
                 "description and gather them again",

@@ -38,7 +38,7 @@ class RecordedFile(Part):
 
     path: Annotated[_Path, Field(description="path, address or pattern")]
     time: datetime | date | None = Field(
-        default=None, description="when it was made; by a date in its name if left out"
+        default=None, description="when it was made; by default a date in its name"
     )
     columns: str | None = Field(default=None, description="mapping file")
     load: Annotated[float, Field(ge=0, le=1e6)] | None = Field(

@@ -109,7 +109,7 @@ class LocalPool:
 def defect(error: object) -> str:
     """A defect of the program in one line."""
     first = str(error).strip().split("\n", 1)[0][:300]
-    return f"a defect of deltaid, please tell its developers: {type(error).__name__}: {first}"
+    return f"a defect of deltaid, please report it: {type(error).__name__}: {first}"
 
 
 @contextmanager

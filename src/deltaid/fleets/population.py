@@ -125,11 +125,11 @@ class Population:
         notes, moved = [], ", ".join(self.moved[:_SHOWN])
         if not self.spreads.known:
             notes.append(
-                f"{self.count} robot{'s' if self.count > 1 else ''} cannot tell how much robots "
+                f"{self.count} robot{'s' if self.count > 1 else ''} cannot show how much robots "
                 f"differ: from {ENOUGH} on spreads are known; likely ones were assumed"
             )
         notes.append(
-            f"fewer than {LEAST} robots cannot tell which of them does not belong"
+            f"fewer than {LEAST} robots cannot show which of them does not belong"
             if len(self.members) < LEAST
             else f"a robot that belongs is named with a chance of 1 in {round(1 / self.naming)}"
         )

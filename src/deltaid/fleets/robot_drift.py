@@ -85,7 +85,8 @@ class RobotDrift:
         if len(self.drives) < 2 or len(states) != 1 or not states & {"rising", "falling"}:
             return None
         return (
-            "all drives change alike: look for another lubricant, a temperature that is not that "
+            "all drives change in the same way: check for another lubricant, a temperature that "
+            "is not that "
             "of the gears, or torques that are scaled in another way, before bearings"
         )
 

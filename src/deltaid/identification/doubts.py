@@ -126,7 +126,7 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
         return
     unit = base.layout.units[base.representatives[k]]
     others = f"; {count - 1} more are as far apart" if count > 1 else ""
-    causes, cure = "entries that 'free' leaves out or consistency", "Free more of their entries"
+    causes, cure = "entries that 'free' excludes or consistency", "Free more of their entries"
     if problem.settings.gamma is not None:  # then no prior is widened
         causes = f"prior, {causes}"
         cure = "Likeliest the prior of this body is too far off: correct it, or free more entries"
@@ -169,7 +169,8 @@ def _of_measured(problem: FittedProblem) -> Iterator[str]:
                 f"{fact.where}: {fact.name} was measured as {fact.shown(fact.value)} ± "
                 f"{fact.std:.2g} {fact.unit}, but {who} says {fact.shown(float(value))} "
                 f"{fact.unit}, {apart:.2g} standard deviations apart. Likeliest its unit, or what "
-                "was measured with it (screws, cables, half a joint); mend it, state a larger std, "
+                "was measured with it (screws, cables, half a joint); correct it, state a larger "
+                "std, "
                 "or leave it out"
             )
 

@@ -34,14 +34,14 @@ from deltaid.recording.windows import Window
 
 # Reasons to exclude events, and their messages.
 _TEXT = {
-    CONTACT: "{times} something pushed the platform, {largest}: torques stand out from all that "
+    CONTACT: "{times} something pushed the platform, {largest}: torques exceed all that "
     "the motion asks for",
     STOP: "{times} the robot was stopped by more than its drives, {largest}",
     SPIKE: "{times} the torque of one drive jumps for a sample or three, as errors of a fieldbus "
     "do",
     JOLT: "{times} torque and motion change faster than the low-pass of the positions follows",
     BACKLASH: "its gear has play: torques do not follow from the motion where its torque changes "
-    "its sign, {spans} times. All drives' are left out there",
+    "its sign, {spans} times. All drives' are excluded there",
 }
 # Time that is excluded before and after an outlier [s]; stretches of a contact may be so far apart
 # [s].

@@ -119,7 +119,8 @@ def fit(
         problem, is_settled = settled(posed_with, load)
         if not is_settled:
             raise IdentificationError(
-                "friction that depends on load does not settle: the recording cannot tell it from "
+                "friction that depends on load does not settle: the recording cannot separate it "
+                "from "
                 "the rest",
                 cure="leave the load term out of the friction law of "
                 + ", ".join(robot.load_drives),

@@ -111,19 +111,20 @@ class Gains(OfTorques):
             torque = f"the joint gets {value:.4g} times the torque that {drive} records"
             if self.alike:
                 text = (
-                    f"limbs are alike, so {torque}, against the mean of the limbs' drives; what is "
+                    f"limbs are the same, so {torque}, against the mean of the limbs' drives; "
+                    "what is "
                     f"common to all shows nowhere and is taken to be right{assumed}: a second "
-                    "recording with a known load tells these too"
+                    "recording with a known load determines these too"
                 )
             elif gain.std < _TOLD * SPREAD:
-                exact = ", which is 1 as far as this can tell" if low <= 1.0 <= high else ""
-                text = f"{torque}, told by {' and by '.join(absolute)}{exact}"
+                exact = ", which is 1 as far as this shows" if low <= 1.0 <= high else ""
+                text = f"{torque}, determined by {' and by '.join(absolute)}{exact}"
             else:
                 text = (
                     f"what is known in N m by itself hardly shows in {drive}, so its gain rests on "
                     f"torque constants being right within {100 * SPREAD:.0f} % (one sigma); a load "
                     "of known inertia about this drive's axis, off the tool's axis where this is "
-                    "the tool's drive, or a torque sensor at its gear would tell it"
+                    "the tool's drive, or a torque sensor at its gear would determine it"
                 )
             corrections.append(
                 Correction(kind="gain", subject=drive, value=value, low=low, high=high, text=text)
@@ -203,8 +204,8 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
         f"{problem.layout.names[k]} by {100 * abs(more[k] / problem.p[k]):.2g} %" for k in order
     )
     return (
-        "values measured in kg stand beside torques that nothing tells the scale of: for each per "
+        "values measured in kg stand beside torques whose scale nothing determines: for each per "
         f"cent that all torque constants are off, {names}, and intervals take them for exact. "
         "State how good they are (`tolerances: {torque_constants: 0.03}` for 3 %), or record a "
-        "known load, a plate or a torque sensor, which tell them",
+        "known load, a plate or a torque sensor, which determine them",
     )

@@ -146,7 +146,7 @@ def _corrections(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[
             high=value + half,
             unit="s",
             text=f"recorded velocities come {'late' if value > 0 else 'early'} against positions: "
-            "they are left out, and positions differentiated",
+            "they are excluded, and positions differentiated",
         )
         for name, value, half in zip(subjects, values.tolist(), halves.tolist(), strict=True)
     ]

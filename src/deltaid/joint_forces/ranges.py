@@ -124,7 +124,7 @@ def left_aside(model: ModelLike) -> tuple[str, ...]:
     if not names:
         return ()
     return (
-        f"how far forces are known is told by torques and measured values alone; what "
+        f"how far forces are known is determined by torques and measured values alone; what "
         f"{', '.join(names)} showed is in the model, and would make these ranges narrower",
     )
 

@@ -28,7 +28,7 @@ class Checker:
 
     def wrong(self, what: str) -> DescriptionError:
         """An error that names the file's place."""
-        return DescriptionError(what, where=self._where, cure="mend the Python file")
+        return DescriptionError(what, where=self._where, cure="correct the Python file")
 
     def sequence(self, value: object, name: str) -> None:
         """Refuse what is not a list or tuple."""

@@ -39,7 +39,7 @@ Kind = Literal[
 
 # What each kind is, in words.
 NAMES: dict[Kind, str] = {
-    "velocity": "recorded velocities left out",
+    "velocity": "recorded velocities excluded",
     "lag": "lag between torques and positions",
     "filter": "filter of torques",
     "hold": "torques held between updates",

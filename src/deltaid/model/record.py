@@ -110,7 +110,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         default=(), description="sensors beside the drives that recordings had"
     )
     corrections: tuple[Correction, ...] = Field(
-        default=(), description="what was put right; missing in earlier files"
+        default=(), description="what was corrected; missing in earlier files"
     )
     readings: Readings | None = Field(
         default=None,
@@ -142,7 +142,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
     undecided: tuple[str, ...] = Field(
-        default=(), description="those of the warnings that say only what cannot be told"
+        default=(), description="those of the warnings that say only what is undecided"
     )
     wrong: tuple[str, ...] = Field(
         default=(), description="what checks called wrong and --force went on with"
@@ -152,7 +152,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     )
     identified_on: date | None = Field(default=None, description="missing in earlier files")
     verification: Verification | None = Field(
-        default=None, description="on a motion that the fit has not seen; missing in earlier files"
+        default=None, description="on a motion that the fit has not used; missing in earlier files"
     )
 
     @property

@@ -63,7 +63,7 @@ class Source(Part):
     )
     used_samples: int
     left_out: tuple[LeftOut, ...] = Field(
-        default=(), description="what was left out; missing in earlier files"
+        default=(), description="what was excluded; missing in earlier files"
     )
     delay: tuple[float, ...] = Field(
         default=(), description="by how much torques of each drive are late [s]; empty: none"

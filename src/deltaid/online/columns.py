@@ -111,7 +111,7 @@ def _late(lag: Float[np.ndarray, " drives"], names: Sequence[str]) -> Doubt:
     word = "late" if lag[i] > 0 else "early"
     return Doubt(
         f"column {names[i]} comes {1e3 * abs(lag[i]):.2g} ms "
-        f"{word} against its position: velocities are left out, and positions differenced",
+        f"{word} against its position: velocities are excluded, and positions differenced",
         cause="the drive filters its velocity",
         cure="a controller that runs on such velocities has to difference positions too "
         "(OnlineSettings.speed)",
@@ -123,7 +123,7 @@ def _noisy(noise: np.ndarray, made: np.ndarray, names: Sequence[str]) -> Doubt:
     i = int(np.argmax(noise))
     return Doubt(
         f"column {names[i]} has noise of {noise[i]:.2g} a row, and differences of its position "
-        f"have {made[i]:.2g}: velocities are left out, and positions differenced",
+        f"have {made[i]:.2g}: velocities are excluded, and positions differenced",
         cause="the drive makes its velocity of few steps of the encoder",
         cure="a controller that runs on such velocities has to difference positions too "
         "(OnlineSettings.speed)",

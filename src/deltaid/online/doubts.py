@@ -88,7 +88,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
     if replay.log.rate < _SLOW:
         yield Doubt(
             f"{replay.log.rate:.4g} rows a second are few: masses are off by some per cent more "
-            "than their intervals say, and contacts are told later and for longer",
+            "than their intervals say, and contacts are reported later and for longer",
             cause="the recording is thinned out",
             cure="record at the controller's rate, 1000 a second is good",
             key="rate",
@@ -116,7 +116,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
         ]
         yield Doubt(
             f"{percent(share)} of the rows are on the largest or smallest number of "
-            f"{listed(which)}: while they are, a push on that drive is not seen, and it says "
+            f"{listed(which)}: while they are, a push on that drive is not detected, and it says "
             "nothing of a load",
             cause="the drive is at its limit of current, or the channel's range ends there",
             cure="raise the channel's range, or move more gently",
@@ -126,7 +126,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
         yield Doubt(
             f"brakes hold the robot in {percent(share)} of the rows: these are not used",
             cause="an emergency stop, or drives that were switched off",
-            cure="what is pushed or held meanwhile cannot be told",
+            cure="what is pushed or held meanwhile cannot be determined",
         )
     if (share := replay.share("standing still")) > _RESTING:
         yield Doubt(
@@ -258,7 +258,7 @@ def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Dou
     words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
     put_right = listed(words) if known.any() else "no lag"
     return Doubt(
-        f"{said} against positions, and {put_right} is put right: masses are wrong by a per cent "
+        f"{said} against positions, and {put_right} is corrected: masses are wrong by a per cent "
         "or two for each ms between",
         cause="this recording was made another way than the model's, through another filter or bus",
         cure=f"record as the model's recordings were made, or give it by --lag={given}",

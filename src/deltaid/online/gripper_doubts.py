@@ -29,7 +29,7 @@ def gripper_doubts(
     if is_column and (seen.told <= {EMPTY} or seen.told <= {HOLDS}):
         what = "empty" if EMPTY in seen.told else "something held"
         constant = Doubt(
-            f"the gripper tells of {what} from the first row to the last",
+            f"the gripper signals {what} from the first row to the last",
             cause="the column is not the gripper's, or was not recorded",
             cure="give the column that changes with each pick, or leave --gripper out: loads are "
             "then found from torques alone",
@@ -40,7 +40,7 @@ def gripper_doubts(
     if weightless and seen.touched_empty > _TOUCHED * seen.empty:
         inverted = Doubt(
             f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
-            f"{seen.touched_empty:.3g} s while the gripper tells of nothing held",
+            f"{seen.touched_empty:.3g} s while the gripper signals nothing held",
             cause="the signal is 0 while something is held, and 1 while not",
             cure="give the numbers that mean held in a mapping, load: {column: …, when: [0]}",
         )
@@ -76,7 +76,7 @@ def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     signals, saying = (sum(getattr(o, n) for o in off.values()) for n in ("signals", "saying"))
     early = min(offset.middle for offset in off.values()) > grip_time
     yield Doubt(
-        f"the gripper tells {said} ({saying} of {signals} signals show it): masses of the first "
+        f"the gripper signals {said} ({saying} of {signals} signals show it): masses of the first "
         "tenths of a second are wrong, later ones a little, and contacts about then may be the "
         "load",
         cause="the signal is the command to the gripper, or parts are gripped before being lifted"

@@ -43,7 +43,7 @@ def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
         Field("q", dof, "drive coordinates", angle),
         Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
         Field("tau", dof, "torques or forces as the drives report them"),
-        Field("gripper", 1, "1 holds, 0 empty, -1 not told", initial=NOT_TOLD),
+        Field("gripper", 1, "1 holds, 0 empty, -1 unknown", initial=NOT_TOLD),
     )
 
 
@@ -93,8 +93,9 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
             f"makes signals wait {1e3 * longest:.3g} ms, or {longest * settings.rate:.4g} cycles; "
             f"{1e3 * _LONGEST:g} ms and {_MOST} cycles are the most that a cycle keeps",
             where="delay",
-            cure="lags of drives are some milliseconds: is it in seconds? What comes later is put "
-            "right before it is given",
+            cure="lags of drives are some milliseconds: is it in seconds? What comes later is "
+            "corrected "
+            "before it is given",
         )
     cycles = settings.rate * np.array([motion, *(motion - delay)])
     cycles = np.where(np.abs(cycles - np.round(cycles)) < _NONE, np.round(cycles), cycles)

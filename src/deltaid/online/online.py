@@ -90,7 +90,7 @@ class OnlineEstimate(Named):
     def _of_contact(self, name: str) -> np.ndarray:
         if name not in self.outputs:
             raise DeltaidError(
-                "was not looked for: the robot is at its prior, and without an identification "
+                "was not searched: the robot is at its prior, and without an identification "
                 "nothing says what is a contact",
                 where="contact",
                 cure="identify a model from a recording first, `deltaid identify`",

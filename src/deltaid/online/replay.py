@@ -179,7 +179,7 @@ def open_replay(
             raise RecordingError(
                 "the mapping says already when a load is held",
                 where=f"--gripper {gripper}",
-                cure="leave out one of the two",
+                cure="omit one of the two",
             )
         mapping = mapping.changed(load=Load(column=gripper)).known_as(mapping.source)
     opened = open_log(log, model.dynamics.kinematics, mapping, need_rest=False)

@@ -32,7 +32,7 @@ def measured_of(cycle: Cycle) -> CyclePart:
     friction = Field("rubs", s.qd.numel(), "filtered friction of the drives, as the model has it")
     lifted = Field("lifted", s.qd.numel(), "filtered torque of one kilogram")
     a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
-    dry = Field("dry_friction", s.qd.numel(), "filtered size of torques that no speed tells")
+    dry = Field("dry_friction", s.qd.numel(), "filtered size of torques that no speed determines")
     values = (torque, s.torque), (friction, rubs), (lifted, a_kilogram), (dry, s.dry)
     return CyclePart((), tuple(OutputField(field, ca.densify(value)) for field, value in values))
 

@@ -51,14 +51,14 @@ class Load(Part):
         description="loads of one name are the same, in one recording or in several",
     )
     body: str | None = Field(
-        default=None, description="what carries it; EE, or P where there is no EE, if left out"
+        default=None, description="what carries it; EE, or P where there is no EE, by default"
     )
-    mass: Mass | None = Field(default=None, description="kg; identified if left out")
+    mass: Mass | None = Field(default=None, description="kg; identified by default")
     mass_tolerance: Positive | None = Field(
-        default=None, description="standard deviation of the mass, kg; known exactly if left out"
+        default=None, description="standard deviation of the mass, kg; known exactly by default"
     )
     centre: Point | None = Field(
-        default=None, description="centre of mass, m; identified as far as it shows if left out"
+        default=None, description="centre of mass, m; identified as far as it shows by default"
     )
     inertia: InertiaTensor | None = Field(
         default=None, description="inertia tensor about the load's own centre of mass, kg m²"

@@ -179,7 +179,7 @@ class SensorColumns(Part):
     unit: str | tuple[str, ...] | None = Field(
         default=None,
         description="such as N, kN, lbf, N*m, mN*m; a number may stand before it, such as 12.5 N "
-        "for each volt; that of the log if left out, else N and N*m",
+        "for each volt; by default that of the log, else N and N*m",
     )
     sign: Sign | tuple[Sign, ...] = Field(
         default=1, description="-1 if a column counts the other way"

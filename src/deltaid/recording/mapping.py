@@ -40,10 +40,10 @@ class ColumnMapping(Shown, Part):
     time: TimeColumn = Field(default=TimeColumn(), description="when each row was recorded")
     position: DriveColumns | None = Field(default=None, description="of the drives")
     velocity: DriveColumns | None = Field(
-        default=None, description="of the drives; made of positions where left out"
+        default=None, description="of the drives; made of positions by default"
     )
     acceleration: DriveColumns | None = Field(
-        default=None, description="of the drives; made of positions where left out"
+        default=None, description="of the drives; made of positions by default"
     )
     torque: DriveColumns | None = Field(
         default=None, description="of the drives, as they drive the joints; forces of rails"

@@ -125,8 +125,7 @@ class PlanEnds:
         raise RecordingError(
             f"does not go on as it begins: {what}",
             where=f"{self.log.path}, column {self.log.columns.position[k].column}",
-            cure="write one whole period, with or without its first row again, or leave out "
-            "--periodic",
+            cure="write one whole period, with or without its first row again, or omit --periodic",
         )
 
 
@@ -151,7 +150,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
             raise RecordingError(
                 "has time stamps that are not even, so it is no period of a motion",
                 where=str(log.path),
-                cure="write rows at even times, or leave out --periodic",
+                cure="write rows at even times, or omit --periodic",
             )
         return _unfiltered_rows(with_filter(log, cutoff))
     least = max(cutoff or 0.0, log.motion_cutoff or 0.0)

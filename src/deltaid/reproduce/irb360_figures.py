@@ -52,7 +52,7 @@ def figure_8(result: Irb360) -> Figure:
         figure,
         "Fig. 8 and beyond: torque of drive 4. Retuned by hand for the slow motion as in the "
         "paper, the model fails on the fast one. The law chosen from the fast identification "
-        "recording fits both; it has never seen the slow motion.",
+        "recording fits both; the slow motion was not part of the fit.",
     )
 
 

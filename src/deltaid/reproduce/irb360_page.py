@@ -115,13 +115,13 @@ def _setting(result: Irb360) -> Section:
         (
             Text(
                 "The paper's: Table I (the regularisations RG simple and RG geom and what was "
-                "identified from each), the friction coefficients and the fourth motor's inertia "
+                "identified from each); the friction coefficients and the fourth motor's inertia "
                 "of Sec. VIII B, the torque errors in the captions of Figs. 7 and 8, and speed and "
                 "acceleration of drive 4 (Sec. VIII C).\n\n"
                 "Simulated here: the machine. Its recording is not published, nor are its lengths "
                 "between joints, which are assumed as the catalogue says. The stand-in has the "
-                "paper's values identified from RG geom as its truth, and the paper's friction but "
-                "for drive 4, whose friction is in no model class of this package: "
+                "paper's values identified from RG geom as its truth, and the paper's friction. "
+                "Drive 4's friction is in no model class of this package: "
                 f"sign(v)·({f.rest:g} + {f.rise:g}·asinh(|v|/{f.speed:g} rad/s)) N m. Recordings "
                 f"hold positions and torques, with {100 * settings.torque_noise:g} % of torque "
                 "noise and encoder steps. Errors of the stand-in may be compared with one another; "

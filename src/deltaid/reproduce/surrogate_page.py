@@ -79,10 +79,9 @@ def _setting(result: Reproduction) -> Section:
         (
             Text(
                 "The paper's numbers stand under “the paper”, with their place. Everything else on "
-                "this page is simulated here, because the paper publishes neither its nominal "
-                "bodies (they are bars of its Fig. 3) nor its trajectory, its γ, its solver's "
-                "settings or the dimensions of its robot, and does not say whether its simulated "
-                "torques carry noise.\n\n"
+                "this page is simulated here. The paper publishes neither its nominal bodies "
+                "(bars of its Fig. 3) nor its trajectory, γ, solver settings or dimensions, and "
+                "does not say whether its simulated torques carry noise.\n\n"
                 "The robot is the catalogue's irb360-6-1600. Its true bodies are near the values "
                 "that the paper identified for the real machine (Table I), consistent, and without "
                 "symmetries that the reduction does not ask for. The friction of the drives, "
@@ -92,7 +91,7 @@ def _setting(result: Reproduction) -> Section:
                 "RG2 at 1.25 to 1.6, each entry at its own share.\n\n"
                 f"The motion is optimised (log det of the information, {settings.harmonics} "
                 f"harmonics, {settings.starts} starts) within the robot's limits, for the masses "
-                "and friction of RG2, so that the true torques keep their limits too. It lasts "
+                "and friction of RG2. So the true torques keep their limits too. It lasts "
                 f"{run.duration:.3g} s with {run.repeats} periods of {run.motion.period:.3g} s; "
                 "recordings have 1000 samples a second. “Noise” is white torque noise of "
                 f"{percent(settings.torque_noise)} of each drive's largest torque and encoder "
@@ -134,7 +133,7 @@ def _comparison(result: Reproduction) -> Section:
             Table(
                 ("fit", "method", "M on", "M off", "C q̇", "M q̈", "f", "coefficients"),
                 tuple((_name(f), f.method, *_shares(f.verified)) for f in result.fits),
-                "The same along the verification motion, which no fit has seen.",
+                "The same along the verification motion, which no fit has used.",
             ),
             Table(
                 ("fit", "method", "J", "duality gap", "γ_p/γ_τ", "iterations", "seconds"),

@@ -92,7 +92,7 @@ class Body(Part):
     )
     free: tuple[Entry, ...] = Field(
         default=get_args(Entry),
-        description="entries that the identification may change; all ten when left out; [] for a "
+        description="entries that the identification may change; all ten by default; [] for a "
         "body that is known and keeps its prior",
         json_schema_extra={"uniqueItems": True},
     )

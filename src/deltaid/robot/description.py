@@ -99,7 +99,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     gear_stiffness: Positive | dict[str, Positive] = Field(
         default_factory=dict[str, Positive],
         description="what gears carry over how far they wind up, where encoders are on the motors, "
-        "N m/rad, or N/m for a rail: of all drives or by drive; looked for where not given",
+        "N m/rad, or N/m for a rail: of all drives or by drive; estimated where not given",
     )
     tolerances: Tolerances = Field(
         default=Tolerances(),

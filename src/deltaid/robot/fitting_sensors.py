@@ -75,8 +75,8 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
     held = [entry for entry in entries if entry not in body.free]
     if held:
         raise ValueError(
-            f"{where} is along {', '.join(_along(measured.axis))}, but bodies.{name}.free leaves "
-            f"out {' and '.join(held)}, which says that it is zero; name it there"
+            f"{where} is along {', '.join(_along(measured.axis))}, but bodies.{name}.free "
+            f"excludes {' and '.join(held)}, which says that it is zero; name it there"
         )
 
 

@@ -15,7 +15,7 @@ from deltaid.robot.tolerances import AngleTolerance, LengthTolerance
 Share = Annotated[float, Field(ge=0, lt=1)]
 Bias = Annotated[
     NotNegative | None,
-    Field(description="standard deviation of its offset; 0 if tared; unknown if left out"),
+    Field(description="standard deviation of its offset; 0 if tared; unknown by default"),
 ]
 
 
@@ -39,12 +39,12 @@ class BaseWrench(Part):
     moment_bias: Bias = None
     position_tolerance: LengthTolerance = Field(default=0.0, description="m, along each axis")
     rotation_tolerance: AngleTolerance = Field(default=0.0, description="rad, about each axis")
-    gain_tolerance: Share = Field(default=0.0, description="of all channels alike, as a share")
+    gain_tolerance: Share = Field(default=0.0, description="common to all channels, as a share")
     motor_turns: Coordinate | dict[str, Coordinate] | None = Field(
         default=None,
         description="turns of a motor for one of its drive (per m of a rail), negative where it "
         "turns the other way; by drive if they differ; what rotors do to the base is identified "
-        "where this is left out",
+        "where this is not given",
     )
 
 

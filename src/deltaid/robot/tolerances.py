@@ -50,7 +50,7 @@ class Tolerances(Part):
         default=_LENGTH,
         description="of distances between joints, m; or by name: base_radius, platform_radius "
         "(or points), upper_arm, strut, platform (half_length, length), telescope. A number that "
-        "stands for all limbs may be off for all alike, and each limb from it by as much again",
+        "stands for all limbs may be off for all, and each limb from it by as much again",
     )
     homing: AngleTolerance | dict[str, AngleTolerance] = Field(
         default=_ZERO,
@@ -63,9 +63,9 @@ class Tolerances(Part):
 
     torque_constants: ShareTolerance = Field(
         default=0.0,
-        description="of the drives' torque constants, as a share (0.03 for 3 %): off for all "
-        "alike, and each drive from that by as much again; 0 takes what a drive records for N m. "
-        "Of no effect where a known load or a sensor tells them",
+        description="of the drives' torque constants, as a share (0.03 for 3 %): off for all, "
+        "and each drive from that by as much again; 0 takes what a drive records for N m. "
+        "Of no effect where a known load or a sensor determines them",
     )
 
     def of_length(self, name: str) -> float:

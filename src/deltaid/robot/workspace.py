@@ -72,7 +72,7 @@ class Box(Part):
     """A box along the world's axes; a mechanism of the user's own may not move along some."""
 
     shape: Literal["box"] = Field(description="along the world's axes")
-    x: Range | None = Field(default=None, description="m; left out where the robot does not move")
+    x: Range | None = Field(default=None, description="m; omitted where the robot does not move")
     y: Range | None = Field(default=None, description="m; the same")
     z: Range | None = Field(default=None, description="m; the same")
 

@@ -95,13 +95,13 @@ def check_page(
     """
     poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
     good = [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
-    first = page_table(poor) if poor else Text("All that was looked at is good.")
+    first = page_table(poor) if poor else Text("All that was checked is good.")
     sections = [Section("To be mended" if poor else "Verdict", (first,), unfolded=True)]
     if lines:
         pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
-        sections.append(Section("Lines to paste", pasted, "what mends it, as text", unfolded=True))
+        sections.append(Section("Lines to paste", pasted, "the fix, as text", unfolded=True))
     if good:
-        about = "what was looked at and is as it should be"
+        about = "what was checked and is as it should be"
         sections.append(Section("Good", (page_table(good),), about))
     grades = [verdict.grade for verdict in verdicts]
     return Page(
@@ -120,14 +120,14 @@ def _summary(grades: Sequence[Grade]) -> Summary:
     many = grades.count(worst)
     things = f"{in_words(many)} thing{'s' if many > 1 else ''}"
     trust, sentence = {
-        Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be mended before an identification."),
+        Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be corrected before an identification."),
         Grade.DOUBTFUL: (
             Trust.FAIR,
-            f"Doubtful: {things} to be looked at before an identification.",
+            f"Doubtful: {things} to be inspected before an identification.",
         ),
         Grade.CANNOT_TELL: (
             Trust.GOOD,
-            f"Good as far as one can tell: {things} could not be looked at.",
+            f"No fault detected: {things} could not be checked.",
         ),
         Grade.GOOD: (Trust.GOOD, "Good: nothing is in the way of an identification."),
     }[worst]
@@ -141,7 +141,7 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     poor, good = value.poor, [verdict for verdict in value if verdict.grade is Grade.GOOD]
     told = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:_TOLD]]
     told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
-    first = f"{value.grade}: {tally(value)}" if value else "nothing was looked at"
+    first = f"{value.grade}: {tally(value)}" if value else "nothing was checked"
     proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
     return Card(

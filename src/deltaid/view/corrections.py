@@ -38,7 +38,7 @@ _EVENTS = 200
 def corrected(corrections: Sequence[Correction]) -> str:
     """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
     if not corrections:
-        return "Nothing had to be put right."
+        return "Nothing had to be corrected."
     subjects: dict[Kind, dict[str, None]] = {}
     for correction in corrections:
         subjects.setdefault(correction.kind, {})[correction.subject] = None
@@ -94,7 +94,7 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
             )
             for (kind, log, size, text), group in alike
         ),
-        "What was put right before and in the fit. Intervals of the parameters hold with these "
+        "What was corrected before and in the fit. Intervals of the parameters hold with these "
         "corrections; each can be turned off.",
         title="corrections",
     )
@@ -157,8 +157,8 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
             for sensor in sensors
             for channel in sensor.channels
         ),
-        "Root mean square of what the fit leaves, after the low-pass, which lets only a part of "
-        "the stated noise through. Each channel counts by what is left of it.",
+        "Root mean square of the residual, after the low-pass, which lets only a part of "
+        "the stated noise through. Each channel counts by its residual.",
         title="sensors",
     )
     found = [parameter for sensor in sensors for parameter in sensor.parameters]
@@ -204,8 +204,9 @@ def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table
     return Table(
         (*(("recording",) if several else ()), *_EVENT_COLUMNS),
         rows,
-        "What acted on the robot beside its drives, with the platform's place and the force on it "
-        f"when it was largest, F = −Jᵀ r from the torques r that were left.{which}",
+        "What acted on the robot besides its drives, with the platform's place and the largest "
+        "force "
+        f"on it. F = −Jᵀ r from the residual torques r.{which}",
         title="events",
     )
 
@@ -249,7 +250,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     return Table(
         (*(("recording",) if several else ()), "left out", "drives", "of the rows", "when [s]"),
         rows,
-        f"What was left out because it says nothing about the drives' torques, or something "
+        f"What was excluded because it says nothing about the drives' torques, or something "
         f"wrong. {words[0].upper()}{words[1:]}. --keep-all (keep_all of the settings) goes without "
         "all of this.",
     )
@@ -262,9 +263,9 @@ def _when(spans: Sequence[Span], more: int) -> str:
 
 
 def reversals(found: Sequence[LeftOut]) -> str:
-    """What was left out at reversals, as the end of a sentence; empty if nothing was."""
+    """What was excluded at reversals, as the end of a sentence; empty if nothing was."""
     return "".join(
-        f", {percent(part.share)} left out at reversals" for part in found if not part.spans
+        f", {percent(part.share)} excluded at reversals" for part in found if not part.spans
     )
 
 
@@ -284,5 +285,5 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
     """The chapter of a page on it; none where nothing was put right."""
     tables = put_right_tables(model, _EVENTS) if model else ()
-    chapter = Section("Corrections", tables, "what was found, put right and left out")
+    chapter = Section("Corrections", tables, "what was detected, corrected and excluded")
     return (chapter,) if tables else ()

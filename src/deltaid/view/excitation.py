@@ -50,7 +50,7 @@ def excitation_page(result: Excitation) -> Page:
             ),
             Section("Limits", (_limits(result),), "how much of each the motion uses"),
             Section(
-                "What it will tell",
+                "Predicted deviations",
                 _predictions(result),
                 "how well each number will be known",
             ),
@@ -193,9 +193,9 @@ def _predictions(result: Excitation) -> tuple[Text, Table]:
     settings = result.exciter.settings
     return (
         Text(
-            f"Standard deviations that least squares will reach on this motion when the torque "
-            f"noise is {percent(settings.torque_noise)} of each drive's largest torque and samples "
-            f"come at {settings.rate:g} Hz, if the robot is what the prior says."
+            f"Standard deviations of least squares on this motion, if the prior is right. Torque "
+            f"noise: {percent(settings.torque_noise)} of each drive's largest torque, samples at "
+            f"{settings.rate:g} Hz."
         ),
         prediction_table(result),
     )

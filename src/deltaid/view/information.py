@@ -100,5 +100,5 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
     return Figure(
         figure,
         "Correlation of the base parameters' estimates, each named by its first term. Deep colours "
-        "off the diagonal are pairs that this motion hardly tells apart.",
+        "off the diagonal are pairs that this motion hardly separates.",
     )

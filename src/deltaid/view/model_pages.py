@@ -106,9 +106,9 @@ def torque_section(
     robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
 ) -> Section:
     """All figures of torques along one recording; without that which the page's front shows."""
-    blocks, about = residual_blocks, "what is left, over speed, in size and in frequency"
+    blocks, about = residual_blocks, "the residual over speed, in size and in frequency"
     if not front:
-        blocks, about = torque_blocks, "measured and predicted over time, and what is left"
+        blocks, about = torque_blocks, "measured and predicted over time, and the residual"
     return Section(title, blocks(comparison, robot.drive_units), about)
 
 

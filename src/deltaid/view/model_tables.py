@@ -66,7 +66,7 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         ),
         rows,
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
-        "that are zero by structure are left out. “Data, with the prior of …”: torques show only a "
+        "that are zero by structure are omitted. “Data, with the prior of …”: torques show only a "
         "sum of the parameter and these; its value takes their priors at their word, its interval "
         "does not. “Measured”: mostly what a scale or the like said. “At the "
         "limit of consistency”: as small as physics allows. Grey rows are not "

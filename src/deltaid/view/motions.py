@@ -11,7 +11,7 @@ from deltaid.view.page import Table
 
 
 def excitation_card(value: Excitation) -> Card:
-    """Duration, criterion, fullest limit; folded what it will tell."""
+    """Duration, criterion, fullest limit; folded predicted deviations."""
     robot, settings, run = value.exciter.dynamics.robot, value.exciter.settings, value.run
     facts = [
         ("duration", f"{number(run.duration)} s"),
@@ -25,7 +25,7 @@ def excitation_card(value: Excitation) -> Card:
     return Card(
         f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
         facts=tuple(facts),
-        more=(("limits", limit_table(value)), ("what it will tell", prediction_table(value))),
+        more=(("limits", limit_table(value)), ("predicted deviations", prediction_table(value))),
         methods=(".plot()", ".to_frame()", '.save("motion.csv")', '.report("x.html")'),
     )
 
@@ -88,8 +88,8 @@ def prediction_table(result: Excitation) -> Table:
             for p in result.predictions
         ),
         "Predicted standard deviation of every base parameter; the share is of the prior, and is "
-        "left out where the deviation is larger than the value.",
-        title="what this motion will tell",
+        "omitted where the deviation is larger than the value.",
+        title="predicted deviations",
     )
 
 

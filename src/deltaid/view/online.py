@@ -16,8 +16,8 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 # Points that a line is drawn with, at most.
 _POINTS = 8000
 UNTOLD = (
-    "No gripper was told: a push that looks like a load taken or left, straight up or down, is not "
-    "told from one."
+    "No gripper signal: torques do not separate a push straight up or down from a load taken or "
+    "released."
 )
 
 
@@ -33,9 +33,7 @@ def online_page(watched: Watched, title: str) -> Page:
         title=watched.robot.title or watched.robot.name,
         subtitle=f"Run through cycle by cycle: {title}",
         facts=(
-            Fact(
-                "loads", str(len(watched.loads)), "told by the gripper" if watched.told else "found"
-            ),
+            Fact("loads", str(len(watched.loads)), "by the gripper" if watched.told else "found"),
             Fact("contacts", str(len(watched.touches))),
             Fact(
                 "smallest force told",
@@ -54,7 +52,7 @@ def online_page(watched: Watched, title: str) -> Page:
             Section(
                 "Contacts", (touches, *_forces(watched)), "when, where, how hard", unfolded=True
             ),
-            Section("What can be told", (_least(watched), *map(Text, told_lines(watched)))),
+            Section("What can be detected", (_least(watched), *map(Text, told_lines(watched)))),
             *(
                 [Section("Friction", (friction_table(watched),), "what was followed of it")]
                 if watched.friction
@@ -165,7 +163,7 @@ def _least(watched: Watched) -> Figure:
         )
     ]
     return Figure(
-        _over_time(s, lines, {"title": "smallest force told [N]", "rangemode": "tozero"}),
+        _over_time(s, lines, {"title": "smallest detected force [N]", "rangemode": "tozero"}),
         "Smallest force on the platform that is found in 95 % of cases: it grows with what is not "
         "known yet of a load that was just taken.",
     )
@@ -197,7 +195,7 @@ def loads_table(watched: Watched) -> Table:
     last = watched.loads[-1:]
     rows = [_load(load, "held still" if load in last else "a hole") for load in watched.loads]
     head = ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]")
-    by = "as the gripper told" if watched.told else "found from torques alone"
+    by = "by the gripper's signal" if watched.told else "found from torques alone"
     return Table(head, tuple(rows), title=f"Loads, {by}")
 
 
@@ -265,7 +263,8 @@ def at_most(watched: Watched) -> str:
 def told_lines(watched: Watched) -> tuple[str, ...]:
     """What could be told at all, and how long a cycle took."""
     lines = [
-        f"smallest force on the platform that is told: {number(watched.best, 2)} N along the best "
+        f"smallest force on the platform that is detected: {number(watched.best, 2)} N along the "
+        "best "
         f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, "
         f"{at_most(watched)})"
     ]

@@ -141,11 +141,10 @@ def share_table(model: IdentifiedModel) -> Table | None:
     return Table(
         ("what decided", *(_SOURCES[key] for key in keys)),
         tuple((name, *(_percent(getattr(share, key)) for key in keys)) for name, share in known),
-        f"How much of each interval, by its squared width, comes from the noise of torques{more}, "
-        "from how far the prior may be off, from lengths, zeros of drives, mounting and torque "
-        "constants within their tolerances and effects that rows do not decide, and from what "
-        "nothing shows: there it ends where a body would no longer be possible. Of several "
-        "sources with noise, each has the share that it has in the value too. Longer recordings "
+        f"Sources of each interval, by its squared width: noise of torques{more}, the prior, "
+        "tolerances of the geometry with effects that rows do not decide, and what nothing shows. "
+        "The last ends where a body would no longer be possible. Of several sources with noise, "
+        "each has the share that it has in the value too. Longer recordings "
         "shrink the noise of torques and sensors only. Base parameters have no prior; each is "
         "named by its first term.",
     )

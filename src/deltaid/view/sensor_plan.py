@@ -132,9 +132,9 @@ def count_table(plan: SensorPlan) -> Table:
             for opening in plan.openings
             if ":" not in opening.name or opening.name in (TORQUES, DESCRIBED, PLAN)
         ),
-        "Parameters that are seen at all, combinations of them that are told, and directions in "
-        "which they may change unseen.",
-        title="what can be told at all",
+        "Parameters that show at all, combinations of them that are determined, and directions in "
+        "which they may change unnoticed.",
+        title="what can be determined at all",
     )
 
 
@@ -144,7 +144,7 @@ def open_table(opening: Opening) -> Table:
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
         for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
     )
-    return Table(("may change unseen", "entries", "parted by any of"), rows, title=opening.title)
+    return Table(("may change unnoticed", "entries", "parted by any of"), rows, title=opening.title)
 
 
 def open_lines(opening: Opening) -> list[str]:

@@ -47,7 +47,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
         ]
     return Page(
         title=robot.title or robot.name,
-        subtitle=f"What sensors and scales would tell, planned for {plan.motion}",
+        subtitle=f"What sensors and scales would determine, planned for {plan.motion}",
         verdict=_verdict(plan, len(open_now.directions)),
         drawing=drawing(robot, plan.model.dynamics.kinematics),
         facts=tuple(facts),
@@ -70,7 +70,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
                 (_gains(plan), use_table(plan, entries)),
                 "each measurement by itself",
             ),
-            Section("What stays open", _open(plan), "what nothing of it tells"),
+            Section("What stays open", _open(plan), "what nothing of it determines"),
             Section(
                 "Taken for granted",
                 (
@@ -117,7 +117,9 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
 
 def _entries(plan: SensorPlan) -> tuple[Block, ...]:
     if hidden := untold(plan):
-        return entry_table(plan), Text(f"Nothing of the list tells much of {', '.join(hidden)}.")
+        return entry_table(plan), Text(
+            f"Nothing of the list determines much of {', '.join(hidden)}."
+        )
     return (entry_table(plan),)
 
 
@@ -152,7 +154,8 @@ def _bars(plan: SensorPlan) -> Figure:
     layout = {"yaxis": style.DOWNWARDS, "xaxis": axis, "height": _BAR * len(shown) + _AROUND}
     return Figure(
         go.Figure(bars, layout | {"barmode": "overlay"}),
-        "One standard deviation of every entry that something tells of. Where the narrow bar is as "
+        "One standard deviation of every entry that something determines. Where the narrow bar is "
+        "as "
         "long as the wide one, nothing that is bought helps.",
     )
 

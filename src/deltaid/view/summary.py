@@ -107,7 +107,7 @@ def _of_prior(model: Model, error: TorqueError | None) -> Summary:
     """Of a robot at its prior, of which nothing has been identified."""
     line = ("All numbers are those of the description: nothing has been identified.",)
     if error is None:
-        return Summary(Trust.UNTESTED, "Untested: no recording has been looked at.", line)
+        return Summary(Trust.UNTESTED, "Untested: no recording has been predicted.", line)
     worst = float(np.max(error.nrmse))
     fair = Trust.FAIR if worst <= FAIR_WITHIN else Trust.POOR
     grade = Trust.GOOD if worst <= GOOD_WITHIN else fair
@@ -159,7 +159,7 @@ def _doubts(doubts: Sequence[str]) -> list[str]:
     """What is doubtful, without causes and cures, which stand elsewhere."""
     lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
     more = len(doubts) - _TOLD
-    return lines + [f"{_DOUBT}{_count(more, 'more thing')}, told in the warnings."] * (more > 0)
+    return lines + [f"{_DOUBT}{_count(more, 'more thing')}, listed in the warnings."] * (more > 0)
 
 
 def _count(count: int, thing: str = "") -> str:

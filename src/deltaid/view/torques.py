@@ -71,7 +71,7 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
                 showlegend=i == 0,
                 mode="lines",
                 line={"color": style.LIMIT, "width": 5},
-                hovertemplate="left out from here at %{x:.4g} s<extra></extra>",
+                hovertemplate="excluded from here at %{x:.4g} s<extra></extra>",
                 row=2 * i + 2,
                 col=1,
             )

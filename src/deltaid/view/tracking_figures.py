@@ -54,7 +54,8 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     return Figure(
         figure,
         "Distance of the platform point from where it should be, root mean square, with a "
-        "logarithmic scale. All are tuned alike, so what differs is what they know of the robot.",
+        "logarithmic scale. All have the same tuning, so what differs is what they know of the "
+        "robot.",
     )
 
 

@@ -176,7 +176,7 @@ def _noisy(rows: SensedRows, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdic
             f"{channel.noise:.3g} {channel.unit} stated",
             name,
             "noise that is stated too small, a resonance, or what else acts on it",
-            "state the noise that it has, or look for what acts on it",
+            "state the noise that it has, or find what acts on it",
             (Proposal("robot", ((f"sensors.{name}.{key}", value),)),),
             times,
         )

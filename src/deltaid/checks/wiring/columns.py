@@ -257,7 +257,7 @@ def _all_torques(case: ExplainedRecording, size: float) -> Verdict:
     return Verdict(
         "gear" if size < 1 else "torque-unit",
         Grade.DOUBTFUL if doubtful else Grade.WRONG,
-        f"torques are {size:.3g} times those that the prior leads to, in all drives alike",
+        f"torques are {size:.3g} times those that the prior leads to, in all drives",
         "",
         cause,
         cure,

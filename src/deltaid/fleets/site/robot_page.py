@@ -97,7 +97,7 @@ def _friction(
             caption += " Dotted: the day of a change, with the days it may have been."
         charts.append(Chart(grid(panels, x=time_axis(friction), legend=True), caption))
     further: tuple[Block, ...] = (*charts[1:], *_temperature(friction))
-    section = Section("What friction goes with", further, "what else was seen, and temperature")
+    section = Section("What friction goes with", further, "what else was detected, and temperature")
     return (charts[0],), (section,) if further else ()
 
 
@@ -199,7 +199,7 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
                "periods by data")  # fmt: skip
     seen = fit["decided_by"].is_in(SEEN).to_list()
     grey = frozenset(k for k, is_seen in enumerate(seen) if not is_seen)
-    return Table(columns, rows, f"{said} Grey: taken from the prior, not seen.", muted=grey)
+    return Table(columns, rows, f"{said} Grey: taken from the prior, not identifiable.", muted=grey)
 
 
 def _parameter(row: Row, ordered: pl.DataFrame) -> tuple[str, ...]:
@@ -286,7 +286,7 @@ def _beside_type(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
         columns,
         rows,
         "Deviation from the mean of its type. "
-        + ("Values by its own recordings, " if foreign else "Values with what the type tells, ")
+        + ("Values by its own recordings, " if foreign else "Values with what the type adds, ")
         + "± alone is by its own recordings. A spread is the standard deviation between robots.",
     )
     reasons = dict.fromkeys(reason for reason in members["reason"].to_list() if reason)

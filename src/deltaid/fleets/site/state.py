@@ -19,7 +19,7 @@ _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
 # What cannot be done with a robot, by what the quarantine calls it.
-_CANNOT = {"drift": "drift cannot be looked for", "type": "cannot be compared with its type"}
+_CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with its type"}
 # The period of all recordings of a robot together.
 ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}

@@ -137,7 +137,7 @@ def type_page(
 
 def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: bool) -> Summary:
     if not is_known:
-        return Summary(Trust.UNTESTED, "Whether its robots are alike is not known.")
+        return Summary(Trust.UNTESTED, "Whether its robots are of one type is not known.")
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
     names = ", ".join(robot.name for robot in foreign[:10])
@@ -172,7 +172,7 @@ def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
     more = members["parameter"].n_unique() - len(names)
     said = "How robots differ from the type's mean, in spreads between robots; a dot is a robot."
     return (
-        Chart(figure, said + (f" {more} parameters that differ less are left out." * (more > 0))),
+        Chart(figure, said + (f" {more} parameters that differ less are omitted." * (more > 0))),
     )
 
 

@@ -92,7 +92,7 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
         raise DescriptionError(
             "has no sensors to plan a motion for",
             where=dynamics.robot.name,
-            cure="describe them under `sensors`, or leave out --for sensors",
+            cure="describe them under `sensors`, or omit --for sensors",
         )
     p, entries = prior_parameters(dynamics.robot), unknowns(dynamics.robot)
     weighed = weighings(dynamics.robot)

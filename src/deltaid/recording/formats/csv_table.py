@@ -109,7 +109,7 @@ class CsvTable(Table):
         if "," in written and self.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
         if "," in written or "." in written:
-            return "write all numbers alike, with decimal point or comma, and no thousands sign"
+            return "write all numbers in one way, with point or comma, and no thousands sign"
         return super().cure(written)
 
 

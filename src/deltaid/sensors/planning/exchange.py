@@ -103,7 +103,7 @@ def _between(
     counts = np.array([body.count for body in some], dtype=float)
     all_b = sum(body.count for body in others)
     first, second = sorted((a, b), key=layout.bodies.index)
-    place = _place(first, second) if partner is shared else "by points that move alike"
+    place = _place(first, second) if partner is shared else "by points that move together"
     for (what, gives), (_, takes) in zip(moments, counter, strict=True):
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a)] += gives[0]

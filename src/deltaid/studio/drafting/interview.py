@@ -150,7 +150,7 @@ def _with_space(draft: Draft) -> Draft:
     middle, half = height(draft.kind, a), _FIRST * a["strut"]
     if middle <= 2 * half:
         raise DeltaidError(
-            "the platform would stand beside or above its base, where no workspace is looked for",
+            "the platform would stand beside or above its base, where no workspace is searched",
             where="--strut",
             cure="a longer strut, or rails that reach farther down",
         )

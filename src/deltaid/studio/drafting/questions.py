@@ -184,7 +184,7 @@ def _constant(value: float) -> Callable[[str, Answers], float]:
 _CALIPER = "drawing, or a caliper between the centres of the joints"
 _SCALE = "a kitchen scale, or CAD"
 _SHEET = "data sheet"
-_TRY = "push it by hand, or leave it: a recording tells it"
+_TRY = "push it by hand, or leave it: a recording determines it"
 _FOUND = "what these lengths and ends reach"
 
 QUESTIONS: tuple[Question, ...] = (

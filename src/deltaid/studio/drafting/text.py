@@ -248,7 +248,7 @@ def _law(viscous: float, coulomb: float) -> str:
 
 
 def _rotors(d: _Description) -> None:
-    d.part("rotor_inertia", "of motor and gear, seen from the joint")
+    d.part("rotor_inertia", "of motor and gear, referred to the joint")
     if is_linear(d.kind):
         value, keys, note = d.a["rotor_mass"], ("rotor_mass",), "kg"
     else:

@@ -18,9 +18,9 @@ from deltaid.studio.steps import check_step
 _ORDER = ("wrong", "doubtful", "cannot tell", "good")
 _SENTENCES = {
     "good": "All is good.",
-    "cannot tell": "Nothing is wrong; something cannot be told.",
+    "cannot tell": "Nothing is wrong; something is undecided.",
     "doubtful": "Nothing is wrong, but something is doubtful.",
-    "wrong": "Something is wrong: mend it before you fit.",
+    "wrong": "Something is wrong: correct it before you fit.",
 }
 
 

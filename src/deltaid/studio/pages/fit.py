@@ -38,7 +38,7 @@ _NUMBERS = {
     "prior_spread": "How far the prior may be off, as a share",
 }
 _SWITCHES = {
-    "events": "Look for contacts, stops and spikes, and leave them out",
+    "events": "Detect contacts, stops and spikes, and exclude them",
     "keep_all": "Leave nothing else out (rest, brakes, reversals)",
 }
 
@@ -55,8 +55,8 @@ async def body(session: Session) -> None:
         ui.label(f"{plan.robot} from {names}{tested}")
         if not plan.verified:
             ui.label(
-                "A second recording of another motion, marked “test” under Recording, would tell "
-                "how well the model predicts what it has not seen."
+                "A second recording of another motion, marked “test” under Recording, would show "
+                "how well the model predicts unknown data."
             ).classes("dim")
         ready = _gate(session) and not session.busy
         begin = partial(parts.attempt, lambda: _run(session))
