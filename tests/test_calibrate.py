@@ -433,3 +433,25 @@ def test_a_firmware_with_these_numbers_stands_where_the_printer_does(tmp_path: P
     alone = ("calibrate", KOSSEL, *given[:2], "--klipper", tmp_path / "new")
     refusal = refused(*alone, folder=tmp_path)
     assert "no bed was probed" in refusal
+
+
+def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
+    arguments = ("calibrate", CLAVEL, "--probe", files / "bed.csv", "--next", 4)
+    assert "next, 4 points: positions to " in run(*arguments).out
+    plans = {plan["kind"]: plan for plan in json.loads(run(*arguments, "--json").out)["next"]}
+    assert set(plans) == {"points", "probe", "distances"}
+    assert max(plans["probe"]["blocks"]) == 0.1  # a second height shows most
+    robot, rng = machine(CLAVEL, 2)
+    ends = np.array(plans["distances"]["poses"]).swapaxes(0, 1)
+    taken = spans(robot, CLAVEL, *ends, rng)
+    after = deltaid.calibrate(CLAVEL, probe=files / "bed.csv", distances=taken).after.position
+    assert after == pytest.approx(plans["distances"]["position"], rel=0.1)
+    worse = [
+        deltaid.calibrate(
+            CLAVEL,
+            probe=files / "bed.csv",
+            distances=spans(robot, CLAVEL, *somewhere(CLAVEL, rng, 8).reshape(2, 4, 3), rng),
+        )
+        for _ in range(3)
+    ]
+    assert after < min(found.after.position for found in worse)

@@ -17,6 +17,7 @@ from deltaid import forked as forked  # it sees to forks from now on
 
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration, calibrate
+    from deltaid.calibration.next_readings import next_readings
     from deltaid.calibration.readings import Measurements
     from deltaid.checks.identified import identify
     from deltaid.checks.run import check
@@ -129,6 +130,7 @@ _HOME = {
     "load_offers": "deltaid.sensors.planning.offers",
     "load_mapping": "deltaid.recording.mapping",
     "load_robot": "deltaid.robot.load",
+    "next_readings": "deltaid.calibration.next_readings",
     "prior_parameters": "deltaid.dynamics.parameters",
     "sensor_plan": "deltaid.sensors.planning.plan",
     "step_through": "deltaid.control.simulation",
@@ -202,6 +204,7 @@ __all__ = [
     "load_mapping",
     "load_offers",
     "load_robot",
+    "next_readings",
     "prior_parameters",
     "random_motion",
     "sensor_plan",

@@ -24,7 +24,7 @@ from deltaid.sensors.planning.knowledge import Knowledge
 # Steps, and the change of a number in units of its spread before that is none.
 _STEPS, _STILL = 40, 1e-7
 # What unknowns of an instrument may change by in a step [m or rad]; also keeps them determined.
-_FAR = 10.0
+FAR = 10.0
 # A residual beyond this many standard deviations is none of noise: chance makes one of two million.
 _OUTLIER = 5.0
 # More excluded rows are no outliers.
@@ -180,7 +180,7 @@ def _solved(
     states = None if before is None else before.states
     own = [len(instrument.unknowns) for instrument in instruments]
     D = np.eye(n + sum(own))
-    D[n:] /= _FAR
+    D[n:] /= FAR
     for _ in range(_STEPS):
         x, slopes = _tools(loops, known, instruments, starts, u)
         if states is None:

@@ -27,7 +27,7 @@ from deltaid.robot.quantities import Positive
 # What instruments of each kind usually read to [m]: a good tracker or camera with a tag, a touch
 # probe of a printer or mill, a calliper in a steady hand.
 _POINT, _TOUCH, _CALLIPER = 2e-5, 1e-5, 2e-5
-_USUAL: dict[Kind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CALLIPER}
+USUAL: dict[Kind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CALLIPER}
 _READ: dict[Kind, tuple[str, ...]] = {
     "points": ("px", "py", "pz"), "probe": ("block",), "distances": ("distance",),
 }  # fmt: skip
@@ -84,7 +84,7 @@ def read(kind: Kind, given: RecordingLike, columns: InstrumentColumns, loops: Lo
     if not len(q):
         raise RecordingError("has no rows", where=where, cure="give at least one measured pose")
     read_values = np.column_stack(values) if values else np.zeros((len(q), 1))
-    noise = _USUAL[kind] if columns.noise is None else columns.noise * length
+    noise = USUAL[kind] if columns.noise is None else columns.noise * length
     rows = table.first_row + np.arange(len(q))
     return KINDS[kind](where, q, read_values, noise, rows)
 

@@ -148,7 +148,8 @@ def unknowns(
             where=f"{robot.name}, limbs",
             cure="give limbs.strut_spacing, or calibrate with equal struts",
         )
-    per_limb = dict(ROTARY if limbs.drive == "rotary" else LINEAR) | (APART if apart else {})
+    per_limb: dict[str, Unit] = ROTARY if limbs.drive == "rotary" else LINEAR
+    per_limb = per_limb | APART if apart else per_limb
     listed: list[tuple[str, int, Unit]] = [
         (kind, i, unit) for i in range(limbs.count) for kind, unit in per_limb.items()
     ]

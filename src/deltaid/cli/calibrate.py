@@ -1,6 +1,7 @@
 """`deltaid calibrate`: the geometry of a Delta from measured poses, and what they cannot know."""
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ from deltaid.cli.output import (
 
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
+    from deltaid.calibration.next_readings import NextReadings
 
 # Directions that readings do not know and that a screen shows.
 _SHOWN = 3
@@ -76,6 +78,9 @@ def calibrate(
     tool: Annotated[
         str, typer.Option(help="Tool from the platform point, m, for --struts-apart: 0,0,-0.05.")
     ] = "0,0,0",
+    following: Annotated[
+        int, typer.Option("--next", help="Plan so many further readings.", min=0, max=100)
+    ] = 0,
     report: Report = None,
     as_json: AsJson = False,
 ) -> None:
@@ -85,9 +90,10 @@ def calibrate(
     """
     from deltaid.calibration.calibrate import calibrate as run
     from deltaid.calibration.firmware import firmware_text
+    from deltaid.calibration.next_readings import next_readings
     from deltaid.errors import DeltaidError
     from deltaid.files import together, write_bytes
-    from deltaid.view.calibration import calibration_page, number_table, session_lines
+    from deltaid.view.calibration import calibration_page, next_line, number_table, session_lines
     from deltaid.view.html import write_page
 
     configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
@@ -124,20 +130,19 @@ def calibrate(
             found.save(output)
         if report is not None:
             write_page(calibration_page(found), report)
+    plans = next_readings(found, following) if following else ()
     if as_json:
-        print_json(as_dictionary(found))
+        print_json(as_dictionary(found, plans))
         return
     print_verdict(found.verdict)
     lines = [*session_lines(found), *(f"not known: {part.words}" for part in found.open[:_SHOWN])]
     for line in lines:
-        pieces = textwrap.wrap(
-            line, console.width, subsequent_indent="  ", break_long_words=False,
-            break_on_hyphens=False,
-        )  # fmt: skip
-        console.print("\n".join(pieces))
+        print_wrapped(line)
     if len(found.open) > _SHOWN:
         console.print(f"and {len(found.open) - _SHOWN} more, in --report and --json")
     console.print(shown(number_table(found)))
+    for plan in plans:
+        print_wrapped(next_line(plan))
     for doubt in found.doubts:
         console.print(f"doubtful: {doubt}")
     for path, (_, left) in texts.items():
@@ -145,11 +150,19 @@ def calibrate(
     print_written(output, report)
 
 
+def print_wrapped(line: str) -> None:
+    """A sentence in lines that fit, those after the first indented."""
+    pieces = textwrap.wrap(
+        line, console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    console.print("\n".join(pieces))
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def as_dictionary(found: "Calibration") -> dict[str, Any]:
+def as_dictionary(found: "Calibration", plans: "Sequence[NextReadings]" = ()) -> dict[str, Any]:
     """The calibration as one JSON object, in m and rad."""
     return {
         "robot": found.described.name,
@@ -177,4 +190,13 @@ def as_dictionary(found: "Calibration") -> dict[str, Any]:
         "zeros": found.zeros,
         "scales": found.scales,
         "left": found.left,
+        "next": [
+            {
+                "kind": plan.kind,
+                "position": plan.position,
+                "poses": plan.poses.tolist(),
+                "blocks": plan.blocks.tolist(),
+            }
+            for plan in plans
+        ],
     }  # fmt: skip

@@ -5,6 +5,7 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.calibration.calibrate import WIDE, Calibration
+from deltaid.calibration.next_readings import NextReadings
 from deltaid.calibration.unknowns import WORDS
 from deltaid.view import style
 from deltaid.view.card import Card
@@ -32,6 +33,18 @@ def session_lines(found: Calibration) -> list[str]:
             more = f"; and {len(x.excluded) - _ROWS} more" if len(x.excluded) > _ROWS else ""
             lines.append(f"  excluded {'; '.join(x.excluded[:_ROWS])}{more}")
     return lines
+
+
+def next_line(plan: NextReadings) -> str:
+    """The first of an instrument's next readings, and what all of them would make of positions."""
+    places = [
+        " to ".join(f"({', '.join(f'{1e3 * value:.0f}' for value in end)})" for end in ends)
+        + (f" on {1e3 * block:.0f}" if block else "")
+        for ends, block in zip(plan.poses[:_ROWS], plan.blocks, strict=False)
+    ]
+    more = ", …" if len(plan.poses) > _ROWS else ""
+    what = f"next, {len(plan.poses)} {_READ[plan.kind]}"
+    return f"{what}: positions to {1e3 * plan.position:.2g} mm, at {', '.join(places)}{more} mm"
 
 
 def number_table(found: Calibration) -> Table:
