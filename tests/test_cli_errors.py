@@ -3,7 +3,10 @@
 import errno
 import os
 import re
+import shlex
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -280,3 +283,28 @@ def test_damaged_files_on_the_command_line(folder: Path, in_model: bool, changes
     assert outcome.errors == (outcome.code == 2)
     assert out.exists() == (outcome.code == 0)
     out.unlink(missing_ok=True)
+
+
+STREAMS = {
+    "full disk": ("robots > /dev/full", 2, "error: standard output: cannot be written: No space"),
+    "full disk, JSON": ("base clavel-delta3 --json > /dev/full", 2, "error: standard output"),
+    "full disk, help": ("--help > /dev/full", 2, "error: standard output"),
+    "full disk, errors": ("robots nobody 2> /dev/full", 2, ""),
+    "no output": ("robots >&-", 0, ""),
+    "no output, an error": ("robots nobody >&-", 2, "error: no robot file"),
+    "no input": ("new <&-", 2, "choose from"),
+    "nothing": ("robots nobody <&- >&- 2>&-", 2, ""),
+    "no reader": ("robots | true", 0, ""),
+}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no full disk to try")
+@pytest.mark.parametrize("stream", STREAMS)
+def test_streams_that_take_or_give_nothing(tmp_path: Path, stream: str) -> None:
+    command, code, message = STREAMS[stream]
+    line = f"{shlex.quote(sys.executable)} -m deltaid {command}"
+    ended = subprocess.run(line, shell=True, capture_output=True, text=True, cwd=tmp_path)
+    assert ended.returncode == code, ended.stderr
+    assert message in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert ended.stderr.count("error: ") <= 1

@@ -1,7 +1,6 @@
 """The `deltaid` command: its subcommands and what happens to errors."""
 
 import io
-import os
 import signal
 import sys
 import threading
@@ -41,6 +40,7 @@ from deltaid.cli import (
 )
 from deltaid.cli.address_space import limited_address_space
 from deltaid.cli.output import print_error, print_note
+from deltaid.cli.streams import open_closed_streams, written_output
 from deltaid.errors import DeltaidError
 
 app = typer.Typer(
@@ -90,19 +90,20 @@ def _options(
 
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
+    open_closed_streams()
     _speak_unicode()
     try:
-        with limited_address_space(), _cleaning_up():
+        with limited_address_space(), _cleaning_up(), written_output():
             app(prog_name="deltaid")
     except DeltaidError as error:
-        print_error(error)
+        with suppress(OSError):  # the code says it too
+            print_error(error)
         sys.exit(2)
     except _EndedError as ended:
         with suppress(OSError):  # the terminal may be gone
             print_note(f"ended by {signal.Signals(ended.number).name}; no file is half-written")
         sys.exit(128 + ended.number)
     except BrokenPipeError:  # the reader of a pipe has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
 
 
