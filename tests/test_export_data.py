@@ -135,16 +135,18 @@ def test_command_writes_a_file_or_into_a_folder(
         outcome = run("export", "linear-delta", "--to", target, "-o", output)
         assert outcome.code == 0, outcome.err
         assert outcome.out.startswith("wrote ")
-    names = {path.stem.partition(".")[0] for path in tmp_path.iterdir()}
-    assert names == {f"linear_delta{TARGETS[target].addition}", "mine"}
-    assert len(list(tmp_path.iterdir())) == 2 * len(TARGETS[target].suffixes)
+    stem, files = f"linear_delta{TARGETS[target].addition}", set(tmp_path.iterdir())
+    beside = {f"README_{stem}_{target}.md", f"{stem}_vectors.csv", f"{stem}_test.{target}"}
+    files -= {tmp_path / name for name in beside}  # tests/test_export_handover.py
+    assert {path.stem.partition(".")[0] for path in files} == {stem, "mine"}
+    assert len(files) == 2 * len(TARGETS[target].suffixes)
 
 
 def test_a_folder_that_is_not_there_is_made(tmp_path: Path) -> None:
     outcome = run("export", "clavel-delta3", "--to", "c", "-o", f"{tmp_path}/deep/code/")
     assert outcome.code == 0
     names = sorted(path.name for path in (tmp_path / "deep" / "code").iterdir())
-    assert names == ["clavel_delta3.c", "clavel_delta3.h"]
+    assert {"clavel_delta3.c", "clavel_delta3.h"} < set(names)
     outcome = run("export", "clavel-delta3", "--to", "npz", "-o", tmp_path / "other" / "my.npz")
     assert outcome.code == 0
     assert (tmp_path / "other" / "my.npz").is_file()

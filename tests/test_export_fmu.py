@@ -34,8 +34,16 @@ pytestmark = needs_compiler
 def test_units_are_valid_and_their_sources_strict(name: str, target: str, tmp_path: Path) -> None:
     path = write(subject(name), target, tmp_path)
     assert validate_fmu(str(path)) == []
+    described = fmpy.read_model_description(str(path))
+    said = (described.author, described.license, described.version)
+    assert all(said)
+    assert described.defaultExperiment.stopTime == "1"
+    lacking = {v.name for v in described.modelVariables if v.unit is None}
+    assert lacking <= {"friction_speed"}
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path)
+    page = (tmp_path / "documentation" / "index.html").read_text()
+    assert all(f"<td>{v.name}</td>" in page for v in described.modelVariables)
     for source in ("unit.c", "fmi2.c"):
         compiled(tmp_path / "sources" / source, tmp_path / f"{source}.so")
     binary = (tmp_path / "binaries").rglob("unit.*")

@@ -22,7 +22,12 @@ def export(
     to: Annotated[TargetName, typer.Option("--to", help="Form to write.")],
     output: Annotated[
         str,
-        typer.Option("--output", "-o", help="File to write, or folder (name/).", metavar="PATH"),
+        typer.Option(
+            "--output",
+            "-o",
+            help="File to write, or folder (name/): with README and test vectors.",
+            metavar="PATH",
+        ),
     ],
     single: Annotated[
         bool, typer.Option("--single", help="Code in single precision: float, REAL.")

@@ -15,6 +15,7 @@ from deltaid.exports.c_code import c_code
 from deltaid.exports.casadi_function import casadi_file
 from deltaid.exports.fmu import fmu
 from deltaid.exports.further_functions import NO_CONTACT
+from deltaid.exports.handover import handover
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.options import FmiVersion, TargetName
 from deltaid.exports.structured_text import plc_program
@@ -216,8 +217,9 @@ def export(
     Args:
         model: a model or a robot, by value, name or file.
         to: the target, such as "c", "mjcf" or "fmu".
-        output: a file, or a folder for a file named after the robot; the name of a folder that
-            is not there yet ends in a slash.
+        output: a file, or a folder to hand over: files named after the robot, with a README, test
+            vectors, and for code a program that runs these. The name of a folder that is not there
+            yet ends in a slash.
         inputs: files that must not be overwritten.
         payload: what the tool holds all the time: a mass [kg], or the name of a load that the
             model was identified with.
@@ -251,12 +253,18 @@ def export(
     require_physical(subject)
     path = output_path(to, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
+    beside = dict[str, str]()
+    if path != Path(output):
+        names = [part.name for part in paths]
+        beside = handover(subject, to, path.stem, names, choices.precision)
+    paths += tuple(path.parent / name for name in beside)
     for part in paths:
         require_writable(part, inputs)
     with watched(progress, "export") as say:
         made = form.build(subject, path.stem, replace(choices, progress=say))
     with together():
-        for part, content in zip(paths, made.parts.values(), strict=True):
+        contents = (*made.parts.values(), *beside.values())
+        for part, content in zip(paths, contents, strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
     return Written(paths, made.warnings)
 

@@ -31,6 +31,7 @@ from deltaid.exports.fmu_description import (
 )
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.straight_line import Array, straight_line
+from deltaid.exports.structured_text import quantities
 from deltaid.exports.text import DOUBLE, c_comment, rendered
 from deltaid.model.model import Model
 from deltaid.progress import Progress
@@ -73,6 +74,9 @@ def fmu(
     unit = Described(name, subject.provenance, token, files)
     texts = {"modelDescription.xml": model_description(unit, variables, version)}
     texts |= {f"sources/{path}": text for path, text in sources.items()}
+    texts["documentation/index.html"] = rendered(
+        "unit.html.jinja", unit=unit, variables=variables.all, quantities=quantities(subject)
+    )
     if version == "3":
         texts["sources/buildDescription.xml"] = build_description(unit)
     content = _zipped({path: text.encode() for path, text in texts.items()} | made)

@@ -2,6 +2,7 @@
 built: FMI 2 and 3."""
 
 from dataclasses import dataclass
+from importlib.metadata import version as released
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -209,6 +210,7 @@ def model_description(unit: Described, variables: Variables, version: FmiVersion
                 for kind, more in (("ModelExchange", {}), ("CoSimulation", step))
             ),
             _units(variables),
+            element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
             element(
                 "ModelVariables",
                 *(_variable(k, v, version) for k, v in enumerate(variables.all)),
@@ -218,6 +220,10 @@ def model_description(unit: Described, variables: Variables, version: FmiVersion
             modelName=unit.name,
             **{token: unit.token},
             description=unit.provenance,
+            author="deltaid developers",
+            version=released("deltaid"),
+            copyright="the deltaid developers",
+            license="MIT",
             generationTool="deltaid",
             variableNamingConvention="structured",
             numberOfEventIndicators="0" if second else None,

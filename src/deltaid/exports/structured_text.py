@@ -242,7 +242,8 @@ def plc_program(
     return PlcProgram(prefix, head, tuple(units))
 
 
-def _conventions(subject: Model, precision: Precision, statuses: list[str]) -> list[str]:
+def quantities(subject: Model) -> list[str]:
+    """What coordinates of drives and of the task are, with their units."""
     robot = subject.robot
     drives = [
         f"  [{k}] {drive}: "
@@ -251,12 +252,18 @@ def _conventions(subject: Model, precision: Precision, statuses: list[str]) -> l
     ]
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
-        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
-        "outputs mean something only where that is 0:",
-        *statuses,
         "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
         *drives,
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
         f"Task coordinates z: x, y, z of the platform point in the world [m]{turn}.",
         "Equation of motion: M(q) qdd + C(q, qd) qd + g(q) + f(qd) = tau.",
+    ]
+
+
+def _conventions(subject: Model, precision: Precision, statuses: list[str]) -> list[str]:
+    return [
+        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
+        "outputs mean something only where that is 0:",
+        *statuses,
+        *quantities(subject),
     ]

@@ -1,0 +1,145 @@
+"""What goes with an export into a folder, for who gets it: what it is, numbers to check it with,
+and for code a program that checks them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from deltaid.exports.options import TargetName
+from deltaid.exports.st_test import st_test
+from deltaid.exports.structured_text import quantities
+from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
+from deltaid.model.model import Model
+
+# How many vectors there are, how far from the middle of the workspace, and the condition of the
+# Jacobian that they do not exceed.
+_COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
+# Poses of which these are chosen.
+_DRAWN = 4000
+# Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
+_SPEED, _ACCELERATION = 2.0, 10.0
+
+_CALLS = {
+    "c": "Compile `{stem}.c` with your code and call `{stem}_inverse_dynamics(q, qd, qdd, z, "
+    "tau)`; `z` is an array of yours that begins with `{stem}_home`. The header says what each "
+    "function does. A result counts only where the function returns `{STEM}_OK`.",
+    "st": "Import `{stem}.plcopen.xml`, or paste `{stem}.st`. Declare `model : "
+    "{stem}_inverse_dynamics;` and call `model(q := q, qd := qd, qdd := qdd);` once a cycle; "
+    "`model.tau` counts only where `model.status = 0`.",
+    "mjcf": "Load `{stem}.xml` in MuJoCo. `ctrl` is the torque at the joint; qpos0 is the home "
+    "pose.",
+    "urdf": "Load `{stem}.urdf`, and close its loops by `{stem}.loops.json`; at zero of all joints "
+    "they are open.",
+    "fmu": "Import `{stem}.fmu`: torques come in, motion goes out.",
+    "fmu-inverse": "Import `{stem}.fmu`: motion comes in, torques go out.",
+    "casadi": "`f = casadi.Function.load('{stem}.casadi'); f(z=z, qd=qd, qdd=qdd)['tau']`.",
+    "npz": "`numpy.load('{stem}.npz')`; array `p` holds the parameters, `names` and `units` say "
+    "which.",
+}
+_RUN = {
+    "c": "\n\n    cc {stem}_test.c {stem}.c -lm -o check && ./check\n\nprints how many vectors "
+    "agree, and fails where one does not.",
+    "st": "Add `{stem}_test.st` to the project, call an instance of `{stem}_test` in one cycle, "
+    "and look at `passed` ({count}), `failed` (0) and `largest`, the largest difference as a share "
+    "of the largest torque.",
+}
+
+
+@dataclass(frozen=True)
+class ReferenceStates:
+    """States of a robot with the package's own torques, one state a row.
+
+    Attributes:
+        z: task coordinates.
+        q, qd, qdd, tau: of the drives.
+    """
+
+    z: Float[np.ndarray, "states dof"]
+    q: Float[np.ndarray, "states dof"]
+    qd: Float[np.ndarray, "states dof"]
+    qdd: Float[np.ndarray, "states dof"]
+    tau: Float[np.ndarray, "states dof"]
+
+    @property
+    def csv(self) -> str:
+        """As a table: z1, …, q1, …, qd1, …, qdd1, …, tau1, …."""
+        arrays = {name: getattr(self, name) for name in ("z", "q", "qd", "qdd", "tau")}
+        columns = {f"{name}{i + 1}": x for name, a in arrays.items() for i, x in enumerate(a.T)}
+        return pl.DataFrame(columns).write_csv()
+
+
+def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
+    """States all over the workspace, the same for the same model; numbers of code's precision."""
+    kinematics, rng = subject.dynamics.kinematics, np.random.default_rng(0)
+    centre, half = subject.robot.workspace.inner_box
+    turn = subject.robot.turn
+    r = centre + _SHARE * half * rng.uniform(-1, 1, (_DRAWN, 3))
+    psi = _SHARE * rng.uniform(turn.low, turn.high, (_DRAWN, kinematics.dof - 3))
+    z = _rounded(np.hstack([r, psi]), precision)
+    again, reached = kinematics.forward_unchecked(kinematics.inverse(z))
+    same = reached & (np.abs(again - z) < 1e-6).all(axis=1)  # of the branch of home
+    z = z[same & (kinematics.condition(z) < _CONDITION)][:_COUNT]
+    sizes = np.array([_SPEED, _ACCELERATION])[:, None, None]
+    qd, qdd = _rounded(sizes * rng.uniform(-1, 1, (2, *z.shape)), precision)
+    p = _rounded(subject.p, precision)
+    tau = subject.dynamics.torque(z, qd, qdd, p)
+    return ReferenceStates(z, kinematics.inverse(z), qd, qdd, tau)
+
+
+def _rounded(x: np.ndarray, precision: Precision) -> np.ndarray:
+    return x.astype(np.float32).astype(float) if precision is SINGLE else x
+
+
+def handover(
+    subject: Model, to: TargetName, stem: str, files: Sequence[str], precision: Precision
+) -> dict[str, str]:
+    """Texts by the names of their files.
+
+    Args:
+        stem: of the names of the export's own files, and of the functions of code.
+        files: these names.
+        precision: of code.
+    """
+    vectors = reference_states(subject, precision)
+    made = {f"{stem}_vectors.csv": vectors.csv}
+    if to == "c":
+        made[f"{stem}_test.c"] = _c_test(stem, vectors, precision)
+    if to == "st":
+        made[f"{stem}_test.st"] = st_test(
+            subject, stem, precision, (vectors.z, vectors.qd, vectors.qdd, vectors.tau)
+        )
+    readme = f"README_{stem}_{to}.md"
+    return {readme: _readme(subject, to, stem, (*files, *made), len(vectors.z)), **made}
+
+
+def _readme(subject: Model, to: TargetName, stem: str, files: Sequence[str], count: int) -> str:
+    named = {"stem": stem, "STEM": stem.upper(), "count": count}
+    run = _RUN.get(to, "Compare what you compute with their torques.").format(**named)
+    return rendered(
+        "readme.md.jinja",
+        title=subject.robot.title or subject.name,
+        provenance=subject.provenance,
+        files=files,
+        quantities=quantities(subject),
+        call=_CALLS[to].format(**named),
+        run=run,
+        stem=stem,
+        count=count,
+    )
+
+
+def _c_test(stem: str, vectors: ReferenceStates, precision: Precision) -> str:
+    rows = np.hstack([vectors.z, vectors.q, vectors.qd, vectors.qdd, vectors.tau])
+    return plain_letters(
+        rendered(
+            "test.c.jinja",
+            prefix=stem,
+            guard=stem.upper(),
+            real=precision.c_type,
+            share="1e-5" if precision is SINGLE else "1e-12",
+            rows=[", ".join(precision.c_number(x) for x in row) for row in rows.tolist()],
+        )
+    )

@@ -1,0 +1,83 @@
+"""A folder that one can hand over: what goes with an export, and programs that check it."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from command import run
+from deltaid.exports.handover import handover, reference_states
+from deltaid.exports.structured_text import plc_program
+from deltaid.exports.text import DOUBLE, SINGLE, Precision
+from exports import CC, model, needs_compiler, subject
+from st_program import Program
+from support import assert_close
+
+ROBOT, STEM = "clavel-delta3", "clavel_delta3"
+
+
+def test_a_folder_has_all_that_it_takes_and_a_file_is_alone(tmp_path: Path) -> None:
+    assert run("export", ROBOT, "--to", "npz", "-o", f"{tmp_path}/all/").code == 0
+    assert run("export", ROBOT, "--to", "npz", "-o", tmp_path / "a.npz").code == 0
+    names = {path.name for path in (tmp_path / "all").iterdir()}
+    assert names == {f"{STEM}.npz", f"README_{STEM}_npz.md", f"{STEM}_vectors.csv"}
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.npz"]
+    text = (tmp_path / "all" / f"README_{STEM}_npz.md").read_text()
+    for word in (
+        subject(ROBOT).robot.title,
+        "rad/s^2, N m",
+        "MIT",
+        *names - {f"README_{STEM}_npz.md"},
+    ):
+        assert word in text
+    assert "{" not in text
+
+
+@pytest.mark.parametrize("name", [ROBOT, "h4"])
+def test_vectors_are_states_with_their_torques(name: str) -> None:
+    chosen = subject(name)
+    found = reference_states(chosen, DOUBLE)
+    assert found.z.shape == (100, chosen.dynamics.dof)
+    assert_close(found.tau, model(chosen, found.z, found.qd, found.qdd).tau, 1e-12)
+    assert_close(chosen.dynamics.kinematics.forward(found.q), found.z, 1e-9)
+    table = pl.read_csv(found.csv.encode())
+    np.testing.assert_array_equal(table["tau1"], found.tau[:, 0])
+
+
+@needs_compiler
+@pytest.mark.parametrize("options", [(), ("--single",)], ids=["double", "float"])
+def test_the_program_in_c(options: tuple[str, ...], tmp_path: Path) -> None:
+    folder = tmp_path / "code"
+    assert run("export", ROBOT, "--to", "c", *options, "-o", f"{folder}/").code == 0
+
+    def checked() -> subprocess.CompletedProcess[str]:
+        files = [f"{STEM}_test.c", f"{STEM}.c"]
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+        subprocess.run([str(CC), *strict, *files, "-lm", "-o", "check"], cwd=folder, check=True)
+        return subprocess.run([folder / "check"], capture_output=True, encoding="utf-8")
+
+    good = checked()
+    assert good.returncode == 0
+    assert good.stdout.startswith("100 of 100 agree")
+    source = folder / f"{STEM}.c"
+    parameter = next(line for line in source.read_text().splitlines() if "P.m," in line)
+    changed = parameter.replace(parameter.strip().split(",")[0], "9.0", 1)
+    source.write_text(source.read_text().replace(parameter, changed))
+    assert checked().returncode != 0  # as the mass is another one
+
+
+@pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["LREAL", "REAL"])
+def test_the_block_in_structured_text(precision: Precision) -> None:
+    chosen = subject(ROBOT)
+    made = handover(chosen, "st", "rob", ("rob.st",), precision)["rob_test.st"]
+    whole = plc_program(chosen, "rob", precision).text
+    _, found = Program(whole + made).units["rob_test"]()()
+    assert (found["passed"], found["failed"]) == (100, 0)
+    mass = next(line for line in whole.splitlines() if "P.m," in line)
+    other = whole.replace(mass, mass.partition(":=")[0] + ":= 9.0;")
+    _, found = Program(other + made).units["rob_test"]()()
+    assert found["failed"] > 90
