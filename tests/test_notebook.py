@@ -18,6 +18,7 @@ from identified import identified, simulated
 from logs import recorded
 
 NAME = "clavel-delta3"
+PRINTER = Path(__file__).parents[1] / "examples" / "printer"
 Z = np.array([0.05, 0.02, -0.95])
 SHORT, LINES, WIDE = 600, 10, 110
 
@@ -64,6 +65,8 @@ def values(result, motion) -> dict[str, object]:
         "a periodic motion": motion.run.motion,
         "a plan": deltaid.sensor_plan(NAME, progress=False),
         "offers": shipped_offers(),
+        "a geometry": deltaid.calibrate("anycubic-kossel", probe=PRINTER / "gauge.csv",
+                                        columns=PRINTER / "columns.yaml"),
         "forces along a motion": deltaid.forces(NAME, log, progress=False),
         "a simulation": deltaid.simulate(NAME, motion.run, progress=False),
         "controllers": deltaid.compare_controllers(
