@@ -308,3 +308,10 @@ def test_streams_that_take_or_give_nothing(tmp_path: Path, stream: str) -> None:
     assert message in ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.stderr.count("error: ") <= 1
+
+
+def test_a_fleet_without_recordings_says_so(tmp_path: Path) -> None:
+    text = "type: clavel-delta3\nrobots:\n- robot: a\n  recordings: []\n"
+    outcome = run("fleet", write(tmp_path / "fleet.yaml", text), "-o", tmp_path / "out")
+    assert (outcome.code, outcome.errors) == (2, 1)
+    assert "fleet.yaml: no robot could be fitted\n  → list recordings" in outcome.err

@@ -112,3 +112,32 @@ def test_half_precision_and_integers_are_numbers() -> None:
         tau = np.round(TAU).astype(kind)
         (rows,) = deltaid.Recording.from_arrays(t=T, q=Q, tau=tau).table.rows(["tau1"])
         np.testing.assert_array_equal(np.asarray(rows.numbers[0]), np.round(TAU[:, 0]))
+
+
+ZERO = 0 * Z[:1]
+WRONG: dict[str, Callable] = {
+    "a name with NUL": lambda: deltaid.check(NAME, "a\0b"),
+    "no name": lambda: deltaid.load_robot(None),  # pyright: ignore[reportArgumentType]
+    "no folder": lambda: deltaid.fleet("f.yaml", None),  # pyright: ignore[reportArgumentType]
+    "no worker": lambda: deltaid.fleet("f.yaml", "out", workers=0),
+    "no duration": lambda: deltaid.simulate_recording(
+        DYNAMICS, P, MOTION, np.random.default_rng(0), duration=-1
+    ),
+    "no rate": lambda: deltaid.simulate_recording(
+        DYNAMICS, P, MOTION, np.random.default_rng(0), rate=0
+    ),
+    "steps back": lambda: deltaid.step_through(FORWARD, P, Z[:1], ZERO, -1),
+    "few parameters": lambda: deltaid.step_through(FORWARD, P[:3], Z[:1], ZERO, 0.01),
+    "shapes of a motion": lambda: deltaid.FourierMotion(1.0, Z[0], np.zeros((3, 2)), Z),
+    "frequency of a motion": lambda: deltaid.FourierMotion(0.0, Z[0], Z[:3], Z[:3]),
+    "rows online": lambda: deltaid.Online(NAME, rate=1000.0).run(Q, Q[:9], TAU),
+    "no number online": lambda: deltaid.Online(NAME, rate=1000.0).step(
+        np.full(3, np.nan), Q[0], TAU[0]
+    ),
+}
+
+
+@pytest.mark.parametrize("call", WRONG)
+def test_other_wrong_values_are_refused(call: str) -> None:
+    with pytest.raises((deltaid.DeltaidError, jaxtyping.TypeCheckError)):
+        WRONG[call]()

@@ -30,6 +30,7 @@ from deltaid.robot.limbs import LimbGeometry, rotation
 _STEPS, _CLOSED = 20, 1e-12
 
 Drives = Float[np.ndarray, "samples drives"]
+Poses = Float[np.ndarray, "samples coordinates"]
 Numbers = Float[np.ndarray, " numbers"]
 
 
@@ -91,7 +92,7 @@ class Loops:
             inputs, ca.vertcat(*[ca.vec(ca.densify(part)) for part in parts]), theta
         )
 
-    def start(self, q: Drives) -> Float[np.ndarray, "samples coordinates"]:
+    def start(self, q: Drives) -> Poses:
         """Poses of the described robot; NaN where its loops do not close."""
         z, _ = self.kinematics.forward_unchecked(self._padded(q))
         pose = np.zeros((len(q), self._size))
@@ -100,7 +101,7 @@ class Loops:
             pose[:, 3:] = 0.0
         return pose
 
-    def _padded(self, q: Drives) -> Drives:
+    def _padded(self, q: Drives) -> Float[np.ndarray, "samples all"]:
         """With a fourth drive, which turns the tool alone, where the robot has a telescope."""
         return np.pad(q, ((0, 0), (0, self.kinematics.dof - self.limbs)))
 
@@ -114,9 +115,7 @@ class Loops:
         z[:, :3] = x
         return self.kinematics.inverse(z)[:, : self.limbs]
 
-    def points(
-        self, q: Drives, theta: Numbers, start: Float[np.ndarray, "samples coordinates"]
-    ) -> ToolPoints:
+    def points(self, q: Drives, theta: Numbers, start: Poses) -> ToolPoints:
         """Tool points and their slopes, by Newton's method from poses near by.
 
         Raises:
@@ -144,7 +143,7 @@ class Loops:
         X_c = X_y @ np.linalg.inv(C_y)
         return ToolPoints(x[..., 0], X_theta - X_c @ C_theta, -X_c @ C_q)
 
-    def _evaluate(self, y: Drives, q: Drives, theta: Numbers) -> list[np.ndarray]:
+    def _evaluate(self, y: Poses, q: Drives, theta: Numbers) -> list[np.ndarray]:
         out, parts, first = self._all(np.hstack([y, q]).T, theta).T, [], 0
         for rows, columns in self._shapes:
             block = out[:, first : first + rows * columns]

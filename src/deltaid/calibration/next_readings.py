@@ -84,10 +84,11 @@ def _plan(found: Calibration, kind: Kind, count: int) -> NextReadings:
     A /= noise
     E = np.zeros((found.places.moved.shape[0], len(knowledge.root)))
     E[:, :n] = found.places.moved @ found.known.G
-    F, chosen = np.linalg.qr(E, mode="r"), list[int]()
+    F = np.linalg.qr(E).R
+    chosen: list[int] = []
     for _ in range(count):
         half = A @ knowledge.inverse
-        S = np.eye(A.shape[1]) + half @ half.swapaxes(1, 2)
+        S = np.eye(half.shape[1]) + half @ half.swapaxes(1, 2)
         moved = F @ knowledge.inverse @ half.swapaxes(1, 2)
         worth = np.sum((moved @ np.linalg.inv(S)) * moved, axis=(1, 2))
         chosen.append(int(np.argmax(worth)))

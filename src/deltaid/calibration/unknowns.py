@@ -155,7 +155,8 @@ def unknowns(
     ]
     if isinstance(robot.platform, H4Platform | Par4Platform):
         listed.append(("half", -1, "m"))
-    listed += [(kind, -1, unit) for kind, unit in TOOL.items()] if apart else []
+    if apart:
+        listed.extend((kind, -1, unit) for kind, unit in TOOL.items())
     numbers = tuple(
         Number(kind, i, unit, _spread(robot, kind, i, unit, length, angle))
         for kind, i, unit in listed

@@ -158,7 +158,11 @@ def fleet(
     else:
         _print(run, output)
     if all(fit.reason for fit in run.fits):
-        raise typer.Exit(2)
+        raise DeltaidError(
+            "no robot could be fitted",
+            where=manifest,
+            cure="see what is in quarantine, and why" if run.quarantine else "list recordings",
+        )
 
 
 def _require_one_type(robots: "Fleet") -> None:

@@ -5,6 +5,7 @@ chatters. So there are two ways, and neither takes the other's place unasked: `i
 whose friction is continuous, `step_through` for all.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
-from deltaid.errors import DeltaidError, KinematicsError
+from deltaid.errors import DeltaidError, KinematicsError, within
 from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples
 from deltaid.shown import Shown
@@ -127,6 +128,7 @@ def step_through(
     A robot with a limb that gets stretched is NaN from there on; the others go on.
     """
     z, zd = (real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd")))
+    within("duration", duration, (0.0, math.inf))
     samples = round(duration * rate)
     substeps, h = time_steps(rate)
     q, qd = forward.drive_motion(z, zd)

@@ -103,7 +103,7 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         Drives that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
         """
         x = np.concatenate([z, qd, tau], axis=1).T
-        out = self._step_kernel(x, uniform=np.append(p, duration)).T
+        out = self._step_kernel(x, uniform=np.append(self._parameters(p), duration)).T
         return out[:, : self.dof], out[:, self.dof :]
 
     def reach(self, z: Samples) -> Float[np.ndarray, " samples"]:

@@ -36,17 +36,19 @@ def _block(writer: Writer, prefix: str, count: int, dof: int) -> Unit:
     share = literal(writer.precision, 1e-5 if writer.precision is SINGLE else 1e-12)
     width = 4 * dof
     read = [
-        f"{name}[i] := numbers[at + i + {k * dof}];" if k else f"{name}[i] := numbers[at + i];"
+        f"{name}[i] := numbers[first + i + {k * dof}];"
+        if k
+        else f"{name}[i] := numbers[first + i];"
         for k, name in enumerate(("z", "qd", "qdd", "wanted"))
     ]
     inner = [
-        f"at := {width} * k;",
+        f"first := {width} * k;",
         *each(dof, " ".join(read)),
         f"status := {prefix}_inverse_dynamics_at(z := z, qd := qd, qdd := qdd, tau => tau);",
         "scale := 0.0;",
         *each(dof, "IF ABS(wanted[i]) > scale THEN scale := ABS(wanted[i]); END_IF;"),
         "gap := 0.0;",
-        *each(dof, "d := ABS(tau[i] - wanted[i]); IF d > gap THEN gap := d; END_IF;"),
+        *each(dof, "off := ABS(tau[i] - wanted[i]); IF off > gap THEN gap := off; END_IF;"),
         f"IF (status = {writer.status('OK')}) AND (gap <= {share} * scale) THEN",
         "    passed := passed + 1;",
         "ELSE",
@@ -65,8 +67,8 @@ def _block(writer: Writer, prefix: str, count: int, dof: int) -> Unit:
         (
             writer.array("numbers", width * count),
             *(writer.array(name, dof) for name in ("z", "qd", "qdd", "wanted", "tau")),
-            *(Variable(name, real) for name in ("scale", "gap", "d")),
-            *(Variable(name, "INT") for name in ("i", "k", "at", "status")),
+            *(Variable(name, real) for name in ("scale", "gap", "off")),
+            *(Variable(name, "INT") for name in ("i", "k", "first", "status")),
         ),
         (),
         real,

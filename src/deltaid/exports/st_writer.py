@@ -87,13 +87,14 @@ class Writer:
     def _function(self, f: ExportedFunction) -> Unit:
         name, real = f"{self.prefix}_{f.name}", self.precision.st_type
         inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
-        start = [self.array("z_start", f.newton.x.numel())] if f.newton else []
+        newton = f.newton
+        start = [self.array("z_start", newton.x.numel())] if newton else []
         own = [Variable("i", "INT")]
         lines = [self.returns(name, "BAD_INPUT")]
         for a in f.arguments:
             lines += self.sane(a.name, a.symbols.numel(), LARGEST_INPUT)
-        for variable in start:
-            lines += self.sane(variable.name, f.newton.x.numel(), LARGEST_INPUT)
+        if newton:
+            lines += self.sane("z_start", newton.x.numel(), LARGEST_INPUT)
         tables = [a for a in f.inputs if a.is_table and a.symbols.numel()]
         for table in tables:
             own.append(self.array(table.name, table.symbols.numel()))

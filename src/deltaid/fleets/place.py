@@ -24,7 +24,15 @@ class Place:
 
     @classmethod
     def named(cls, folder: str | Path) -> "Place":
-        """The folder of a name."""
+        """The folder of a name.
+
+        Raises:
+            DeltaidError: it is neither text nor a path.
+        """
+        if not isinstance(folder, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise DeltaidError(
+                f"a {type(folder).__name__} is no folder", where="output", cure="give a path"
+            )
         text = str(folder)
         return cls(text.rstrip("/") if store.is_address(text) else str(Path(text).resolve()))
 

@@ -1,5 +1,6 @@
 """A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Any
 
 import polars as pl
 
+from deltaid.errors import within
 from deltaid.fleets import store
 from deltaid.fleets.cluster import workers as workers_of
 from deltaid.fleets.drift_inputs import DriftSettings
@@ -119,6 +121,8 @@ def fleet(
             or this process has lost its threads, as of `require_threads`.
     """
     require_threads()
+    if workers is not None:
+        within("workers", workers, (1, math.inf))
     with watched(progress, "fleet") as say, ExitStack() as stack:
         if not isinstance(manifest, Fleet):
             say("looking for recordings")

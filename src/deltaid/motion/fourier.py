@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.errors import DeltaidError, positive
 from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.one_or_many import one_or_many_times
 from deltaid.shown import Shown
@@ -28,8 +29,16 @@ class FourierMotion(Shown):
     cosine: Coefficients
 
     def __post_init__(self) -> None:
-        for name in ("centre", "sine", "cosine"):
-            real_numbers(getattr(self, name), name)
+        centre, sine, cosine = (
+            real_numbers(getattr(self, name), name) for name in ("centre", "sine", "cosine")
+        )
+        positive("base_frequency", float(self.base_frequency))
+        if sine.ndim != 2 or sine.shape != cosine.shape or centre.shape != sine.shape[:1]:
+            raise DeltaidError(
+                f"centre, sine and cosine have shapes {centre.shape}, {sine.shape}, {cosine.shape}",
+                where="a motion",
+                cure="sine and cosine have one row a coordinate of the centre",
+            )
 
     @property
     def period(self) -> float:

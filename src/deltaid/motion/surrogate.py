@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.errors import positive
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
@@ -105,7 +106,10 @@ def simulate_recording(
 
     Raises:
         KinematicsError: the motion leaves the workspace.
+        DeltaidError: duration or rate is not positive.
     """
+    positive("duration", duration)
+    positive("rate", rate)
     time = np.arange(round(duration * rate)) / rate
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

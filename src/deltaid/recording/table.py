@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, visible
 from deltaid.forked import require_threads
 from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
@@ -54,6 +54,8 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
         DeltaidError: the process has lost its threads, as of `require_threads`.
     """
     require_threads()
+    if "\0" in str(path):
+        raise RecordingError("no such file", where=visible(str(path)), cure="check its name")
     start = b""
     if not os.path.isdir(path):  # unlike Path.is_dir it never raises
         with content(path) as file:

@@ -110,6 +110,7 @@ def load_robot(robot: str | Path) -> RobotDescription:
     Raises:
         DescriptionError: no such robot or file, or the file does not describe a robot.
     """
+    require_name(robot)
     if str(robot) in catalogue():
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     if not os.path.exists(robot):  # unlike Path.exists it never raises
