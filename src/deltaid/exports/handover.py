@@ -43,8 +43,8 @@ _RUN = {
     "c": "\n\n    cc {stem}_test.c {stem}.c -lm -o check && ./check\n\nprints how many vectors "
     "agree, and fails where one does not.",
     "st": "Add `{stem}_test.st` to the project, call an instance of `{stem}_test` in one cycle. "
-    "Then look at `passed` ({count}), `failed` (0) and `largest`, the largest difference as a share "
-    "of the largest torque.",
+    "Then look at `passed` ({count}), `failed` (0) and `largest`, the largest difference as a "
+    "share of the largest torque.",
 }
 
 
