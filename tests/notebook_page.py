@@ -134,7 +134,7 @@ def _numbers(texts: list[str]) -> list[float]:
 def _one_line(html: str) -> str:
     """HTML as Markdown leaves it alone: no empty lines, no indents; tables as the site has them."""
     text = "".join(line.strip() for line in html.splitlines())
-    return text.replace(' border="1" class="dataframe"', "")
+    return re.sub(r"<(table|tr|th|td)\b[^>]*>", r"<\1>", text)
 
 
 def _pictures(notebook: Any) -> None:
