@@ -269,6 +269,10 @@ def test_friction_that_a_target_lacks_is_refused_or_left_out(tmp_path: Path) -> 
         done = run("export", robot, "--to", target, "-o", output, "--without-friction")
         assert done.code == 0
         output.unlink()
+        done = run("export", robot, "--to", target, "-o", output, "--plain-friction")
+        assert done.code == 0
+        assert "drive1 is off by" in done.err.replace("\n", " ")
+        output.unlink()
     path = tmp_path / "bare.npz"
     assert run("export", robot, "--to", "npz", "-o", path, "--without-friction").code == 0
     data = np.load(path)

@@ -9,13 +9,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import deltaid
 from composed import Make
 from deltaid.control.simulation import integrate
 from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
+from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
+from deltaid.exports.plain_friction import plain_friction
 from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.model.model import Model
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import load_robot
 from exports import (
     COMPOSED,
@@ -254,6 +259,38 @@ def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
     bare = Simulation(chosen.without_friction()).model
     assert not bare.dof_damping.any()
     assert not bare.dof_frictionloss.any()
+
+
+def test_friction_that_mujoco_lacks_is_approximated_with_its_error(tmp_path: Path) -> None:
+    """The law by hand, least squares by NumPy."""
+    robot = load_robot("clavel-delta3")
+    law = robot.friction["drive2"].changed(stribeck=Stribeck(coefficient=3.0, speed=0.4))
+    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
+    path = tmp_path / "robot.xml"
+    warning, *more = export(chosen, "mjcf", path, plain_friction=True).warnings
+    assert not more
+    kinematics = chosen.dynamics.kinematics
+    motion = random_motion(kinematics, np.random.default_rng(0))
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000, endpoint=False))
+    _, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    v = qd[:, 1]
+    columns = np.column_stack([v, np.sign(v)])
+    own = [chosen["viscous.drive2"], chosen["coulomb.drive2"]]
+    friction = columns @ own
+    friction += chosen["stribeck.drive2"] * np.sign(v) * np.exp(-np.abs(v) / 0.4)
+    best, *_ = np.linalg.lstsq(columns, friction)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    k = model.joint("drive2").dofadr[0]
+    assert_close([model.dof_damping[k], model.dof_frictionloss[k]], best, 1e-6)
+    other = model.joint("drive1").dofadr[0]
+    assert model.dof_frictionloss[other] == pytest.approx(chosen["coulomb.drive1"])
+    error, tau = friction - columns @ best, chosen.dynamics.torque(z, qd, qdd)[:, 1]
+    rms = np.sqrt(np.mean(error**2))
+    share = rms / np.sqrt(np.mean(tau**2))
+    said = f"drive2 is off by {rms:.2g} N m rms ({share:.2%} of its torque), "
+    assert f"{said}at most {np.abs(error).max():.2g} N m" in warning
+    plain = deltaid.load("clavel-delta3")
+    assert plain_friction(plain).model is plain
 
 
 @pytest.mark.parametrize("name", swept(KINDS, "irb360-6-1600", "h4"))

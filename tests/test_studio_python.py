@@ -70,6 +70,7 @@ def _steps() -> Iterator[object]:
     yield forces_step(ROBOT, "log.csv", MAPPING, "at")
     for form in ("c", "mjcf", "urdf", "casadi", "npz"):
         yield export_step(ROBOT, form, f"at/{form}/")
+    yield export_step(ROBOT, "mjcf", "at/plain/", plain_friction=True)
 
 
 @pytest.mark.slow

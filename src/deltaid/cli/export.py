@@ -62,6 +62,13 @@ def export(
     without_friction: Annotated[
         bool, typer.Option("--without-friction", help="Leave all friction out.")
     ] = False,
+    plain_friction: Annotated[
+        bool,
+        typer.Option(
+            "--plain-friction",
+            help="The nearest viscous and Coulomb friction; a warning states its error.",
+        ),
+    ] = False,
     fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
     force: UsePoor = False,
 ) -> None:
@@ -83,6 +90,7 @@ def export(
             (Path(model),),
             payload=payload,
             without_friction=without_friction,
+            plain_friction=plain_friction,
             single=single,
             functions=functions,
             online=online,

@@ -18,6 +18,8 @@ from deltaid.exports.further_functions import NO_CONTACT
 from deltaid.exports.handover import handover
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.options import FmiVersion, TargetName
+from deltaid.exports.plain_friction import PlainFriction
+from deltaid.exports.plain_friction import plain_friction as nearest_plain
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
@@ -206,6 +208,7 @@ def export(
     *,
     payload: str | float | None = None,
     without_friction: bool = False,
+    plain_friction: bool = False,
     single: bool = False,
     functions: Sequence[str] = (),
     online: OnlineSettings | None = None,
@@ -224,6 +227,8 @@ def export(
         payload: what the tool holds all the time: a mass [kg], or the name of a load that the
             model was identified with.
         without_friction: leave all friction out.
+        plain_friction: the nearest viscous and Coulomb friction in place of further terms, as MJCF
+            and URDF need it; a warning says how near.
         single: code in single precision (float, REAL).
         functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
             `online`; a list, or words with commas between them.
@@ -250,6 +255,8 @@ def export(
         subject = _holding(subject, payload)
     if without_friction:
         subject = subject.without_friction()
+    nearest = nearest_plain(subject) if plain_friction else PlainFriction(subject)
+    subject = nearest.model
     require_physical(subject)
     path = output_path(to, subject.robot.name, output)
     paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
@@ -266,7 +273,7 @@ def export(
         contents = (*made.parts.values(), *beside.values())
         for part, content in zip(paths, contents, strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    return Written(paths, made.warnings)
+    return Written(paths, (*nearest.warnings, *made.warnings))
 
 
 def _holding(model: Model, payload: str | float) -> Model:

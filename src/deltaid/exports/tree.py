@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
+from deltaid.exports.plain_friction import further_terms
 from deltaid.model.model import Model
 
 Vector = Float[np.ndarray, " 3"]
@@ -164,14 +165,14 @@ def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
         DeltaidError: a joint's friction law has other terms.
     """
     robot = subject.robot
-    for term in robot.friction_terms:
-        if term.kind not in ("viscous", "coulomb") and subject.value(term.name):
-            raise DeltaidError(
-                f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
-                where=subject.source,
-                cure="leave friction out (--without-friction) and add it as a joint torque there, "
-                "or identify with viscous and Coulomb friction; c, fmu and casadi have every law",
-            )
+    for term in further_terms(subject):
+        raise DeltaidError(
+            f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
+            where=subject.source,
+            cure="approximate it, with the error stated (--plain-friction), or leave friction out "
+            "(--without-friction) and add it as a joint torque there; c, fmu and casadi have "
+            "every law",
+        )
     return {
         joint: JointForces(
             viscous=subject.value(f"viscous.{joint}"),

@@ -33,7 +33,6 @@ from deltaid.identification.generic_motion import random_motion_base
 from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Samples
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.robot.parameter import Parameter
 
@@ -134,10 +133,7 @@ def _constants(joint: str, symbols: list[str], unit: str) -> tuple[Parameter, ..
 
 def plain(robot: RobotDescription) -> RobotDescription:
     """The robot with viscous and Coulomb friction only, in the joints that have friction."""
-    laws = {
-        joint: Friction(viscous=law.viscous, coulomb=law.coulomb)
-        for joint, law in robot.friction.items()
-    }
+    laws = {joint: law.plain for joint, law in robot.friction.items()}
     return robot.changed(friction=laws, measured=(), sensors={})
 
 

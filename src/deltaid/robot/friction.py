@@ -91,6 +91,11 @@ class Friction(Part):
         return self
 
     @property
+    def plain(self) -> "Friction":
+        """The law of the paper alone, viscous and Coulomb."""
+        return Friction(viscous=self.viscous, coulomb=self.coulomb)
+
+    @property
     def both_ways(self) -> bool:
         """Whether the same coefficients hold for both directions."""
         return self.coulomb_back is None

@@ -141,13 +141,14 @@ result.save({output!r})
     return _step("forces", (model, motion), asked, _made(folder, output), python)
 
 
-def export_step(model: str, to: str, output: str) -> Step:
+def export_step(model: str, to: str, output: str, *, plain_friction: bool = False) -> Step:
     """A model in a form that another program runs; `output` is a file or a folder with a slash."""
+    asked = {"plain_friction": plain_friction or None}
     python = f"""\
-written = {_call("deltaid.export", repr(model), repr(to), repr(output))}
-print(written.paths)
+written = {_call("deltaid.export", repr(model), repr(to), repr(output), **asked)}
+print(written.paths, *written.warnings)
 """
-    return _step("export", (model,), {"to": to}, {"output": output}, python)
+    return _step("export", (model,), {"to": to, **asked}, {"output": output}, python)
 
 
 def _made(folder: str, output: str) -> dict[str, str]:

@@ -154,17 +154,19 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
 
 def _export(session: Session, model: str) -> None:
     def make(at: str) -> Step:
-        return export_step(model, str(form.value), f"{at}/")
+        return export_step(model, str(form.value), f"{at}/", plain_friction=bool(plain.value))
 
     with parts.panel("Export"):
         with ui.row().classes("items-center"):
             form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
             parts.remembered(session, "export form", form)
+            plain = ui.checkbox("Nearest viscous and Coulomb friction").props("dense")
+            parts.remembered(session, "export friction", plain)
             ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, "export")
-        parts.commands(lambda: make(next_run(session.folder, "export")), form)
+        parts.commands(lambda: make(next_run(session.folder, "export")), form, plain)
 
 
 def _files(session: Session) -> None:
