@@ -56,9 +56,12 @@ def test_schema(folder: Path, kind: str) -> None:
 def test_identify_tables(folder: Path, tmp_path: Path) -> None:
     outcome = run("identify", ROBOT, folder / "log.csv", "-o", tmp_path / "model.yaml")
     assert outcome.code == 0
-    assert "viscous.drive1" in outcome.out
+    assert "viscous.drive1" not in outcome.out
     assert f"saved {tmp_path / 'model.yaml'}" in outcome.out
     assert IdentifiedModel.load(tmp_path / "model.yaml").consistent
+    full = run("identify", ROBOT, folder / "log.csv", "--full").out
+    assert "viscous.drive1" in full
+    fits_80_columns(full)
     assert [path.name for path in tmp_path.iterdir()] == ["model.yaml"]
     fits_80_columns(outcome.out)
 
@@ -214,7 +217,7 @@ def test_base(folder: Path) -> None:
 def test_demo(tmp_path: Path) -> None:
     outcome = run("demo", ROBOT, "--keep", tmp_path / "new" / "demo")
     assert outcome.code == 0
-    assert "against the truth" in outcome.out
+    assert "Against the truth" in outcome.out
     kept = {path.name for path in (tmp_path / "new" / "demo").iterdir()}
     assert kept == {"robot.yaml", "truth.yaml", "identify.csv", "verify.csv", "model.yaml"}
 

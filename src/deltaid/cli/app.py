@@ -53,13 +53,17 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # In the order of `--help`; each module has a function of its own name.
-for module in (
-    demo, studio, robots, new, schema, show, calibrate, excite, sensors, columns, check, gather,
-    fleet, identify, validate, drift, torque, online, simulate, compare_controllers, base, export,
-    sample, forces, reproduce,
-):  # fmt: skip
-    name = module.__name__.rpartition(".")[2]
-    app.command(name.replace("_", "-"))(getattr(module, name))
+COMMANDS = {
+    "Start": (demo, studio, robots, new, columns, check),
+    "Identify": (excite, sensors, calibrate, identify, validate, sample),
+    "Use": (torque, simulate, compare_controllers, forces, online, export),
+    "Look": (show, base, schema, reproduce),
+    "Fleet": (gather, fleet, drift),
+}
+for group, modules in COMMANDS.items():
+    for module in modules:
+        name = module.__name__.rpartition(".")[2]
+        app.command(name.replace("_", "-"), rich_help_panel=group)(getattr(module, name))
 
 
 @app.callback(invoke_without_command=True)

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, KeepAll, mappings
-from deltaid.cli.output import console, print_json, progress, shown, styled
+from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, Full, KeepAll, mappings
+from deltaid.cli.output import print_found, print_json, progress
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
@@ -27,9 +27,13 @@ def base(
     cutoff: Cutoff = None,
     seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
     keep_all: KeepAll = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """List a robot's base parameters as formulas; with recordings, estimate their values too."""
+    """List base parameters as formulas, or estimate them.
+
+    Recordings are needed for their values.
+    """
     from deltaid.dynamics.dynamics import compiled
     from deltaid.identification.generic_motion import measured_base
     from deltaid.robot.load import load_robot
@@ -50,7 +54,7 @@ def base(
     if as_json:
         print_json(_as_dictionary(dynamics, result, estimate))
     else:
-        _print(dynamics, result, estimate)
+        _print(dynamics, result, estimate, full)
 
 
 def _as_dictionary(
@@ -78,7 +82,9 @@ def _as_dictionary(
     return value
 
 
-def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None") -> None:
+def _print(
+    dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstimate | None", full: bool
+) -> None:
     from deltaid.view.model_tables import estimate_table
 
     robot, layout = dynamics.robot, result.layout
@@ -86,18 +92,18 @@ def _print(dynamics: "Dynamics", result: "BaseParameters", estimate: "BaseEstima
     beside = [*robot.sensors, *([f"{measured} measured values"] if measured else [])]
     where = "" if beside else " in torques"
     visible = len(layout.names) - len(result.invisible)
-    console.print(styled(robot.title or robot.name))
-    console.print(
+    lines = [
+        robot.title or robot.name,
         f"{len(layout.names)} parameters, {visible} visible{where}, {result.rank} base "
-        f"parameters; {_free(dynamics)} free in a consistent fit"
-    )
+        f"parameters; {_free(dynamics)} free in a consistent fit",
+    ]
     if beside:
-        console.print(f"determined by torques together with {', '.join(beside)}")
-    units = [layout.units[group.representative] for group in result.groups]
-    console.print(shown(estimate_table(result.formulas, units, estimate)))
+        lines.append(f"determined by torques together with {', '.join(beside)}")
     names = ", ".join(layout.names[i] for i in result.invisible)
     where = "anything that is measured" if beside else "any torque"
-    console.print(f"not visible in {where}: {names}")
+    lines.append(f"not visible in {where}: {names}")
+    units = [layout.units[group.representative] for group in result.groups]
+    print_found(lines, [estimate_table(result.formulas, units, estimate)], full=full)
 
 
 def _free(dynamics: "Dynamics") -> int:

@@ -84,7 +84,9 @@ def calibrate(
     report: Report = None,
     as_json: AsJson = False,
 ) -> None:
-    """The geometry of a robot from measured poses: what they know of it, and what they cannot.
+    """Find the geometry of a robot from measured poses.
+
+    It says what they know of it, and what they cannot.
 
     Tracker, bed probe, gauge blocks, calliper and ballbar, in any mixture.
     """

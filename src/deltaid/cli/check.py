@@ -58,7 +58,9 @@ def check(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what is wrong with a robot's description and recordings, why, and how to mend it.
+    """Find what is wrong with a description or recording.
+
+    Each finding comes with its likeliest cause and how to correct it.
 
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """

@@ -37,7 +37,9 @@ def columns(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find out which column of a recording is what, how sure that is, and why.
+    """Find out which column of a recording is what.
+
+    It says how sure that is, and why.
 
     Exit code 0: it is certain; 3: something is in doubt or missing.
     """

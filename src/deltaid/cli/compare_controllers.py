@@ -52,7 +52,7 @@ def compare_controllers(
     force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare tracking with the prior, the base parameters and the identified model.
+    """Compare tracking: prior, base values, full model.
 
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
     know of the robot. With --payload, the identified model runs a second time with its mass known,

@@ -1,13 +1,13 @@
 """`deltaid demo`: the whole job on a surrogate robot whose truth is known."""
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.output import console, percent, print_tables, progress, styled
+from deltaid.cli.options import Full
+from deltaid.cli.output import console, percent, progress
 from deltaid.files import require_writable, together, write_bytes
 
 if TYPE_CHECKING:
@@ -23,8 +23,11 @@ def demo(
     keep: Annotated[
         Path | None, typer.Option(help="Folder to keep robot, logs and model in.")
     ] = None,
+    full: Full = False,
 ) -> None:
-    """Simulate a robot with known parameters, record it as a drive would, and identify it.
+    """Simulate a robot, record it, identify it, compare.
+
+    Its parameters are known, and the recording is as a drive would make it.
 
     The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
     motions keep the robot's limits.
@@ -43,28 +46,21 @@ def demo(
             with together():
                 for name in FILES:
                     write_bytes(keep / name, (folder / name).read_bytes())
-    _print(result, keep)
+    _print(result, keep, full)
 
 
-def _print(result: "Demonstration", keep: Path | None) -> None:
-    from deltaid.cli.identified import summary
+def _print(result: "Demonstration", keep: Path | None, full: bool) -> None:
+    from deltaid.cli.identified import Truth, print_result
     from deltaid.identification.demo import FILES
-    from deltaid.model.model import load
-    from deltaid.view.model_tables import error_table, parameter_table
 
-    model = result.identification.model
-    parameters = parameter_table(model, result.truth.tolist())
-    parameters = replace(parameters, title=f"{parameters.title}, simulated")
-    print_tables(parameters, error_table(load(model), result.verification))
-    for line in summary(result.identification):
-        console.print(line)
-    console.print(
-        styled("against the truth:"),
-        "mass matrix within "
+    truth = Truth(
+        result.truth.tolist(),
+        "Against the truth: mass matrix within "
         f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
         f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
-        "numbers are less certain than what the drives feel of them",
+        "numbers are less certain than what the drives feel of them.",
     )
+    print_result(result.identification, result.verification, truth=truth, full=full)
     if keep is not None:
         files = f"{', '.join(FILES[:-1])} and {FILES[-1]}"
         console.print(f"{files} are in {keep}")

@@ -9,11 +9,10 @@ import typer
 
 from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.gathered import in_folders
-from deltaid.cli.options import AsJson, output_file
+from deltaid.cli.options import AsJson, Full, output_file
 from deltaid.cli.output import (
-    console,
+    print_found,
     print_json,
-    print_tables,
     print_written,
     progress,
     require_outputs,
@@ -42,9 +41,12 @@ def drift(
     friction: Annotated[
         Path | None, output_file(help="Table of each recording's friction (.parquet or .csv).")
     ] = None,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find friction that changes: since when, how fast, and when it reaches a limit.
+    """Find friction that changes over weeks and months.
+
+    Since when, how fast, and when it reaches a limit.
 
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
@@ -81,9 +83,7 @@ def drift(
     if as_json:
         print_json(as_dictionary(result))
         return
-    print_tables(drift_tables.drift_shown(result))
-    for text in drift_tables.sentences(result):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    print_found(drift_tables.sentences(result), [drift_tables.drift_shown(result)], full=full)
     print_written(*writers)
 
 

@@ -2,20 +2,19 @@
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Report, Robot, bounded, output_file
+from deltaid.cli.options import AsJson, Full, Report, Robot, bounded, output_file
 from deltaid.cli.output import (
-    console,
     number,
+    percent,
+    print_found,
     print_json,
     print_note,
-    print_tables,
     print_written,
     progress,
     require_outputs,
@@ -63,7 +62,7 @@ def excite(
         int, typer.Option(help="Run it so often, for averaging.", min=1, max=1000)
     ] = 1,
     velocity_weight: Annotated[
-        float, typer.Option(help="Weight w of the speed term in eq. (9).", min=0, max=1e6)
+        float, typer.Option(help="Weight of speed in the criterion.", min=0, max=1e6)
     ] = 0.1,
     torque_noise: Annotated[
         float,
@@ -79,9 +78,12 @@ def excite(
     seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
     plot: Annotated[Path | None, output_file(help="PNG or SVG picture of the motion.")] = None,
     report: Report = None,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Optimise a motion for identification: at rest at both ends, within all limits.
+    """Optimise a motion for identification.
+
+    It is at rest at both ends and within all limits.
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
@@ -141,7 +143,7 @@ def excite(
     if as_json:
         print_json(_as_dictionary(result))
     else:
-        _print(result)
+        _print(result, full)
         print_written(*asked.values())
 
 
@@ -203,21 +205,28 @@ def _as_dictionary(result: "Excitation") -> dict[str, Any]:
     }
 
 
-def _print(result: "Excitation") -> None:
+def _print(result: "Excitation", full: bool) -> None:
     from deltaid.view.motions import limit_table, prediction_table, start_table
 
     exciter, run = result.exciter, result.run
     robot = exciter.dynamics.robot
-    limits = replace(limit_table(result), title=robot.title or robot.name)
-    print_tables(limits, prediction_table(result), start_table(result))
-    console.print(
-        f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
-        f"{number(result.criterion_after)} after; {run.repeats} periods of "
-        f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, {run.duration:.4g} s in all"
-    )
+    fullest = max(result.limits, key=lambda limit: limit.share)
     units = robot.drive_units.values()
     efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
-    console.print(f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}")
+    print_found(
+        [
+            robot.title or robot.name,
+            f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
+            f"{number(result.criterion_after)} after; {run.repeats} periods of "
+            f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, "
+            f"{run.duration:.4g} s in all",
+            f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}; "
+            f"fullest limit: {fullest.name}, {percent(fullest.share)}",
+        ],
+        [prediction_table(result)],
+        [limit_table(result), start_table(result)],
+        full=full,
+    )
 
 
 def _with_units(values: Iterable[float], units: "Iterable[JointUnits]") -> str:

@@ -72,7 +72,7 @@ def export(
     fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
     force: UsePoor = False,
 ) -> None:
-    """Write a model as code or as a model of another program.
+    """Export a model: C, structured text, FMU, MJCF, …
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """

@@ -108,7 +108,9 @@ def fleet(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Gather the recordings of many robots in parallel, fit each robot in each period, and look for
+    """Fit many robots, and watch them for drift.
+
+    Gathers their recordings in parallel, fits each robot in each period, and looks for
     drift.
 
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot

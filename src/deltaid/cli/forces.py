@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, ModelOrRobot, Report, UsePoor, output_file
+from deltaid.cli.options import AsJson, Full, ModelOrRobot, Report, UsePoor, output_file
 from deltaid.cli.output import (
-    console,
+    print_found,
     print_json,
-    print_tables,
     print_warnings,
     print_written,
     progress,
@@ -49,16 +48,19 @@ def forces(
     ] = None,
     report: Report = None,
     force: UsePoor = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Constraint forces along a motion: worst cases, margins of ball joints, and what is known.
+    """Compute joint and strut forces along a motion.
+
+    Worst cases, margins of ball joints, and what is known of them.
 
     Some forces depend on parameters that no torque shows. With --logs the least and largest value
     that agrees with the recordings is found, else how far the prior leaves a force open.
     """
     from deltaid.joint_forces.forces import forces as run
     from deltaid.model.model import load
-    from deltaid.view.forces import tables, what_is_open
+    from deltaid.view.forces import tables, verdict, what_is_open
 
     inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
     require_outputs(inputs, {"--output": output, "--report": report})
@@ -76,8 +78,7 @@ def forces(
     if as_json:
         print_json(as_dictionary(result))
         return
-    print_tables(*tables(result))
-    console.print(what_is_open(result))
+    print_found([verdict(result).sentence, what_is_open(result)], tables(result), full=full)
     print_written(output, report)
 
 

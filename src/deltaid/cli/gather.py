@@ -37,7 +37,7 @@ def gather(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read recordings once and keep what they say: a file below 1 MB each.
+    """Condense recordings to files below 1 MB each.
 
     `deltaid identify` takes such files in the place of recordings. Gathering is repeated at no
     cost: a recording that has been gathered before is not read again.

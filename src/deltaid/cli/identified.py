@@ -1,9 +1,10 @@
 """What `deltaid identify` shows of its result: tables and sentences, JSON, a page."""
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltaid.cli.output import console, print_tables, print_verdict, shown
+from deltaid.cli.output import print_found
 from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:
@@ -14,6 +15,16 @@ if TYPE_CHECKING:
 
 # Events that the terminal lists.
 _EVENTS = 20
+# Columns that a screen has no room for.
+_WIDE = ("unfiltered", "why")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Parameters of a simulated robot, and how close to them a result is, in a sentence."""
+
+    values: Sequence[float]
+    text: str
 
 
 def as_dictionary(
@@ -74,28 +85,54 @@ def print_result(
     result: "Identification",
     verification: "TorqueError | None",
     log: "Compared | None" = None,
+    *,
+    truth: "Truth | None" = None,
+    full: bool,
 ) -> None:
-    """The result as tables, and the verdict at their end; `log` was verified on."""
+    """The verdict, and as much of the tables as fits a screen.
+
+    Args:
+        verification, log: torque errors on a recording of another motion, and that.
+        truth: of a simulated robot.
+        full: whether to print all tables.
+    """
     from deltaid.model.model import load
-    from deltaid.view.corrections import put_right_tables
+    from deltaid.view.corrections import correction_table, put_right_tables
     from deltaid.view.model_tables import (
         choice_sentence,
         choice_table,
         error_table,
         parameter_table,
+        sums,
     )
     from deltaid.view.summary import summary as verdict
+    from deltaid.view.summary import without_doubts
 
-    model = result.model
-    print_tables(parameter_table(model), error_table(load(model), verification))
-    if model.friction_choice is not None and model.friction_choice.steps:
-        console.print(shown(choice_table(model.friction_choice, model.robot)))
-        console.print(choice_sentence(model.friction_choice))
-        console.print()
-    print_tables(*put_right_tables(model, _EVENTS))
-    for line in summary(result):
-        console.print(line)
-    print_verdict(verdict(result, verification, log).text)
+    model, choice = result.model, result.model.friction_choice
+    said = without_doubts(verdict(result, verification, log))
+    errors = error_table(load(model), verification)
+    corrections = correction_table(model.corrections)
+    tables = [table for table in (errors, corrections) if table is not None]
+    further = [parameter_table(model, truth and truth.values)]
+    details = [*sums(model), *summary(result)]
+    if choice is not None and choice.steps:
+        further.append(choice_table(choice, model.robot))
+        details.append(choice_sentence(choice))
+    put_right = put_right_tables(model, _EVENTS)
+    further += put_right if full or corrections is None else put_right[1:]
+    title = model.robot.title or model.robot.name
+    print_found(
+        [
+            f"{title}{', simulated' if truth else ''}",
+            said.sentence,
+            *said.lines,
+            *([truth.text] if truth else []),
+        ],
+        [errors] if full else [table.without(*_WIDE) for table in tables],
+        further,
+        details,
+        full=full,
+    )
 
 
 def _of_positions(source: "Source") -> str:

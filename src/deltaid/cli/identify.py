@@ -10,12 +10,14 @@ import typer
 
 from deltaid.cli.gathered import are_factor_files, compared, in_folders, require_open
 from deltaid.cli.options import (
+    CORRECTIONS,
     AsJson,
     ColumnFiles,
     Compliance,
     Cutoff,
     Events,
     Force,
+    Full,
     KeepAll,
     Lag,
     Report,
@@ -48,6 +50,8 @@ from deltaid.model.options import (
 if TYPE_CHECKING:
     from deltaid.recording.mapping import ColumnMapping
 
+_FIT = "Fit"
+
 
 def identify(
     robot: Robot,
@@ -65,31 +69,47 @@ def identify(
     ] = None,
     columns: ColumnFiles = None,
     method: Annotated[
-        Method, typer.Option(help="conic: certified optimum; log-cholesky: the paper's.")
+        Method,
+        typer.Option(
+            help="conic: certified optimum; log-cholesky: the paper's.", rich_help_panel=_FIT
+        ),
     ] = "conic",
     regularizer: Annotated[
-        RegularizerName, typer.Option(help="Distance that pulls towards the prior.")
+        RegularizerName,
+        typer.Option(help="Distance that pulls towards the prior.", rich_help_panel=_FIT),
     ] = "euclidean",
     gamma: Annotated[
         float | None,
-        bounded(help="γ_p/γ_τ of eq. (15). Default: from the data's noise.", limits=GAMMA_LIMITS),
+        bounded(
+            help="Weight of the prior. Default: from the data's noise.",
+            limits=GAMMA_LIMITS,
+            panel=_FIT,
+        ),
     ] = None,
     prior_spread: Annotated[
         float,
-        bounded(help="How far the prior may be off, as a share (one sigma).", limits=SPREAD_LIMITS),
+        bounded(
+            help="How far the prior may be off, as a share (one sigma).",
+            limits=SPREAD_LIMITS,
+            panel=_FIT,
+        ),
     ] = 0.5,
     cutoff: Cutoff = None,
     report: Report = None,
     friction: Annotated[
         FrictionLaws,
-        typer.Option(help="choose: further terms where the data shows one; described: none."),
+        typer.Option(
+            help="choose: further terms where the data shows one; described: none.",
+            rich_help_panel=CORRECTIONS,
+        ),
     ] = "choose",
     lag: Lag = "estimate",
     compliance: Compliance = "estimate",
     effects: Annotated[
         EffectsChoice,
         typer.Option(
-            help="Zeros, gear ratios, lengths, tilt, forces, ripples that the recording asks for."
+            help="Zeros, gear ratios, lengths, tilt, forces, ripples that the recording asks for.",
+            rich_help_panel=CORRECTIONS,
         ),
     ] = "correct",
     keep_all: KeepAll = False,
@@ -97,13 +117,18 @@ def identify(
     intervals: Annotated[
         IntervalChoice,
         typer.Option(
-            help="Of parameters: linear about the fit, or of models drawn from the posterior."
+            help="Of parameters: linear about the fit, or of models drawn from the posterior.",
+            rich_help_panel=_FIT,
         ),
     ] = "linear",
     force: Force = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Identify a robot's dynamic parameters from recordings of joint positions and torques."""
+    """Identify dynamic parameters from recordings.
+
+    Recordings hold joint positions and motor torques.
+    """
     with _uncollected():
         from deltaid.checks.identified import identify as run
         from deltaid.cli.identified import as_dictionary, print_result
@@ -173,7 +198,7 @@ def identify(
     if as_json:
         print_json(as_dictionary(result, error, log))
     else:
-        print_result(result, error, log)
+        print_result(result, error, log, full=full)
         if output is not None:
             console.print(f"saved {output}")
         print_written(report)

@@ -77,7 +77,9 @@ def new(
     ] = None,
     **given: str | None,
 ) -> None:
-    """Describe a robot of one's own: asks for lengths, motors and masses, and writes a description.
+    """Describe your robot: it asks, and writes the file.
+
+    It asks for lengths, motors and masses.
 
     Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. What nobody knows is assumed, and said
     so in the file. Without a terminal nothing is asked.

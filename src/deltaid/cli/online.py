@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Columns, Report, UsePoor, bounded, lag_of, output_file
+from deltaid.cli.options import AsJson, Columns, Full, Report, UsePoor, bounded, lag_of, output_file
 from deltaid.cli.output import (
-    console,
+    print_found,
     print_json,
     print_warnings,
     print_written,
     progress,
     require_outputs,
-    shown,
     used,
 )
 from deltaid.errors import DeltaidError, within
@@ -56,9 +55,12 @@ def online(
     ] = None,
     report: Report = None,
     force: UsePoor = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find payloads and contacts in a recording as it would be found while the robot runs.
+    """Find loads and contacts, cycle by cycle.
+
+    It reads a recording as it would be read while the robot runs.
 
     Without a gripper's signal loads are found from torques alone; a push straight up or down then
     looks like one.
@@ -96,7 +98,7 @@ def online(
     if as_json:
         print_json(_as_dictionary(watched, replay))
     else:
-        _print(watched)
+        _print(watched, full)
         print_written(output, report)
 
 
@@ -112,21 +114,19 @@ def _delay(text: str, drives: int) -> tuple[float, ...]:
     return lags * drives if len(lags) == 1 else lags
 
 
-def _print(watched: "Watched") -> None:
-    from deltaid.view.online import friction_table, loads_table, told_lines, touches_table
+def _print(watched: "Watched", full: bool) -> None:
+    from deltaid.view.online import friction_table, loads_table, told_lines, touches_table, verdict
 
-    if watched.loads:
-        console.print(shown(loads_table(watched)))
-    else:
-        console.print("no load was found")
-    if watched.touches:
-        console.print(shown(touches_table(watched)))
-    else:
-        console.print("no contact was found")
-    if watched.friction:
-        console.print(shown(friction_table(watched)))
-    for line in told_lines(watched):
-        console.print(line)
+    tables = [
+        table(watched)
+        for table, rows in (
+            (loads_table, watched.loads),
+            (touches_table, watched.touches),
+            (friction_table, watched.friction),
+        )
+        if rows
+    ]
+    print_found([verdict(watched).sentence, *told_lines(watched)], tables, full=full)
 
 
 def _as_dictionary(watched: "Watched", replay: "Replay") -> dict[str, Any]:

@@ -33,7 +33,16 @@ def _complete(incomplete: str) -> list[str]:
     return [path + "/" * os.path.isdir(path) for path in sorted(found)]
 
 
-def bounded(*names: str, help: str, limits: tuple[float, float] = (0.0, math.inf)) -> Any:
+# Where `--help` shows options that few need, below the usual ones.
+CORRECTIONS = "Corrections and filters"
+
+
+def bounded(
+    *names: str,
+    help: str,
+    limits: tuple[float, float] = (0.0, math.inf),
+    panel: str | None = None,
+) -> Any:
     """An option with a number within limits; a positive one where the lower limit is its own."""
 
     # Typer tells a callback's arguments by their places where they have no types of its own.
@@ -43,7 +52,7 @@ def bounded(*names: str, help: str, limits: tuple[float, float] = (0.0, math.inf
             (positive if is_positive else within)(parameter.opts[0], value, limits)
         return value
 
-    return typer.Option(*names, help=help, callback=checked)
+    return typer.Option(*names, help=help, callback=checked, rich_help_panel=panel)
 
 
 def lag_of(text: str) -> LagChoice | tuple[float, ...]:
@@ -72,7 +81,11 @@ ModelOrRobot = Annotated[
 # Of every command that reads torques.
 KeepAll = Annotated[
     bool,
-    typer.Option("--keep-all", help="Exclude nothing: rest, brakes, stops, saturation, reversals."),
+    typer.Option(
+        "--keep-all",
+        help="Exclude nothing: rest, brakes, stops, saturation, reversals.",
+        rich_help_panel=CORRECTIONS,
+    ),
 ]
 Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
 # Of every command that takes several recordings.
@@ -84,7 +97,10 @@ ColumnFiles = Annotated[
 ]
 
 # Of every command that fits recordings, or gathers them for a fit.
-Cutoff = Annotated[float | None, bounded(help="Low-pass cut-off in Hz. Default: by the data.")]
+Cutoff = Annotated[
+    float | None,
+    bounded(help="Low-pass cut-off in Hz. Default: by the data.", panel=CORRECTIONS),
+]
 Lag = Annotated[
     Any,
     typer.Option(
@@ -92,17 +108,22 @@ Lag = Annotated[
         "(2,2,2,-1.5).",
         metavar="LAG",
         parser=lag_of,
+        rich_help_panel=CORRECTIONS,
     ),
 ]
 Compliance = Annotated[
     ComplianceChoice,
     typer.Option(
-        help="Gears that wind up: estimate where the description states no stiffness, or none."
+        help="Gears that wind up: estimate where the description states no stiffness, or none.",
+        rich_help_panel=CORRECTIONS,
     ),
 ]
 Events = Annotated[
     bool,
-    typer.Option(help="Detect contacts, stops, spikes and play in gears, and exclude them."),
+    typer.Option(
+        help="Detect contacts, stops, spikes and play in gears, and exclude them.",
+        rich_help_panel=CORRECTIONS,
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
 
@@ -111,6 +132,9 @@ UsePoor = Annotated[bool, typer.Option("--force", help="Use a model that is poor
 # Of every command with a result.
 Report = Annotated[
     Path | None, output_file(help="HTML page with figures and tables, works offline.")
+]
+Full = Annotated[
+    bool, typer.Option("--full", help="Print every table and row, not what fits a screen.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 

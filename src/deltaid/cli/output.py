@@ -1,8 +1,10 @@
 """What all commands print: errors, tables, progress, JSON."""
 
 import json
+import math
 import os
 import re
+import textwrap
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,10 +27,15 @@ if TYPE_CHECKING:
 # Columns whose cells are words.
 _TEXT_COLUMNS = (
     "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
-    "recording", "why",
+    "recording", "why", "may change unnoticed", "entries", "parted by any of",
 )  # fmt: skip
 # Columns that may take several lines where the terminal is narrow.
-_WRAPPED_COLUMNS = ("robot", "mechanism", "base parameter", "chosen law", "from", "why")
+_WRAPPED_COLUMNS = (
+    "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
+    "entries", "parted by any of",
+)  # fmt: skip
+# Lines of a result on a screen of usual height, with those that name the files written below.
+_SCREEN = 22
 
 # Of JSON, besides those that it escapes anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
@@ -125,6 +132,86 @@ def print_written(*paths: Path | None) -> None:
             console.print(f"wrote {path}")
 
 
+def print_found(
+    lines: Sequence[str],
+    tables: Sequence[Finished] = (),
+    further: Sequence[Finished] = (),
+    details: Sequence[str] = (),
+    *,
+    full: bool,
+) -> None:
+    """A result: sentences first, then tables as far as they fit a screen; or all of it.
+
+    Args:
+        lines: the verdict, in plain words, at first.
+        tables: in the order of their worth; one that does not fit is cut.
+        further, details: tables and sentences for those who ask for all.
+        full: whether all is asked for.
+    """
+    used = 0
+    for text in lines:
+        for line in _folded(text):
+            console.print(line)
+            used += max(1, math.ceil(cell_len(str(line)) / console.width))
+    hidden = [] if full else [_name(finished) for finished in further]
+    for finished in (*tables, *further) if full else tables:
+        left = None if full else _SCREEN - used - 2 - bool(hidden)
+        rows, height = _fitting(finished, left)
+        if rows:
+            console.print()
+            console.print(table(finished.title, finished.columns, finished.rows[:rows]))
+            used += height + 1
+        if rows < len(finished.rows):
+            more = f"{len(finished.rows) - rows} more rows of " if rows else ""
+            hidden.append(f"{more}{_name(finished)}")
+    if full and details:
+        console.print()
+        for text in details:
+            console.print(text)
+    if hidden or (details and not full):
+        listed = ", ".join([*hidden, *(["details of the computation"] if details else [])])
+        for line in _folded(f"→ --full prints also: {listed}"):
+            console.print(styled(line, "dim"))
+
+
+def _name(finished: Finished) -> str:
+    """What a table is called: its title, or what its rows are."""
+    return re.split("[:;,]", finished.title or finished.columns[0])[0]
+
+
+def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
+    """How many rows of a table fit so many lines, fewer than two being none, and their height."""
+    rows = len(finished.rows)
+    while True:
+        cut = table(finished.title, finished.columns, finished.rows[:rows])
+        widths = [sum(part.cell_length for part in line) for line in console.render_lines(cut)]
+        height = sum(max(1, math.ceil(width / console.width)) for width in widths)
+        if lines is None or height <= lines:
+            return rows, height
+        rows -= max(1, min(rows, height - lines) // 2)
+        if rows < min(2, len(finished.rows)):
+            return 0, 0
+
+
+def _folded(text: str) -> list[str | Text]:
+    """A sentence in lines of a terminal's width; in a file or pipe it stays one line.
+
+    What stands before the first colon of a verdict is in bold.
+    """
+    if not text:
+        return [""]
+    width = min(console.width, _WIDEST) if console.is_terminal else math.inf
+    lines: list[str | Text] = (
+        list(textwrap.wrap(visible(text), int(width), subsequent_indent="  "))
+        if cell_len(text) > width
+        else [text]
+    )
+    grade, colon, rest = str(lines[0]).partition(": ")
+    if colon and grade in _GRADES:
+        lines[0] = Text.assemble((f"{grade}:", "bold"), " ", visible(rest))
+    return lines
+
+
 def print_tables(*tables: Finished) -> None:
     """Finished tables with an empty line after each."""
     for finished in tables:
@@ -150,7 +237,8 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         justify = "left" if text else "right"
         wrapped = column in _WRAPPED_COLUMNS
         words = [word for row in rows for word in row[i].split()] if wrapped else []
-        width = widths[i] if i == 0 and rows else max(map(cell_len, words), default=None)
+        whole = i == 0 and rows and not wrapped
+        width = widths[i] if whole else max(map(cell_len, words), default=None)
         result.add_column(
             column,
             justify=justify,
@@ -163,6 +251,8 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     return result
 
 
+# Of a verdict on a model, as words begin it.
+_GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 # A line of text that is longer is hard to read.
 _WIDEST = 100

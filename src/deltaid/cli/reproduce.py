@@ -39,7 +39,9 @@ def reproduce(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Reproduce an example of the paper with simulated data, and compare with its numbers.
+    """Reproduce an example of the paper.
+
+    Its data is simulated, and the result is compared with its numbers.
 
     The folder is made if it does not exist; files in it are replaced.
     """

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def robots(
     name: Annotated[str | None, typer.Argument(help="Print this robot's description file.")] = None,
 ) -> None:
-    """List the robots that come with deltaid, or print the description of one to start from."""
+    """List catalogue robots, or print one to start from."""
     from deltaid.robot.load import catalogue, catalogue_text, load_robot
 
     if name is not None:

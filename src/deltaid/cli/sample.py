@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from deltaid.cli.options import AsJson, UsePoor, bounded
+from deltaid.cli.options import AsJson, Full, UsePoor, bounded
 from deltaid.cli.output import (
-    console,
+    print_found,
     print_json,
-    print_tables,
     print_written,
     progress,
     used,
@@ -47,9 +46,12 @@ def sample(
         ),
     ] = 0.0,
     force: UsePoor = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Draw consistent models from what data, prior and physical consistency say together.
+    """Draw consistent models from the posterior.
+
+    They are what data, prior and physical consistency allow together.
 
     docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
     domain randomisation that no recording contradicts.
@@ -72,8 +74,7 @@ def sample(
     if as_json:
         print_json(as_dictionary(drawn, written))
         return
-    print_tables(sample_table(drawn))
-    console.print(sample_sentence(drawn))
+    print_found([sample_sentence(drawn)], [sample_table(drawn)], full=full)
     print_written(written)
 
 

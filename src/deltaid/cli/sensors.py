@@ -5,18 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Report, Robot, bounded
+from deltaid.cli.options import AsJson, Full, Report, Robot, bounded
 from deltaid.cli.output import (
-    console,
     percent,
+    print_found,
     print_json,
     print_note,
-    print_tables,
     print_written,
     progress,
     require_outputs,
-    shown,
-    styled,
 )
 
 if TYPE_CHECKING:
@@ -82,9 +79,12 @@ def sensors(
         bool, typer.Option("--list", help="Print the list of what could be bought and stop.")
     ] = False,
     report: Report = None,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """What torques leave open of a robot's bodies, what would close it, and at which price.
+    """Plan what to weigh and measure besides torques.
+
+    What torques leave open of a robot's bodies, what would close it, and at which price.
 
     Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
     """
@@ -133,7 +133,7 @@ def sensors(
         return
     if plan.model.identified is not None:
         print_note(f"{plan.model.source} is a model: planned with its masses and friction")
-    _print(plan, names)
+    _print(plan, names, full)
     print_written(report)
 
 
@@ -141,47 +141,46 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _print(plan: "SensorPlan", entries: tuple[str, ...]) -> None:
+def _print(plan: "SensorPlan", entries: tuple[str, ...], full: bool) -> None:
     from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
     from deltaid.view.sensor_plan import (
         count_table,
         entry_table,
-        open_lines,
+        open_table,
+        plan_card,
         step_table,
         stopped,
         untold,
         use_table,
     )
 
-    settings = plan.settings
-    console.print(styled(plan.model.robot.title or plan.model.robot.name))
-    console.print(
+    settings, hidden, card = plan.settings, untold(plan), plan_card(plan)
+    details = [
         f"planned for {plan.motion}, torque noise {percent(settings.torque_noise)} of each drive's "
         f"largest torque, {settings.rate:g} independent samples a second, prior "
-        f"{percent(settings.prior_spread)}"
-    )
-    for note in plan.notes:
-        console.print(note)
-    console.print()
-    console.print(shown(entry_table(plan)))
-    if hidden := untold(plan):
-        console.print(f"nothing of the list determines much of {', '.join(hidden)}")
-    console.print()
-    print_tables(use_table(plan, entries))
-    if plan.steps:
-        console.print(shown(step_table(plan)))
-        console.print(stopped(plan))
-    else:
-        console.print(f"nothing of the list is worth buying for {plan.goal}")
-    console.print()
-    console.print(shown(count_table(plan)))
+        f"{percent(settings.prior_spread)}",
+        *plan.notes,
+    ]
+    if hidden:
+        details.append(f"nothing of the list determines much of {', '.join(hidden)}")
     now = DESCRIBED if plan.has_described else TORQUES
-    for opening in plan.openings:  # now, and when all has been bought
-        if opening.name in (now, PLAN) and opening.null.directions:
-            console.print()
-            console.print(styled(f"what stays open, {opening.title}"))
-            for line in open_lines(opening):
-                console.print(f"  {line}")
+    still_open = [  # now, and when all has been bought
+        open_table(opening)
+        for opening in plan.openings
+        if opening.name in (now, PLAN) and opening.null.directions
+    ]
+    print_found(
+        [
+            card.title,
+            *card.lines,
+            "; ".join(f"{name}: {value}" for name, value in card.facts),
+            *([stopped(plan)] if plan.steps else []),
+        ],
+        [step_table(plan)] if plan.steps else [],
+        [entry_table(plan), use_table(plan, entries), count_table(plan), *still_open],
+        details,
+        full=full,
+    )
 
 
 def as_dictionary(plan: "SensorPlan") -> dict[str, Any]:

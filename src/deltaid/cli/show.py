@@ -43,7 +43,9 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Show a robot at rest: what it can reach, which limits end that, condition, holding torques.
+    """Show a robot's workspace, limits and holding torques.
+
+    What it can reach, which limits end that, condition, torques at rest.
 
     Without options it prints tables.
     """

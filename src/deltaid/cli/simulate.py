@@ -87,7 +87,9 @@ def simulate(
     force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
-    """Follow a motion with a controller that knows MODEL, on a robot that may be another one.
+    """Follow a motion with a controller and a plant.
+
+    The controller knows MODEL; the robot may be another one.
 
     Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
     its prior. A motion that asks for more than the robot has, or that its controller does not

@@ -22,7 +22,9 @@ def studio(
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
 ) -> None:
-    """Work in a browser, on this machine only: robot, recording, check, fit, result, use.
+    """Work in a browser, on this machine only.
+
+    Robot, recording, check, fit, result, use.
 
     Everything stays in FOLDER, in the files that the other commands read and write.
     """

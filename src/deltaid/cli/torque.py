@@ -19,7 +19,9 @@ def torque(
     ] = False,
     force: UsePoor = False,
 ) -> None:
-    """Write the drive torques that a model predicts: columns t, tau1, tau2, … in s and N m (N).
+    """Write the drive torques that a model predicts.
+
+    Columns t, tau1, tau2, … in s and N m (N).
 
     Where the identification found gains of the drives, these are the torques that the drives must
     be commanded for what the joints need; all other numbers of a model are torques at the joints.

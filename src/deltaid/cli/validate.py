@@ -32,7 +32,7 @@ def validate(
     keep_all: KeepAll = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare a model's torques with a recording, drive by drive."""
+    """Compare a model's torques with a recording."""
     from deltaid.identification.sources import left_out, model_filtered
     from deltaid.identification.validation import Validation, remarks
     from deltaid.model.model import load

@@ -19,7 +19,6 @@ from deltaid.reproduce.table_one import (
     TABLE,
 )
 from deltaid.robot.friction_terms import law_in_words
-from deltaid.view.model_tables import origin
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 
@@ -146,7 +145,7 @@ def _table_one(result: Irb360) -> Section:
     for name, printed in TABLE.items():
         cells = [name + (" *" if name in DETERMINED else ""), *(number(v, 3) for v in printed)]
         found = [m.parameters[m.layout.names.index(name)] for m in models.values()]
-        origins = {origin(parameter).partition(" ±")[0] for parameter in found}
+        origins = {parameter.determined_by for parameter in found}
         cells += [number(parameter.value, 3) for parameter in found]
         rows.append((*cells, ", ".join(sorted(origins))))
     columns = ("", *(f"paper: {c}" for c in COLUMNS), *(f"here: {n}" for n in models), "from")

@@ -13,7 +13,6 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import RigidBody
 from deltaid.view import style
 from deltaid.view.animation import CAMERA, still_line, with_gaps
-from deltaid.view.model_tables import origin
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
@@ -161,7 +160,7 @@ def _masses(model: IdentifiedModel) -> Table:
                 body,
                 number(mass.prior),
                 number(mass.value),
-                origin(mass),
+                mass.determined_by,
                 ", ".join(f"{1000 * value:.1f}" for value in centre),
                 " × ".join(number(1000 * value, 3) for value in np.linalg.norm(A, axis=0)[::-1]),
             )

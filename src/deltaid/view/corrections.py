@@ -11,7 +11,7 @@ from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.sources import Event, LeftOut, Span
 from deltaid.robot.body import body_in_words
-from deltaid.view.model_tables import MEASURED, origin, value_and_width
+from deltaid.view.model_tables import MEASURED, value_and_width
 from deltaid.view.numbers import in_words, number, percent, with_uncertainty
 from deltaid.view.page import Section, Table
 
@@ -167,7 +167,7 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
     return channels, Table(
         ("of the sensor", "value", "± (95 %)", "unit", "from"),
         tuple(
-            (parameter.name, *value_and_width(parameter), parameter.unit, origin(parameter))
+            (parameter.name, *value_and_width(parameter), parameter.unit, parameter.determined_by)
             for parameter in found
         ),
         "What was unknown of sensors, fitted with the robot.",

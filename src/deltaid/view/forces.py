@@ -25,12 +25,12 @@ _NAMED = 8
 
 def forces_card(value: Forces) -> Card:
     """The worst cases of the struts, and whether ball joints hold."""
-    verdict = _verdict(value)
+    said = verdict(value)
     return Card(
         f"Forces of {value.model.robot.title or value.model.robot.name} along "
         f"{value.recording.path.name}",
-        (verdict.sentence, what_is_open(value)),
-        verdict.grade,
+        (said.sentence, what_is_open(value)),
+        said.grade,
         table=tables(value)[0],
         told=value.warnings,
         methods=(".findings", ".plot()", ".to_frame()", '.save("x.csv")', '.report("x.html")'),
@@ -55,7 +55,7 @@ def forces_page(value: Forces) -> Page:
         title=model.robot.title or model.robot.name,
         subtitle=f"Constraint forces along {value.recording.path.name}, parameters: {model.origin}",
         drawing=drawing(model.robot, model.dynamics.kinematics),
-        verdict=_verdict(value),
+        verdict=verdict(value),
         facts=_facts(value),
         sections=(
             Section(
@@ -82,7 +82,7 @@ def forces_page(value: Forces) -> Page:
     )
 
 
-def _verdict(study: Forces) -> Summary:
+def verdict(study: Forces) -> Summary:
     """How far forces reach along the struts, and whether ball joints hold."""
     along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
     least, most = (f"{measured(bound(along))} N" for bound in (min, max))

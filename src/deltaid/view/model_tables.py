@@ -40,25 +40,23 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
     """Prior, value, interval and origin of every parameter that is not zero by structure.
 
     Args:
-        truth: of a surrogate robot, parameter by parameter.
+        truth: of a surrogate robot, parameter by parameter, which stands in place of the prior.
     """
     shown = [(k, p) for k, p in enumerate(model.parameters) if p.determined_by != "structure"]
     rows = tuple(
         (
             parameter.name,
-            number(parameter.prior),
-            *([] if truth is None else [number(truth[k])]),
+            number(parameter.prior if truth is None else truth[k]),
             *value_and_width(parameter),
             parameter.unit,
-            origin(parameter),
+            parameter.determined_by,
         )
         for k, parameter in shown
     )
     return Table(
         (
             "parameter",
-            "prior",
-            *([] if truth is None else ["truth"]),
+            "prior" if truth is None else "truth",
             "identified",
             _HALF_WIDTH,
             "unit",
@@ -66,41 +64,29 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         ),
         rows,
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
-        "that are zero by structure are omitted. “Data, with the prior of …”: torques show only a "
-        "sum of the parameter and these; its value takes their priors at their word, its interval "
-        "does not. “Measured”: mostly what a scale or the like said. “At the "
-        "limit of consistency”: as small as physics allows. Grey rows are not "
-        "decided by the data: behind “prior” stands how far that may be off; “fixed” is held by "
-        "the description; “consistency” is a lower bound.",
+        "that are zero by structure are omitted. “Sum”: torques show only a sum of the parameter "
+        "and others; its value takes their priors at their word, its interval does not. "
+        "“Measured”: mostly what a scale or the like said. “Limit”: as small as physics allows. "
+        "Grey rows are not decided by the data: beside “prior” stands how far that may be off, as "
+        "a share or a factor; “fixed” is held by the description; “consistency” is a lower bound. "
+        + " ".join(sums(model)),
         frozenset(i for i, (_, p) in enumerate(shown) if p.determined_by not in MEASURED),
-        (model.robot.title or model.robot.name)
-        + ("; intervals: posterior" if model.settings.intervals == "posterior" else ""),
+        f"parameters{', intervals: posterior' * (model.settings.intervals == 'posterior')}",
     )
 
 
-def origin(parameter: "Parameter") -> str:
-    """What decided a parameter; whose prior it rests on, or how wide the interval of its own is."""
-    match parameter.determined_by:
-        case "sum":
-            priors = "priors" if len(parameter.rests_on) > 1 else "prior"
-            return f"data, with the {priors} of {', '.join(parameter.rests_on)}"
-        case "limit":
-            return "at the limit of consistency"
-        case "prior" if parameter.high is not None and parameter.prior:
-            if parameter.low and parameter.name.endswith(MOMENTS_OF_INERTIA):
-                factor = float(f"{parameter.high / parameter.prior:.2g}")
-                return f"prior, × or ÷ {factor:g}"
-            reach = (parameter.high - parameter.prior) / abs(parameter.prior)
-            return f"prior ± {percent(reach)}"
-        case _:
-            return parameter.determined_by
+def sums(model: "IdentifiedModel") -> list[str]:
+    """Sentences that say on whose priors parameters rest of which torques show only sums."""
+    resting = [p for p in model.parameters if p.determined_by == "sum" and p.rests_on]
+    pairs = [f"{p.name} on {' and '.join(p.rests_on)}" for p in resting]
+    return [f"Known as sums, with the priors of others: {', '.join(pairs)}."] if pairs else []
 
 
 def value_and_width(parameter: "Parameter") -> tuple[str, str]:
-    """Value, and half the width or the ends of its 95 % interval if the data has a part in it."""
+    """Value, and half the width or the ends of its 95 % interval; of a prior its width."""
     if parameter.determined_by not in MEASURED:
         bound = "≥ " if parameter.determined_by == "consistency" else ""
-        return bound + number(parameter.value), ""
+        return bound + number(parameter.value), _prior_width(parameter)
     if parameter.high is None or parameter.low is None:  # a model of an earlier version
         return with_uncertainty(parameter.value, WIDTH * parameter.std)
     up, down = parameter.high - parameter.value, parameter.value - parameter.low
@@ -108,6 +94,15 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
     if known and max(up, down) < _LOPSIDED * min(up, down):
         return with_uncertainty(parameter.value, max(up, down))
     return number(parameter.value), span(parameter.low, parameter.high)
+
+
+def _prior_width(parameter: "Parameter") -> str:
+    """How far a prior may be off: a factor of moments of inertia, else a share."""
+    if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
+        return ""
+    if parameter.low and parameter.name.endswith(MOMENTS_OF_INERTIA):
+        return f"×÷ {float(f'{parameter.high / parameter.prior:.2g}'):g}"
+    return percent((parameter.high - parameter.prior) / abs(parameter.prior))
 
 
 def base_table(parameters: "Sequence[BaseParameter]") -> Table:
@@ -136,6 +131,7 @@ def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None
         ("", "base parameter", *(() if values is None else ("value", _HALF_WIDTH, "unit"))),
         tuple((f"{i}", formula, *numbers) for i, (formula, numbers) in enumerate(rows, 1)),
         "Combinations of parameters that the torques determine, each named by its first term.",
+        title="base parameters",
     )
 
 

@@ -70,7 +70,7 @@ def run_card(value: Run | FourierMotion) -> Card:
 def limit_table(result: Excitation) -> Table:
     """Largest use of every limit over the whole run."""
     rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
-    return Table(("limit", "in use"), rows)
+    return Table(("limit", "in use"), rows, title="limits")
 
 
 def prediction_table(result: Excitation) -> Table:
@@ -120,4 +120,4 @@ def start_table(result: Excitation) -> Table:
             " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
             "in nats, by which the motion was chosen."
         )
-    return Table(columns, rows, caption)
+    return Table(columns, rows, caption, title="starts")

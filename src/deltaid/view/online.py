@@ -60,11 +60,11 @@ def online_page(watched: Watched, title: str) -> Page:
             ),
         ),
         warnings=watched.doubts,
-        verdict=_verdict(watched),
+        verdict=verdict(watched),
     )
 
 
-def _verdict(watched: Watched) -> Summary:
+def verdict(watched: Watched) -> Summary:
     loads, touches = len(watched.loads), len(watched.touches)
     text = (
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "

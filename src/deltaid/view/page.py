@@ -8,7 +8,7 @@ tables, too.
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 from importlib.metadata import version
@@ -53,6 +53,12 @@ class Table:
     marked: frozenset[int] = frozenset()
     links: tuple[str, ...] = ()
     choices: tuple[int, ...] | None = None
+
+    def without(self, *columns: str) -> "Table":
+        """The same without some columns, as far as there are any."""
+        kept = [k for k, name in enumerate(self.columns) if name not in columns]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
 
 
 @dataclass(frozen=True)

@@ -36,13 +36,12 @@ def parameter_section(model: IdentifiedModel) -> Section:
             Text(
                 "The data decides a parameter when it knows it, without any prior, to less than "
                 "half of the prior's spread. Where it takes the priors of others to get there, "
-                "torques show only a sum; such a parameter is marked with the priors that its "
-                "value rests on, and its interval is all that recording and physical consistency "
-                "leave open, whatever these priors. “At the limit of consistency” is what would be "
-                "smaller if that were possible. All others are marked “prior”, with how far that "
-                "may be off: their value is mostly what the description said, and the data "
-                "supports no interval for them. What the data does determine about them are "
-                "combinations, which the base parameters below show."
+                "torques show only a sum; such a parameter is marked “sum”, and its interval is "
+                "all that recording and physical consistency leave open, whatever these priors. "
+                "“Limit” is what would be smaller if that were possible. All others are "
+                "marked “prior”, with how far that may be off: their value is mostly what the "
+                "description said, and the data supports no interval for them. What the data "
+                "does determine about them are combinations, which the base parameters below show."
             ),
             parameter_chart(model),
             parameter_table(model),

@@ -7,7 +7,7 @@ import polars as pl
 
 from deltaid.model.samples import Samples
 from deltaid.view.card import Card
-from deltaid.view.numbers import number, percent
+from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Table
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ def sample_table(drawn: Samples) -> Table:
                 name,
                 number(fitted[name]) if name in fitted else "",
                 number(float(drawn.p[:, i].mean())),
-                number(float(drawn.p[:, i].std())),
-                f"{number(float(low[i]))} … {number(float(high[i]))}",
+                number(float(drawn.p[:, i].std()), 3),
+                span(float(low[i]), float(high[i])),
                 drawn.units[i],
             )
             for i, name in enumerate(drawn.names)

@@ -144,15 +144,8 @@ def open_table(opening: Opening) -> Table:
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
         for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
     )
-    return Table(("may change unnoticed", "entries", "parted by any of"), rows, title=opening.title)
-
-
-def open_lines(opening: Opening) -> list[str]:
-    """The same as lines."""
-    return [
-        f"{words}: {entries}\n    parted by {parted}"
-        for words, entries, parted in open_table(opening).rows
-    ]
+    columns = ("may change unnoticed", "entries", "parted by any of")
+    return Table(columns, rows, title=f"what stays open, {opening.title}")
 
 
 def plan_card(value: SensorPlan) -> Card:
