@@ -91,7 +91,7 @@ def test_no_gripper_says_what_is_lost(folder: Path) -> None:
     outcome = run("online", folder / "model.yaml", folder / "log.csv", "--payload-max", 2)
     assert outcome.code == 0
     assert "found from torques alone" in outcome.out
-    assert "not told from one" in outcome.out
+    assert "do not separate a push straight up or down" in outcome.out
     assert "limb of drive2" in outcome.out
 
 
