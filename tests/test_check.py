@@ -34,7 +34,7 @@ def test_the_catalogue_is_good(name: str) -> None:
 def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path: Path) -> None:
     data = as_written(name)
     wrong = written(scaled(data, 1000, part), tmp_path / "robot.yaml")
-    verdict = of(check(wrong), "millimetres")
+    verdict = of(check(wrong), "length-unit")
     assert verdict.grade is Grade.WRONG
     assert "metres" in verdict.cause
     again = mended(as_written(wrong), changes([verdict], "robot"))
@@ -42,7 +42,7 @@ def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path:
 
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
-    verdict = of(check(mended_file(tmp_path, {"limbs.platform_radius": 125})), "millimetres")
+    verdict = of(check(mended_file(tmp_path, {"limbs.platform_radius": 125})), "length-unit")
     (proposal,) = verdict.proposals
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
@@ -110,7 +110,7 @@ def test_numbers_of_a_body_out_of_scale(
 
 
 def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None:
-    verdict = of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction-missing")
+    verdict = of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction")
     assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
     assert dict(verdict.proposals[0].changes) == {
         "friction.drive2.viscous": 1.5,
@@ -120,7 +120,7 @@ def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None
 
 def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
     gone = {"platform_speed": None, "platform_acceleration": None, "drive_limits.drive1": None}
-    verdict = of(check(mended_file(tmp_path, gone)), "limits-missing")
+    verdict = of(check(mended_file(tmp_path, gone)), "limits")
     assert verdict.grade is Grade.DOUBTFUL
     assert "5 m/s" in verdict.seen
     assert "50 m/s²" in verdict.seen
@@ -129,7 +129,7 @@ def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
 
 def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     ranges = {f"drive_limits.drive{i}.angle_deg": [-10, 30] for i in (1, 2, 3)}
-    verdict = of(check(mended_file(tmp_path, ranges)), "workspace-cut")
+    verdict = of(check(mended_file(tmp_path, ranges)), "workspace")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
     assert 0.2 < verdict.number < 0.95
@@ -244,5 +244,5 @@ def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_pat
     data.pop("platform_speed", None)
     robot, log = written(data, tmp_path / "robot.yaml"), tmp_path / "log.csv"
     recorded(3000).write_csv(log)
-    assert of(check(robot), "limits-missing").grade is Grade.DOUBTFUL
-    assert "limits-missing" not in {verdict.key for verdict in check(robot, log).poor}
+    assert of(check(robot), "limits").grade is Grade.DOUBTFUL
+    assert "limits" not in {verdict.key for verdict in check(robot, log).poor}

@@ -25,7 +25,7 @@ def written(case: Case) -> dict[str, Any]:
     return YAML(typ="safe", pure=True).load(catalogue_text(case.robot.name))
 
 
-@kind("friction-missing")
+@kind("friction")
 def friction_missing(case: Case, rng: np.random.Generator) -> Case:
     """No friction at all, or none of one drive."""
     data = written(case)
@@ -37,7 +37,7 @@ def friction_missing(case: Case, rng: np.random.Generator) -> Case:
     return replace(case, data=data, size=name)
 
 
-@kind("limits-missing")
+@kind("limits")
 def limits_missing(case: Case, rng: np.random.Generator) -> Case:
     """No limits at all, or none of the platform."""
     data = written(case)
@@ -54,7 +54,7 @@ def _scaled(node: Any, factor: float) -> Any:
     return node * factor
 
 
-@kind("millimetres", related=("prior-scale", "workspace-cut", "torque-limit"))
+@kind("length-unit", related=("prior-scale", "workspace", "torque-limit"))
 def millimetres(case: Case, rng: np.random.Generator) -> Case:
     """All lengths in millimetres, or the few of a robot small enough to pass for metres."""
     data = written(case)
@@ -92,7 +92,7 @@ def prior_scale(case: Case, rng: np.random.Generator) -> Case:
     return replace(case, data=data, size=f"{factor:.3g} times, {', '.join(names)}")
 
 
-@kind("workspace-cut")
+@kind("workspace")
 def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
     """Drives' ranges that hold 30 to 70 % of the workspace, or a workspace out of reach."""
     data = written(case)

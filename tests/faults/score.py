@@ -48,7 +48,7 @@ def said_of(case: Case) -> tuple[Verdict, ...]:
         except DescriptionError as error:
             if "metres" not in f"{error.what} {error.cure}":
                 raise
-            return (Verdict("millimetres", Grade.WRONG, error.what, error.where, "", error.cure),)
+            return (Verdict("length-unit", Grade.WRONG, error.what, error.where, "", error.cure),)
 
 
 def score(case: Case, found: Sequence[Verdict]) -> Score:

@@ -27,20 +27,20 @@ _DEFAULTS = {"platform_speed": "m/s", "platform_acceleration": "m/s²"}
 # Poses evaluated, and the share of them that may break a limit at the workspace's edge.
 _POINTS, _EDGE = 4096, 0.01
 _FRICTION = Fault(
-    "friction-missing",
+    "friction",
     "drives",
     "missing from the description; a fit then puts that friction into masses and inertias",
     "describe it; its size is only a start, as the recording decides it",
 )
 _LIMITS = Fault(
-    "limits-missing",
+    "limits",
     "limits",
     "missing from the description",
     "give what the machine may do before `deltaid excite` plans a motion: it goes to the limits "
     "that it knows; identification does not depend on them",
 )
 _CUT = Fault(
-    "workspace-cut",
+    "workspace",
     "share",
     "a workspace that is larger than what the machine can do, or a limit, a zero or a length that "
     "is wrong",
@@ -50,7 +50,7 @@ _HOLDS = Fault("torque-limit", "of the limit")
 _GIANT, _DWARF = 10.0, 0.005
 # No part of a robot is so many times as long as a limb, none that counts so many times shorter.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
-_METRES = Fault("millimetres", "m")
+_METRES = Fault("length-unit", "m")
 
 # Keys of lengths, by the part of the description that holds them.
 _LIMBS = (

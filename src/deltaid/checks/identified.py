@@ -34,7 +34,7 @@ _MASKED = {"standing", "saturation"}
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
-    *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "millimetres",
+    *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "length-unit",
 }  # fmt: skip
 
 

@@ -38,8 +38,8 @@ Data = dict[str, Any]
 # effects are theirs.
 KEYS = {
     "the description": (
-        "millimetres", "friction-missing", "limits-missing", "prior-scale", "measured-scale",
-        "workspace-cut", "torque-limit",
+        "length-unit", "friction", "limits", "prior-scale", "measured-scale",
+        "workspace", "torque-limit",
     ),
     "units and wiring": (
         "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",

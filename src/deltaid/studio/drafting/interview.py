@@ -223,6 +223,6 @@ def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
         unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
         if verdict.grade is Grade.GOOD or unusual_mass:
             continue
-        more = [_reach(draft)] if verdict.key in ("workspace-cut", "millimetres") else []
+        more = [_reach(draft)] if verdict.key in ("workspace", "length-unit") else []
         cure = "; ".join(filter(None, [verdict.cure, *more]))
         raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)
