@@ -38,12 +38,12 @@ BAD_TEXT = {
     "point among commas": (
         with_field(150, "q2", "0.5", COMMAS),
         "row 150: column q2 is '0.5'",
-        "alike",
+        "in one way",
     ),
     "comma among points": (
         with_field(150, "q2", "0,5", SEMICOLONS),
         "row 150: column q2 is '0,5'",
-        "alike",
+        "in one way",
     ),
     "thousands": (
         with_field(150, "tau2", "1.234,5", COMMAS),

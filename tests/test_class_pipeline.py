@@ -214,7 +214,8 @@ def test_commands_and_pages(case: Case, found: Found) -> None:
     )  # fmt: skip
     write_recording(recording, log)
     assert ("force error, N " if linear else "torque error, N m") in found.outcome.out
-    assert ("N s/m" if linear else "N m s/rad") in found.outcome.out
+    full = run("identify", case.name, folder / "log.csv", "--full").out
+    assert ("N s/m" if linear else "N m s/rad") in full
     outcome = run("validate", found.model, log, "--report", page, "--json")
     assert outcome.code == 0, outcome.err
     assert max(json.loads(outcome.out)["nrmse"]) < 0.03
@@ -234,7 +235,7 @@ def test_commands_and_pages(case: Case, found: Found) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["par4", "h4-linear"])
 def test_demo(name: str) -> None:
-    outcome = run("demo", name)
+    outcome = run("demo", name, "--full")
     assert outcome.code == 0, outcome.err
     assert "viscous.platform" in outcome.out
     share = re.search(r"mass matrix within ([\d.]+) % on .*friction within ([\d.]+) %", outcome.out)

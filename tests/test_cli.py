@@ -196,7 +196,7 @@ def test_torque_of_positions(folder: Path, tmp_path: Path, clavel: Dynamics) -> 
     time, expected = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("time", "predicted")
     )
-    written = pl.read_csv(out, comment_prefix="#")
+    written = pl.read_csv(out)
     assert len(written) == 1500
     same = written.filter(pl.col("t").is_between(time[0], time[-1]))
     np.testing.assert_array_equal(same["t"], time)

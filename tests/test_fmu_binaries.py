@@ -201,4 +201,8 @@ def test_without_any_compiler_the_sources_are_there(
     assert "no C compiler was found" in outcome.err
     with zipfile.ZipFile(path) as archive:
         written = {f"sources/{name}" for name in sources | {"a.h", "a.c"}}
-        assert set(archive.namelist()) == {"modelDescription.xml", *written}
+        assert set(archive.namelist()) == {
+            "modelDescription.xml",
+            "documentation/index.html",
+            *written,
+        }

@@ -186,7 +186,7 @@ def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(tmp_pa
     known.save(model)
     assert run("torque", model, log, "-o", planned).code == 0
     commanded = pl.read_csv(planned)
-    recorded = unseen.join(commanded, on="t", suffix="_commanded")
+    recorded = unseen.join(commanded.drop_nulls(), on="t", suffix="_commanded")
     for i in range(3):
         measured, told = (recorded[f"tau{i + 1}{end}"].to_numpy() for end in ("", "_commanded"))
         slope = measured @ told / (told @ told)

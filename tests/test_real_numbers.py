@@ -131,9 +131,6 @@ WRONG: dict[str, Callable] = {
     "shapes of a motion": lambda: deltaid.FourierMotion(1.0, Z[0], np.zeros((3, 2)), Z),
     "frequency of a motion": lambda: deltaid.FourierMotion(0.0, Z[0], Z[:3], Z[:3]),
     "rows online": lambda: deltaid.Online(NAME, rate=1000.0).run(Q, Q[:9], TAU),
-    "no number online": lambda: deltaid.Online(NAME, rate=1000.0).step(
-        np.full(3, np.nan), Q[0], TAU[0]
-    ),
 }
 
 

@@ -11,7 +11,6 @@ import typer
 from deltaid.cli.options import AsJson, Full, Report, Robot, bounded, output_file
 from deltaid.cli.output import (
     number,
-    percent,
     print_found,
     print_json,
     print_note,
@@ -206,22 +205,22 @@ def _as_dictionary(result: "Excitation") -> dict[str, Any]:
 
 
 def _print(result: "Excitation", full: bool) -> None:
+    from deltaid.view.excitation import verdict
     from deltaid.view.motions import limit_table, prediction_table, start_table
 
     exciter, run = result.exciter, result.run
     robot = exciter.dynamics.robot
-    fullest = max(result.limits, key=lambda limit: limit.share)
     units = robot.drive_units.values()
     efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
     print_found(
         [
             robot.title or robot.name,
+            verdict(result).sentence,
             f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
             f"{number(result.criterion_after)} after; {run.repeats} periods of "
             f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, "
             f"{run.duration:.4g} s in all",
-            f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}; "
-            f"fullest limit: {fullest.name}, {percent(fullest.share)}",
+            f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}",
         ],
         [prediction_table(result)],
         [limit_table(result), start_table(result)],

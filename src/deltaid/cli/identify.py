@@ -29,6 +29,7 @@ from deltaid.cli.options import (
 from deltaid.cli.output import (
     console,
     print_json,
+    print_next,
     print_note,
     print_warnings,
     print_written,
@@ -199,7 +200,11 @@ def identify(
         print_json(as_dictionary(result, error, log))
     else:
         print_result(result, error, log, full=full)
-        if output is not None:
+        if verify is None:
+            print_next("--verify LOG says how well it predicts another motion")
+        if output is None:
+            print_next("-o MODEL.yaml saves the model")
+        else:
             console.print(f"saved {output}")
         print_written(report)
 

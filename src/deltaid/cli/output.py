@@ -170,8 +170,13 @@ def print_found(
             console.print(text)
     if hidden or (details and not full):
         listed = ", ".join([*hidden, *(["details of the computation"] if details else [])])
-        for line in _folded(f"→ --full prints also: {listed}"):
-            console.print(styled(line, "dim"))
+        print_next(f"--full prints also: {listed}")
+
+
+def print_next(text: str) -> None:
+    """What the user may do next."""
+    for line in _folded(f"→ {text}"):
+        console.print(styled(str(line), "dim"))
 
 
 def _name(finished: Finished) -> str:

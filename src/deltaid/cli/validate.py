@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.gathered import are_factor_files, compared, require_open
-from deltaid.cli.options import AsJson, Columns, KeepAll, ModelOrRobot, Report
+from deltaid.cli.options import AsJson, Columns, Full, KeepAll, ModelOrRobot, Report
 from deltaid.cli.output import (
-    console,
+    print_found,
     print_json,
     print_origin,
-    print_verdict,
     print_warnings,
     print_written,
     progress,
     require_outputs,
-    shown,
 )
 
 if TYPE_CHECKING:
@@ -30,6 +28,7 @@ def validate(
     columns: Columns = None,
     report: Report = None,
     keep_all: KeepAll = False,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare a model's torques with a recording."""
@@ -66,10 +65,13 @@ def validate(
         excluded = {"left_out": [span.model_dump() for span in missing]}
         print_json(about | error_dictionary(error) | excluded)
     else:
-        console.print(shown(error_table(known, error)))
-        if (table := left_out_table([(log.name, missing)])) is not None:
-            console.print(shown(table))
-        print_verdict(summary(known, error, seen).text)
+        said, excluded = summary(known, error, seen), left_out_table([(log.name, missing)])
+        print_found(
+            [said.sentence, *said.lines],
+            [error_table(known, error)],
+            [excluded] if excluded is not None else [],
+            full=full,
+        )
         print_written(report)
 
 

@@ -24,6 +24,10 @@ from deltaid.recording.recording import Recording
 from deltaid.recording.windows import Window
 from deltaid.shown import Shown
 
+# Of rows without torques.
+_CAUSE = "the motion does not rest at that end"
+_CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
+
 
 @dataclass(frozen=True, repr=False)
 class FeedForward(Shown):
@@ -56,11 +60,6 @@ class FeedForward(Shown):
             return self.recording.log.samples
         return sum(len(part) for part in self._computed())
 
-    @property
-    def note(self) -> str:
-        """Which rows have no torques; empty where all have."""
-        return _note(self.recording, self.without)
-
     def tables(self) -> Iterator[pl.DataFrame]:
         """Consecutive rows, in constant memory; torques that are not known are null."""
         first, last = self.without
@@ -76,14 +75,12 @@ class FeedForward(Shown):
         return pl.concat(self.tables())
 
     def save(self, path: str | Path) -> None:
-        """Write all rows as CSV, whole or not at all, with the note as a comment at its head.
+        """Write all rows as CSV, whole or not at all; cells without a torque are empty.
 
         Raises:
             DeltaidError: the file cannot be written.
         """
         with written_whole(Path(path)) as file:
-            if self.note:
-                file.write(f"# {self.note}\n")
             for k, part in enumerate(self.tables()):
                 file.write(part.write_csv(include_header=k == 0))
 
@@ -148,8 +145,7 @@ def torque(
     without = recording.without
     warnings = [f"{source}: {text}" for text in recording.log.warnings]
     if note := _note(recording, without):
-        cure = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
-        warnings.append(Doubt(f"{source}: {note}", cause="", cure=cure))
+        warnings.append(Doubt(f"{source}: {note}", cause=_CAUSE, cure=_CURE))
     return FeedForward(known, recording, without, tuple(warnings))
 
 
@@ -159,8 +155,8 @@ def _note(recording: Recording, without: tuple[int, int]) -> str:
         return ""
     spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
     return (
-        f"{' and '.join(spans)} of {recording.log.samples} rows have no torque: the motion does "
-        "not rest there, and the filter needs rows beyond"
+        f"{' and '.join(spans)} of {recording.log.samples} rows have no torque: the filter needs "
+        "rows beyond"
     )
 
 

@@ -211,7 +211,7 @@ class Online(Named):
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
         """
-        q, tau = _measured(q, "q"), _measured(tau, "tau")
+        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
         parts = [q, *self._velocity(qd), tau, [NOT_TOLD if gripper is None else float(gripper)]]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
@@ -230,7 +230,7 @@ class Online(Named):
             tau: torques.
             gripper: 1 holds, 0 empty, -1 not told.
         """
-        q, tau = _measured(q, "q"), _measured(tau, "tau")
+        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
         told = np.full(len(q), NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
         columns = [q, *self._velocity(qd), tau, told]
         if len({len(column) for column in columns}) > 1:
@@ -250,7 +250,7 @@ class Online(Named):
                 where="qd",
                 cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
             )
-        return [] if qd is None else [_measured(qd, "qd")]
+        return [] if qd is None else [real_numbers(qd, "qd")]
 
     def _advance(
         self, inputs: Float[np.ndarray, "samples inputs"]
@@ -286,11 +286,3 @@ class Online(Named):
             good=np.asarray(fields["status"][..., 0] < 0.5),
             outputs=fields,
         )
-
-
-def _measured(values: np.ndarray, name: str) -> np.ndarray:
-    """Finite numbers: any other would stay in the state for ever."""
-    numbers = real_numbers(values, name)
-    if not np.isfinite(numbers).all():
-        raise DeltaidError("has numbers that are not finite", where=name, cure="skip such a cycle")
-    return numbers

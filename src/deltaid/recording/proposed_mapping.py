@@ -177,19 +177,19 @@ def _drives(
     """The columns of one quantity, one a drive."""
     (reading, group, members), *others = candidates
     by = f"{reading.documented} is a drive's signal" if reading.documented else "by their names"
-    reasons, doubts = [by], list[str]()
+    reasons, unsure = [by], list[str]()
     for other, _, columns in others:
         is_rival = _are_constant(columns) == _are_constant(members)
         if is_rival and other.rank[:2] == reading.rank[:2]:
-            doubts.append(f"{columns[0].address} and so on may be it as well")
+            unsure.append(f"{columns[0].address} and so on may be it as well")
         else:
             reasons.append(f"rather than {columns[0].address}")
     if _are_constant(members):
-        doubts.append("they do not change, as nothing that is measured does")
+        unsure.append("they do not change, as nothing that is measured does")
     if group.axes > len(members):
-        doubts.append(f"there are {group.axes} of them, and the first {len(members)} are taken")
+        unsure.append(f"there are {group.axes} of them, and the first {len(members)} are taken")
     if group.by_letter:
-        doubts.append("letters may be directions in space and no drives")
+        unsure.append("letters may be directions in space and no drives")
     units, assumed = list[str](), ""
     usual = [f"{SHORT_NAMES[quantity]}{axis}" for axis in range(1, len(members) + 1)]
     is_default = [column.address for column in members] == usual
@@ -208,7 +208,7 @@ def _drives(
     if reading.quantity == "current" and known.torque_constant is None:
         reasons.append("a current needs its torque constant")
     names = tuple(column.address for column in members)
-    return FoundColumns(quantity, names, tuple(units), tuple(reasons), tuple(doubts), assumed)
+    return FoundColumns(quantity, names, tuple(units), tuple(reasons), tuple(unsure), assumed)
 
 
 def _stated(

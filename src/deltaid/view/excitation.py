@@ -39,7 +39,7 @@ def excitation_page(result: Excitation) -> Page:
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
-        verdict=_verdict(result),
+        verdict=verdict(result),
         drawing=drawing(robot, exciter.dynamics.kinematics),
         facts=tuple(facts),
         sections=(
@@ -59,7 +59,7 @@ def excitation_page(result: Excitation) -> Page:
     )
 
 
-def _verdict(result: Excitation) -> Summary:
+def verdict(result: Excitation) -> Summary:
     """Whether the motion keeps its limits."""
     run, beyond = result.run, [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
     lasts = f"{run.duration:.1f} s from rest to rest"
