@@ -114,6 +114,17 @@ def test_since_leaves_out_and_too_few_say_nothing(months, model: IdentifiedModel
         robot_drift(months, model, DriftSettings(since=START + timedelta(days=400)))
 
 
+def test_a_step_in_eight_files_is_reported(file: FactorFile, model: IdentifiedModel) -> None:
+    """By 30 %, four recordings before it and four after."""
+    rng = np.random.default_rng(2)
+    scatter = 0.007 * rng.standard_normal((8, 3))
+    files = days(file, 8, lambda k: [0.3 * (k >= 4), 0, 0] + scatter[k])
+    first, *others = robot_drift(files, model).findings
+    assert first.state == "stepped"
+    assert 0.25 < first.step.low < 0.3 < first.step.high < 0.35
+    assert {other.state for other in others} == {"unknown"}
+
+
 def test_tables_are_tidy(found: RobotDrift, tmp_path: Path) -> None:
     friction, drift = friction_table([found, found]), drift_table([found])
     assert dict(friction.schema) == FRICTION

@@ -99,7 +99,7 @@ def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
     )
     assert rate["x"][0] == "2026-03-16 06:00"
     seen = [trace for trace in friction["data"] if trace["name"].startswith("friction")]
-    assert rate["yaxis"] == limit["yaxis"] == seen[1]["yaxis"] == "y2"
+    assert rate["yaxis"] == limit["yaxis"] == seen[0]["yaxis"] == "y"
     assert interval["y"][2] < rate["y"][1] < interval["y"][1]
     assert {shape["x0"] for shape in friction["layout"]["shapes"]} == {
         "2026-03-16 06:00", "2026-03-07 06:00",
@@ -208,13 +208,70 @@ def test_what_nobody_can_tell_is_not_called_good(tmp_path: Path) -> None:
         changed(folder, "drift", robot, state="unknown")
     write(folder)
     said = words(folder / "site" / "index.html")
-    assert "most have not enough data" in said
+    assert "there is not enough data on 3 of 3" in said
+    assert "good" not in [cell.strip() for cell in document(folder / "site" / "index.html").texts]
     assert "Not enough data on 9 of 9 drives" in said
     assert 'class="verdict untested"' in (folder / "site" / "index.html").read_text("utf-8")
     robot = words(folder / "site" / "robots" / "R001.html")
     assert "Not enough data to say whether friction changes." in robot
     kind = words(folder / "site" / "types" / f"{TYPES[0]}.html")
     assert "Whether its robots are of one type is not known." in kind  # two robots cannot tell
+
+
+def test_one_robot_that_nobody_can_tell_of_is_not_called_good(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 3, 15, rising=(), foreign=())
+    changed(folder, "drift", "R002", state="unknown", reason="not enough data: no change")
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "there is not enough data on 1 of 3" in said
+    robot = words(folder / "site" / "robots" / "R002.html")
+    assert "q1: not enough data: no change." in robot
+    assert "No inspection needed" not in robot
+
+
+def test_numbers_of_the_quarantine_agree(tmp_path: Path) -> None:
+    """A recording that the manifest names and that is not there; a period without a fit."""
+    folder = write_tables(tmp_path, 3, 3, rising=(), foreign=())
+    pl.DataFrame(
+        {"what": ["recording", "fit"], "robot": ["R001", "R003"],
+         "which": ["s3://plant/R001/gone.csv", "2026-01"], "reason": ["no such file", "too short"]}
+    ).write_csv(folder / "quarantine.csv")  # fmt: skip
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "2 that could not be used" in said
+    assert "in quarantine 2 recording: 1, fit: 1" in said
+    assert "1 of 10 recordings are in quarantine" in said
+    assert "4 recordings" in words(folder / "site" / "robots" / "R001.html")
+
+
+def test_a_wrong_torque_constant_is_named(tmp_path: Path) -> None:
+    """Of ratios, whose product is 1, the drive unlike the others; else each that is not 1."""
+    folder = write_tables(tmp_path, 3, 3, rising=(), foreign=())
+    path = folder / "parameters.parquet"
+    frame = pl.read_parquet(path)
+    values = {"R001": (0.95, 1.026, 1.026), "R002": (0.93, 0.93, 0.93), "R003": (1.0, 1.0, 1.0)}
+    for robot, gains in values.items():
+        own = frame.filter((pl.col("robot") == robot) & (pl.col("parameter") == "EE.m"))
+        for drive, gain in zip(("q1", "q2", "q3"), gains, strict=True):
+            rows = own.with_columns(
+                parameter=pl.lit(f"gain.{drive}"), value=gain, std=0.001, low=gain - 0.002,
+                high=gain + 0.002, unit=pl.lit(""), prior=1.0,
+            )  # fmt: skip
+            frame = pl.concat([frame, rows])
+    frame.write_parquet(path)
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert "2 of 3 robots need attention." in said
+    assert "R001: q1 gives 0.926 ± 0.001 times the torque that it records, against other" in said
+    assert "R001: q2" not in said
+    assert "R002: q1 gives 0.930 ± 0.001 times the torque that it records: torque const" in said
+    assert "gain.q1" in words(folder / "site" / "robots" / "R003.html")
+
+
+def test_the_drive_that_changed_comes_first(fleet: Path) -> None:
+    page = document(fleet / "site" / "robots" / "R003.html")
+    cells = [text.strip() for text in page.texts if text.strip() in ("q1", "q2", "q3")]
+    assert cells[0] == "q2"
 
 
 def test_silence_and_failed_fits_ask_for_attention(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from deltaid.fleets.factor_record import FactorGroup, FactorGroups
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.fleets.merged import merged, merging_of
+from deltaid.fleets.steps import gain_rows
 from deltaid.identification.identify import identify
 from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
@@ -153,6 +154,10 @@ def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[F
     for files, gain in (([one], 1.05), (alike, 1.03)):
         model = identify_gathered(described, files, PLAIN).model
         assert model.gains[0] == pytest.approx(gain)
+        ((name, value, std, *_),) = gain_rows(model)
+        assert name == "gain.drive1"
+        assert value == pytest.approx(gain)
+        assert 1.96 * std == pytest.approx({1.05: 0.05, 1.03: 0.01}[gain], rel=1e-3)
         assert any("torque constant" in text and "known" in text for text in model.warnings)
 
 

@@ -198,6 +198,20 @@ def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
     assert np.exp(found.spreads.log[0]) < 2 * BODY
 
 
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_a_wrong_scale_of_torques_is_named_among_eight(
+    gain: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By 5 %, where bodies are alike within 1 %."""
+    monkeypatch.setattr("test_population.BODY", 0.01)
+    _, truths, members = fleet(8, 2)
+    members[0] = seen("r000", truths[0], np.random.default_rng(102), gain)
+    found = fitted(members, ROBOT)
+    assert [one.name for one in found.members if not one.belongs] == ["r000"]
+    assert found.members[0].reason.startswith("its torques are ")
+    assert "torque constants" in found.members[0].reason
+
+
 def test_the_order_of_robots_does_not_matter(known) -> None:
     _, _, members, found = known
     again = fitted(members[::-1], ROBOT)

@@ -4,7 +4,9 @@ Robot r is excluded from the mean; given the others its rows are normal about H_
 covariance V = 1 + H_r (S + Λ⁻¹) H_rᵀ, and the residual is e = b_r − H_r m. Tests are whether eᵀV⁻¹e
 is too large, and whether too much of it lies along one direction: all torques times a number, or
 the entries of one body. Friction, which wears, may be anything. F-distributions with the degrees of
-freedom of the noise give the chance of each, and the least of n chances counts n times.
+freedom of the noise give the chance of each. Bodies come from the same moulds, a torque constant
+is typed in for each machine: half of the chance to name one that belongs is that of torques, and
+the others have equal parts of the rest.
 
 Mean and spreads start from the half of the robots that is most alike, so that outliers have no
 influence.
@@ -127,10 +129,11 @@ def chance(robot: AgainstOthers, coordinates: Coordinates, m: U) -> float:
     """How often a robot that belongs is as far from the others as this one."""
     owners = coordinates.owners().values()
     bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
-    parts = [robot.along(HF) for HF in (torques(robot, coordinates, m)[:, None], *bodies)]
+    parts = [robot.along(HF) for HF in bodies]
     chances = [robot.chance(own.gain, own.rank) for own in parts if own.rank]
     chances.append(robot.chance(robot.distance, robot.rows))
-    return min(1.0, len(chances) * min(chances))
+    scale = robot.along(torques(robot, coordinates, m)[:, None])
+    return min(1.0, 2 * robot.chance(scale.gain, scale.rank), 2 * len(chances) * min(chances))
 
 
 def torques(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Float[np.ndarray, " rows"]:

@@ -16,6 +16,12 @@ minus the years that have passed is a martingale, and by Doob's inequality
 
 however often one looks. The alarm is R ≥ A with A the years a drive may run for one false alarm.
 
+**Few recordings.** The prior of σ says more than they do. With dσ/σ in its place B_k depends on
+ratios of the recordings alone, as Student's t does, and is a martingale whatever σ is. So where
+there are few, the smaller of both R counts: 1 + 1 recordings cannot raise it, 4 + 4 can. Each of
+them counts as a month at least, the first eleven as a year at most, so that a robot has no more
+false alarms in these than in a year.
+
 **Drives of a robot** are alike and work in the same hall: temperature dependence of friction and
 its scatter from day to day are nearly the same, so those of the others are the prior of a drive.
 Coefficients of a drifting drive count as far as they are known with a change and without.
@@ -36,8 +42,12 @@ FREEDOM, SIZE = 4.0, 1.0
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
 RAMP, STEP = 2.5, 6.0
+# The same of a ramp that few recordings can show.
+_STEEP = 25.0
 # Mean lengths of a month and a year [days].
 MONTH, YEAR = 30.4375, 365.25
+# With fewer recordings σ is that of the recordings alone, and a change may begin with any of them.
+FEWEST = 12
 # Onsets lie a week apart, or so many in all.
 _APART, _MOST = 7.0, 60
 # Changes that a drive is expected to have in a year.
@@ -67,10 +77,12 @@ class Changes:
         """Those that recordings at these days can determine."""
         span = float(days[-1] - days[0])
         spacing = max(_APART, span / _MOST)
-        onsets = days[0] + np.arange(0.0, max(span, spacing), spacing)
+        onsets, ramp = days[0] + np.arange(0.0, max(span, spacing), spacing), RAMP
+        if len(days) < FEWEST:
+            onsets, spacing, ramp = np.unique(days), max(spacing, MONTH), _STEEP
         since, count = days[:, None] - onsets, len(onsets)
         columns = np.hstack([np.maximum(since, 0.0) / MONTH, since[:, 1:] >= 0.0])
-        scale = np.repeat([RAMP, STEP], [count, count - 1])
+        scale = np.repeat([ramp, STEP], [count, count - 1])
         return cls(np.append(onsets, onsets[1:]), columns, scale, spacing / YEAR)
 
     @classmethod
@@ -84,7 +96,7 @@ class Changes:
     @property
     def is_ramp(self) -> np.ndarray:
         """Which changes are ramps."""
-        return self.scale == RAMP
+        return self.scale != STEP
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +149,11 @@ class ChangeEvidence:
         return np.exp(log - logsumexp(log, axis=(0, 1, 3), keepdims=True))
 
 
-def evidence(sums: Sums, changes: Changes, prior: Prior) -> ChangeEvidence:
-    """Evidence of all changes."""
-    p, nu = prior.mean.shape[1], FREEDOM + sums.count - 1.0
+def evidence(
+    sums: Sums, changes: Changes, prior: Prior, freedom: float = FREEDOM
+) -> ChangeEvidence:
+    """Evidence of all changes, with so many degrees of freedom of σ before any recording."""
+    p, nu = prior.mean.shape[1], np.maximum(freedom + sums.count - 1.0, 1.0)
     X = sums.base[..., :p, :p]
     A = X + prior.precision
     # Series less their prior.
@@ -149,7 +163,8 @@ def evidence(sums: Sums, changes: Changes, prior: Prior) -> ChangeEvidence:
     inverse = inv(A, assume_a="pos")
     shift = np.einsum("kspq,ksq->ksp", inverse, centred)
     plain, per_size = shift + prior.mean, inverse @ C
-    r = FREEDOM * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
+    r = freedom * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
+    r = np.maximum(r, 1e-12)
     a = sums.own - np.einsum("kspa,kspa->ksa", C, per_size)
     c = sums.cross[..., p, :] - np.einsum("kspa,ksp->ksa", C, plain)
     log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import stdtr, stdtrit
 
-from deltaid.fleets.drift_evidence import KINDS, MONTH, YEAR
+from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, YEAR
 from deltaid.fleets.drift_inputs import DriftSettings
 from deltaid.fleets.drift_series import Explained
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
-# With fewer recordings, or over less time [days], drift is undetermined.
-FEWEST, SHORTEST = 12, 21.0
+# With fewer than `FEWEST` recordings, or over less time [days], none is called steady. Within the
+# shorter time gears that warm up look as if they changed.
+_STEADY, _WARMING = 21.0, 3.0
 # A rate that is known no better than this [% a month] is unknown.
 _VAGUE = 5.0
 # How many draws, and how much of a distribution an interval has.
@@ -85,8 +86,8 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
     R, recorded = float(series.evidence.R[drive]), np.isfinite(series.y[drive])
     count = int(recorded.sum())
     span = float(np.ptp(series.days[recorded])) if count else 0.0
-    too_few = count < FEWEST or span < SHORTEST
-    alarm = threshold <= R and not too_few
+    alarm = threshold <= R and span >= _WARMING
+    too_few = not alarm and (count < FEWEST or span < _STEADY)
     draws, state = _drawn(series, drive, alarm=alarm), "steady"
     if alarm:
         state, draws = _likeliest(draws)
@@ -198,12 +199,12 @@ def _reason(
         return "no recording determines its friction"
     if few:
         return (
-            f"{count} recordings over {span:.0f} days: at least {FEWEST} over {SHORTEST:.0f} days "
-            "are needed"
+            f"not enough data: no change in {count} recordings over {span:.0f} days; a drive is "
+            f"steady from {FEWEST} over {_STEADY:.0f} days on"
         )
     parts = list[str]()
     if state == "unknown":
-        parts.append("its trend is not known well enough")
+        parts.append("not enough data: its trend is not known well enough")
     if state == "steady" and rate.low is not None and rate.high is not None:
         parts.append(
             f"no change; a trend over all the time lies between {100 * rate.low:+.2g} and "

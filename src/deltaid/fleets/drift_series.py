@@ -4,14 +4,16 @@ Outliers among their neighbours count less.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from deltaid.fleets.drift_evidence import (
+    FEWEST,
     SIZE,
+    STEP,
     YEAR,
     ChangeEvidence,
     Changes,
@@ -173,10 +175,17 @@ def evidence_of(
     scatter = DailyScatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
     prior = first_prior(scale, scatter, len(z))
-    alone = evidence(sums, changes, prior)
-    if drives == 1:
-        return alone
-    return evidence(sums, changes, with_others(alone, changes, prior, unlike, drives))
+    found = evidence(sums, changes, prior)
+    if drives > 1:
+        prior = with_others(found, changes, prior, unlike, drives)
+        found = evidence(sums, changes, prior)
+    few = sums.count < FEWEST
+    if not few.any():
+        return found
+    # In units of a σ that takes up the change, coefficients would be that much too wide.
+    prior = replace(prior, precision=STEP**2 * prior.precision)
+    exact = evidence(sums, changes, prior, freedom=0.0)
+    return replace(found, R=np.where(few, np.minimum(found.R, exact.R), found.R))
 
 
 def inflation(

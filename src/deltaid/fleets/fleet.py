@@ -136,7 +136,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         tuple(sorted(recordings.values())),
         types,
         period or read.period,
-        tuple(absent),
+        tuple(dict.fromkeys(absent)),
         tuple(entries),
         tuple(sorted(mappings - {""})),
     )

@@ -4,7 +4,7 @@ A job is a robot in a period, a robot with all of its recordings, or a type; wha
 kept, so that robots without news cost nothing.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
@@ -18,6 +18,7 @@ from deltaid.fleets.gather_all import poor
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.known import GatherResult
 from deltaid.fleets.member import TypeMember, member, read_member, write_member
+from deltaid.fleets.mixed_model import NORMAL
 from deltaid.fleets.next_robot import save_next
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
@@ -104,14 +105,29 @@ def _fit(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
     if ALL in job.names:
         place.save_file(_model_file(job), model.save)
     verdicts, worst = poor(files), max(model.fit.nrmse)
+    of_fit = (model.fit.noise_level, worst, verdicts)
     rows = [
         (job.robot, job.type, period, len(files), parameter.name, parameter.value, parameter.std,
          parameter.low, parameter.high, parameter.unit, parameter.prior, parameter.determined_by,
-         model.fit.noise_level, worst, verdicts)
+         *of_fit)
         for period in job.names
         for parameter in model.parameters
     ]  # fmt: skip
+    rows += [
+        (job.robot, job.type, period, len(files), *gain, *of_fit)
+        for period in job.names
+        for gain in gain_rows(model)
+    ]
     return {"parameters": pl.DataFrame(rows, schema=PARAMETERS, orient="row")}
+
+
+def gain_rows(model: IdentifiedModel) -> Iterator[tuple[object, ...]]:
+    """Torque constants that recordings determine, as parameters: by how many times each is off."""
+    for gain in model.corrections:
+        if gain.kind == "gain" and gain.low is not None and gain.high is not None:
+            std = (gain.high - gain.low) / (2.0 * NORMAL)
+            ends = (gain.value, std, gain.low, gain.high)
+            yield (f"gain.{gain.subject}", *ends, "", 1.0, "data")
 
 
 def _model_of_all(job: FleetJob) -> str:

@@ -5,8 +5,18 @@ from collections.abc import Mapping, Sequence
 import polars as pl
 
 from deltaid.fleets.site.friction_figure import friction_panel, main_quantity
-from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, Panel, bounds, grid, share, shown
-from deltaid.fleets.site.state import FleetTables, Robot, Urgency, day
+from deltaid.fleets.site.parts import (
+    LIKE,
+    NOTHING,
+    WORDS,
+    Panel,
+    bounds,
+    grid,
+    share,
+    shown,
+    state,
+)
+from deltaid.fleets.site.state import UNKNOWN, FleetTables, Robot, Urgency, day
 from deltaid.fleets.site.type_page import deviations, levels, type_section
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
@@ -35,7 +45,7 @@ def overview(
         title=title,
         subtitle=_subtitle(robots, types),
         verdict=_verdict(robots, urgent),
-        facts=_facts(robots, urgent),
+        facts=_facts(robots, urgent, tables),
         warnings=_of_types(tables, labels),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
@@ -64,8 +74,11 @@ def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
         grade, said = Trust.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
     elif urgent:
         grade, said = Trust.FAIR, f"{many} attention."
-    elif 2 * _unknown(robots) > sum(len(robot.drives) for robot in robots):
-        said = "No robot is known to need attention, but most have not enough data."
+    elif open_ := sum(not robot.is_known for robot in robots):
+        said = (
+            "No robot is known to need attention, but there is not enough data on "
+            f"{open_} of {len(robots)}."
+        )
         grade = Trust.UNTESTED
     else:
         grade, said = Trust.GOOD, f"None of {len(robots)} robots needs attention."
@@ -112,15 +125,23 @@ def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
     return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
 
 
-def _facts(robots: Sequence[Robot], urgent: Sequence[Robot]) -> tuple[Fact, ...]:
+def _facts(
+    robots: Sequence[Robot], urgent: Sequence[Robot], tables: FleetTables
+) -> tuple[Fact, ...]:
     rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
     return (
         Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
         Fact("recordings", str(sum(robot.recordings for robot in robots))),
-        Fact("in quarantine", str(sum(robot.quarantined for robot in robots))),
+        Fact("in quarantine", str(len(tables.quarantine)), _refused(tables)),
         Fact("drives with rising friction", str(rising)),
         Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
     )
+
+
+def _refused(tables: FleetTables) -> str:
+    """What the quarantine holds, such as '2 of recording, 1 of fit'."""
+    counted = tables.quarantine.group_by("what", maintain_order=True).len()
+    return ", ".join(f"{what}: {many}" for what, many in counted.iter_rows())
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
@@ -172,7 +193,7 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
     rows = tuple(
         (
             robot.name,
-            WORDS[robot.urgency],
+            state(robot),
             labels[robot.type],
             _changed(robot),
             day(robot.until),
@@ -209,7 +230,7 @@ def _changed(robot: Robot) -> str:
     states = {row["state"] for row in robot.drives}
     if not states:
         return NOTHING
-    return "unknown" if "unknown" in states else "steady"
+    return UNKNOWN if "unknown" in states else "steady"
 
 
 def _quarantine(tables: FleetTables) -> tuple[Section, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from deltaid.fleets.site.state import Row, Urgency, day
+from deltaid.fleets.site.state import UNKNOWN, Robot, Row, Urgency, day
 from deltaid.view import style
 from deltaid.view.numbers import number, percent, span, with_uncertainty
 from deltaid.view.page import Table
@@ -134,6 +134,12 @@ def share(value: float | None) -> str:
     return NOTHING if value is None else percent(value)
 
 
+def state(robot: Robot) -> str:
+    """How soon somebody should look at a robot, or that nobody can tell."""
+    is_open = robot.urgency is Urgency.NONE and not robot.is_known
+    return UNKNOWN if is_open else WORDS[robot.urgency]
+
+
 def known(value: float | None, std: float | None) -> tuple[str, str]:
     """A number and its ±, or a dash."""
     if value is None:
@@ -163,7 +169,7 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
     rows = tuple(
         (
             drive["drive"],
-            drive["state"],
+            UNKNOWN if drive["state"] == "unknown" else drive["state"],
             day(drive["change"]),
             days(drive["change_low"], drive["change_high"]),
             share(drive["rate"]),

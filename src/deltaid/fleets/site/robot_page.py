@@ -56,10 +56,11 @@ def _verdict(robot: Robot) -> Summary:
     if robot.concerns:
         said = "Act now." if robot.urgency is Urgency.ACT else "Inspect it when there is time."
         return Summary(_GRADES[robot.urgency], said, tuple(lines))
-    states = {row["state"] for row in robot.drives}
-    if states != {"steady"}:
-        lines.append("Not enough data to say whether friction changes.")
-        return Summary(Trust.UNTESTED, "No inspection needed.", tuple(lines))
+    if not robot.is_known:
+        reasons = (f"{row['drive']}: {row['reason']}." for row in robot.drives
+                   if row["state"] == "unknown")  # fmt: skip
+        said = "Not enough data to say whether friction changes."
+        return Summary(Trust.UNTESTED, said, tuple(reasons))
     return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
 
 
@@ -80,7 +81,7 @@ def _friction(
     if friction.is_empty():
         return (), ()
     drift = {row["drive"]: row for row in robot.drives}
-    drives = list(dict.fromkeys(friction["drive"].to_list()))
+    drives = list(dict.fromkeys([*drift, *friction["drive"].to_list()]))
     charts = list[Chart]()
     names = sorted(set(friction["quantity"].to_list()), key=lambda name: (name != MAIN, name))
     for quantity in names:

@@ -23,6 +23,12 @@ _CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with
 # The period of all recordings of a robot together.
 ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
+# What nobody can tell yet.
+UNKNOWN = "not enough data"
+# Start of parameters that are torque constants by identification.
+_GAIN = "gain."
+# Standard deviations beyond which a product of torque constants is not 1.
+_SURE = 3.0
 
 
 class Urgency(IntEnum):
@@ -78,10 +84,10 @@ class Robot:
     Attributes:
         name, type: its own.
         tables: its rows of them, and those of all types.
-        recordings: how many there are, with those in quarantine.
-        quarantined: how many of them are.
+        recordings: how many there are, with those in quarantine or away.
+        quarantined: how many of them are in quarantine.
         first, last: times of the first and last recording that could be used.
-        drives: its rows of the table of drift.
+        drives: its rows of the table of drift, those that changed first.
         noise, worst_error: of its last fit.
         belongs: whether it is as its type is; None where nobody knows.
         concerns: the most urgent first.
@@ -109,6 +115,11 @@ class Robot:
     def changed(self) -> tuple[Row, ...]:
         """Drives whose friction has changed."""
         return tuple(drive for drive in self.drives if drive["state"] in _CHANGED)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is enough data to say of all drives whether friction changes."""
+        return bool(self.drives) and all(drive["state"] != "unknown" for drive in self.drives)
 
     @property
     def until(self) -> datetime | None:
@@ -143,20 +154,23 @@ def _robot(name: str, kind: str, tables: FleetTables, now: Any) -> Robot:
     rows = tables.recordings.sort("time").to_dicts()
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
     last = None if parameters.is_empty() else last_period(parameters).row(-1, named=True)
-    drives = tuple(tables.drift.to_dicts())
+    drives = tuple(sorted(tables.drift.to_dicts(), key=_soonest))
     concerns = [concern for row in drives if (concern := _friction(row, now)) is not None]
+    concerns += _gains(parameters if last is None else last_period(parameters))
     concerns += _recorded(rows, usable, now)
     foreign = members.filter(~pl.col("belongs")).to_dicts()
     concerns += _foreign(foreign)
     period = last["period"] if last and last["period"] != ALL else ""
     concerns += _refused(tables.quarantine, period, recorded=bool(rows))
+    refused = {row["path"] for row in rows if row["reason"]}
+    refused |= set(tables.quarantine.filter(pl.col("what") == "recording")["which"])
     is_unknown = members.is_empty() or members["belongs"].has_nulls()
     return Robot(
         name,
         kind,
         tables,
-        recordings=len(rows),
-        quarantined=sum(bool(row["reason"]) for row in rows),
+        recordings=len(refused | {row["path"] for row in rows}),
+        quarantined=len(refused),
         first=usable[0] if usable else None,
         last=usable[-1] if usable else None,
         drives=drives,
@@ -198,11 +212,38 @@ def _friction(row: Row, now: datetime | None) -> Concern | None:
     return Concern(Urgency.ACT if urgent else Urgency.LOOK, said)
 
 
+def _soonest(drive: Row) -> tuple[bool, datetime]:
+    """Changed drives first, by the day on which they reach their limits."""
+    return drive["state"] not in _CHANGED, drive["horizon"] or datetime.max
+
+
+def _gains(parameters: pl.DataFrame) -> list[Concern]:
+    """Torque constants that are wrong: in N m, or where only ratios are known (their product is 1)
+    against those of most drives."""
+    own = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
+    logs, stds = own["value"].log(), own["std"] / own["value"]
+    is_ratio = abs(logs.sum()) <= _SURE * stds.sum()
+    usual = median(own["value"].to_list() or [1.0]) if is_ratio else 1.0
+    against = ", against other drives" if is_ratio else ""
+    return [
+        Concern(
+            Urgency.LOOK,
+            f"{row['parameter'].removeprefix(_GAIN)} gives {row['value'] / usual:.3f} ± "
+            f"{row['std'] / usual:.1g} times the torque that it records{against}: torque constant, "
+            "gear ratio or unit of torques?",
+        )
+        for row in own.iter_rows(named=True)
+        if not row["low"] <= usual <= row["high"]
+    ]
+
+
 def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:
     """Recordings that are missing or cannot be used."""
     if rows and not usable:
-        many = f"none of its {len(rows)} recordings" if len(rows) > 1 else "its recording not"
-        return [Concern(Urgency.ACT, f"{many} can be used: {_short(rows[-1]['reason'])}")]
+        many = (
+            f"none of its {len(rows)} recordings can" if len(rows) > 1 else "its recording cannot"
+        )
+        return [Concern(Urgency.ACT, f"{many} be used: {_short(rows[-1]['reason'])}")]
     late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
     if late > 2:
         why = _short(rows[-1]["reason"])
