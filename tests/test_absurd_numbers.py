@@ -84,6 +84,11 @@ def test_time_that_hardly_moves(tmp_path, clavel: Dynamics, step: float) -> None
         message = refusal(act, path, clavel.kinematics)
         assert "column t makes a sampling rate of" in message
         assert "declare the unit of time" in message
+    *_, verdict = deltaid.check(clavel.kinematics.robot, path)
+    assert "column t makes a sampling rate of" in verdict.seen
+    few = recorded(60, derivatives=True).with_columns(t=pl.int_range(pl.len()) * step)
+    message = refusal(open_log, write(path, few), clavel.kinematics)
+    assert "column t makes a sampling rate of" in message
 
 
 @pytest.mark.parametrize("command", ["torque", "forces", "validate", "simulate", "identify"])

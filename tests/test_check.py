@@ -12,6 +12,7 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
 from deltaid.checks.run import check, of_robot
 from deltaid.checks.verdicts import as_written, changes, mended
+from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from logs import recorded
@@ -39,6 +40,13 @@ def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path:
     assert "metres" in verdict.cause
     again = mended(as_written(wrong), changes([verdict], "robot"))
     assert described_in(yaml_text(again), "mended") == load_robot(name)
+
+
+@pytest.mark.parametrize("value", [5.0, "x", [1], 10**400])
+@pytest.mark.parametrize("key", ["bodies", "limbs", "drive_limits", "workspace"])
+def test_what_describes_no_robot_is_refused(tmp_path: Path, key: str, value: object) -> None:
+    with pytest.raises(DescriptionError):
+        check(mended_file(tmp_path, {key: value}))
 
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:

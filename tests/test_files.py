@@ -237,13 +237,16 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> N
         ("export", "clavel-delta3", "--to", "mjcf", "-o", "NAME"),
         ("drift", "clavel-delta3", "NAME"),
         ("fleet", "NAME", "-o", "fleet"),
+        ("fleet", "fleet.yaml", "-o", "NAME"),
+        ("new", "NAME", "--kind", "delta", "--yes"),
         ("sample", "clavel-delta3", "-o", "NAME"),
     ],
 )
 def test_commands_refuse_names_that_no_file_can_have(
     tmp_path: Path, log: Path, words: tuple[str, ...]
 ) -> None:
-    for name in ("n" * 300, "n" * 5000, "nul\0"):
+    (tmp_path / "loop").symlink_to("loop")
+    for name in ("n" * 300 + ".yaml", "n" * 5000, "nul\0", "loop/a.yaml"):
         given = {"NAME": tmp_path / name, "LOG": log}
         done = run(*(given.get(word, word) for word in words))
         assert done.code == 2, done.err

@@ -6,7 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from command import refused
+from command import refused, run
 from logs import recorded, write
 
 ROBOTS = "type: clavel-delta3\nrobots:\n- robot: a\n  recordings: NAME\n"
@@ -45,6 +45,15 @@ def test_messages_stay_short(tmp_path: Path, monkeypatch, case: str, words: str)
     message = refused(*command, folder=tmp_path)
     assert words * (200 // len(words) + 1) not in message
     assert len(message) < 800
+
+
+@pytest.mark.parametrize("words", ["x", "x y "])
+def test_a_path_in_quarantine(tmp_path: Path, words: str) -> None:
+    manifest = tmp_path / "f.yaml"
+    manifest.write_text(ROBOTS.replace("NAME", f"{words * (4000 // len(words))}*.csv"))
+    message = run("fleet", manifest, "-o", tmp_path / "out").err
+    assert "no file answers to it" in message
+    assert words * (200 // len(words) + 1) not in message
 
 
 def test_text_of_a_recording_in_memory(tmp_path: Path) -> None:

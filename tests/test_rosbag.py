@@ -114,6 +114,7 @@ def test_the_time_of_receipt_may_be_asked_for(tmp_path: Path) -> None:
     table = open_table(KINDS["ros1"](tmp_path, messages))
     late = TIME + np.arange(ROWS) % 3 / 1000
     assert read(table, ["received", "q1"])[:, 0] == pytest.approx(np.sort(late), abs=1e-12)
+    assert read(table, ["received"])[:, 0] == pytest.approx(np.sort(late), abs=1e-12)
     assert np.array_equal(np.sort(read(table, ["t", "q1"])[:, 0]), TIME)
 
 

@@ -36,6 +36,14 @@ def test_names_do_not_lead_out_of_the_folder(folder: Folder, name: str) -> None:
     assert not folder.has(name)
 
 
+def test_names_that_no_file_can_have_are_no_files(folder: Folder) -> None:
+    (folder.root / "loop").symlink_to("loop")
+    for name in ("n" * 300, "n" * 5000, "loop", "loop/a.csv"):
+        assert not folder.has(name)
+        with pytest.raises(DeltaidError):
+            folder.write(name, "")
+
+
 def test_a_link_does_not_lead_out_either(folder: Folder, tmp_path: Path) -> None:
     (tmp_path / "secret.csv").write_text("1")
     (folder.root / "link.csv").symlink_to(tmp_path / "secret.csv")

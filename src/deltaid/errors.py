@@ -27,7 +27,7 @@ class DeltaidError(Exception):
 
     def __init__(self, what: str, *, where: str = "", cure: str = "") -> None:
         # Whatever stands in a file, a message stays one.
-        what, cure = (_LONG_WORD.sub(lambda word: quoted(word[0]), text) for text in (what, cure))
+        what, cure = shortened(what), shortened(cure)
         self.what, self.where, self.cure = what, where, cure
         super().__init__(what, where, cure)
 
@@ -168,6 +168,11 @@ def sentence(seen: str, cause: str, cure: str) -> str:
 def quoted(text: str) -> str:
     """What a file holds as messages quote it: shortened where it is long."""
     return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 1]}…"
+
+
+def shortened(text: str) -> str:
+    """A message of which every word is quoted that is too long to be one."""
+    return _LONG_WORD.sub(lambda word: quoted(word[0]), text)
 
 
 def visible(text: str) -> str:

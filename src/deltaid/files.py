@@ -278,12 +278,21 @@ def require_new_folder(path: Path) -> None:
         )
 
 
-def _free_place(path: Path) -> Path:
-    """Where a path leads, if nothing is there."""
+def resolved(path: Path) -> Path:
+    """Where a path leads.
+
+    Raises:
+        DeltaidError: nowhere: it holds a NUL, or a link to itself.
+    """
     try:
-        target = path.resolve()
+        return path.resolve()
     except _NO_PLACE as error:
         raise _failure(path, error) from None
+
+
+def _free_place(path: Path) -> Path:
+    """Where a path leads, if nothing is there."""
+    target = resolved(path)
     if os.path.lexists(target):
         raise DeltaidError(
             "is there already", where=str(path), cure="give the name of a new folder, or remove it"

@@ -109,18 +109,23 @@ def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
     """Lengths beside the limbs', those of one part together."""
     for part, keys in _OTHERS.items():
         yield _lengths(data.get(part), keys, part)
-    for name, body in (data.get("bodies") or {}).items():
-        prior = body.get("prior") if isinstance(body, dict) else None
+    for name, body in _mapping(data.get("bodies")).items():
+        prior = _mapping(body).get("prior")
         for k, shape in enumerate(prior if isinstance(prior, list | tuple) else ()):
             yield _lengths(shape, _SHAPE, f"bodies.{name}.prior[{k}]")
-    for drive, limits in (data.get("drive_limits") or {}).items():
+    for drive, limits in _mapping(data.get("drive_limits")).items():
         yield _lengths(limits, ("position",), f"drive_limits.{drive}")
 
 
 def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
     """All numbers under some keys of a part of a description, if it is one."""
-    held = part if isinstance(part, dict) else {}
+    held = _mapping(part)
     return [length for key in keys for length in _numbers(held.get(key), f"{path}.{key}")]
+
+
+def _mapping(part: Any) -> dict[str, Any]:
+    """A part of a description that nobody has checked yet, if it has keys."""
+    return part if isinstance(part, dict) else {}
 
 
 def _numbers(value: object, path: str) -> Iterator[Length]:

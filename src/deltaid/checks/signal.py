@@ -11,6 +11,7 @@ from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
+from deltaid.recording.time.clock import HIGHEST_RATE
 
 # Samples per period of the motion's bandwidth: fewer are doubtful, or wrong. Differentiated signals
 # need more, because the filter keeps six hundredths of the rate.
@@ -78,7 +79,7 @@ _STEP = Fault(
 
 def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     """All verdicts on the signals as they are recorded."""
-    if len(evidence.rows.time) < 2 or evidence.rows.step <= 0:
+    if len(evidence.rows.time) < 2 or evidence.rows.step < 1 / HIGHEST_RATE:  # a survey refuses it
         return
     rate, recording = _rate(evidence), evidence.surveyed
     yield rate

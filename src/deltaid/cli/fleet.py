@@ -28,7 +28,7 @@ from deltaid.cli.output import (
     print_note,
     progress,
 )
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, quoted, shortened
 from deltaid.files import require_writable, write_bytes
 from deltaid.model.options import FrictionLaws, Period
 
@@ -230,8 +230,10 @@ def _print(run: "FleetRun", output: str) -> None:
         return
     print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
     for line in run.quarantine[:_SHOWN]:
-        reason = line.reason if line.which in line.reason else f"{line.which}: {line.reason}"
-        print_note(f"{line.what} of {line.robot}: {reason}")
+        which = quoted(line.which)
+        reason = line.reason.replace(line.which, which)
+        reason = reason if which in reason else f"{which}: {reason}"
+        print_note(shortened(f"{line.what} of {line.robot}: {reason}"))
 
 
 def _count(number: int, what: str) -> str:

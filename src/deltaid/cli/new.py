@@ -86,11 +86,11 @@ def new(
     """
     if file.suffix.lower() not in (".yaml", ".yml"):
         raise DeltaidError("must end in .yaml", where=str(file))
+    require_writable(file)
     if not force and file.exists():
         raise DeltaidError(
             "is there already", where=str(file), cure="give another name, or --force to replace it"
         )
-    require_writable(file)
     require_outputs([file], {"--report": report})
     asker = None if yes or not (sys.stdin.isatty() and sys.stdout.isatty()) else _Terminal()
     try:

@@ -1,6 +1,5 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -11,6 +10,7 @@ import polars as pl
 
 from deltaid.checksum import EMPTY, require_intact, sealed
 from deltaid.errors import DeltaidError, RecordingError
+from deltaid.files import require_writable, resolved
 from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
@@ -27,14 +27,14 @@ class Place:
         """The folder of a name.
 
         Raises:
-            DeltaidError: it is neither text nor a path.
+            DeltaidError: it is neither text nor a path, or leads nowhere.
         """
         if not isinstance(folder, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise DeltaidError(
                 f"a {type(folder).__name__} is no folder", where="output", cure="give a path"
             )
         text = str(folder)
-        return cls(text.rstrip("/") if store.is_address(text) else str(Path(text).resolve()))
+        return cls(text.rstrip("/") if store.is_address(text) else str(resolved(Path(text))))
 
     @property
     def is_local(self) -> bool:
@@ -52,20 +52,8 @@ class Place:
         Raises:
             DeltaidError: it is a file, or cannot be made or written to.
         """
-        if not self.is_local:
-            return
-        path = Path(self.root)
-        there = next(folder for folder in (path, *path.parents) if folder.exists())
-        if not there.is_dir():
-            raise DeltaidError(
-                "is a file, not a folder", where=str(there), cure="give another name"
-            )
-        if not os.access(there, os.W_OK):
-            raise DeltaidError(
-                "cannot be written to",
-                where=str(there),
-                cure="check the folder's permissions, or give another place",
-            )
+        if self.is_local:
+            require_writable(Path(self.path_to("recordings.parquet")))
 
     def path_to(self, name: str) -> str:
         """Path or address of a file in it."""

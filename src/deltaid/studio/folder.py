@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import os
 import re
 import tempfile
 from collections.abc import Generator
@@ -74,14 +75,15 @@ class Folder:
         )
         if plain and "\0" not in name:
             path = self.root / name
-            if path.resolve().is_relative_to(self.root):  # no link out, no other root
+            # No link out, no other root.
+            if Path(os.path.realpath(path)).is_relative_to(self.root):
                 return path
         raise DeltaidError("is no file of this folder", where=name, cure="give a name inside it")
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name inside the folder."""
         try:
-            return self.path(name).is_file()
+            return os.path.isfile(self.path(name))
         except DeltaidError:
             return False
 
@@ -92,7 +94,7 @@ class Folder:
             DeltaidError: it cannot be read.
         """
         path = self.path(name)
-        return read_text(path) if path.exists() else ""
+        return read_text(path) if os.path.exists(path) else ""
 
     def write(self, name: str, text: str, *, instead_of: str | None = None) -> None:
         """Write a file whole.
@@ -107,7 +109,7 @@ class Folder:
             DeltaidError: it cannot be written.
         """
         path = self.path(name)
-        before = self.text(name) if path.exists() else None
+        before = self.text(name) if os.path.exists(path) else None
         if before == text:
             return
         if before != instead_of:

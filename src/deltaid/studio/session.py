@@ -211,10 +211,9 @@ class Session:
 
     def stamped(self, name: str) -> str:
         """What a file is now; empty for what is no file of the folder."""
-        path = self.folder.root / name
-        if name in catalogue() or not path.is_file():
+        if name in catalogue() or not self.folder.has(name):
             return ""
-        return f"{name} {stamp(path)}"
+        return f"{name} {stamp(self.folder.path(name))}"
 
 
 def standing(session: Session) -> dict[str, str]:

@@ -54,12 +54,9 @@ def build(session: Session) -> None:
 
     @app.get("/files/{name:path}")
     def _file(name: str, download: bool = False) -> Response:
-        try:
-            path = session.folder.path(name)
-        except DeltaidError as error:
-            return PlainTextResponse(str(error), status_code=404)
-        if not path.is_file():
+        if not session.folder.has(name):
             return PlainTextResponse("no such file\n", status_code=404)
+        path = session.folder.path(name)
         headers = {"Content-Security-Policy": _OF_FILES, "Cache-Control": "no-cache"}
         kind = "inline" if path.suffix == ".html" and not download else "attachment"
         return FileResponse(
