@@ -31,7 +31,7 @@ STATED: dict[str, Size] = {
     "coverage_of_intervals": {"rows": 6, "seeds": 200},
     "coverage_of_labels": {"rows": 12, "robots": 20},
     "cutoff_rule": {"rows": 8},
-    "damaged_files": {"rows": 28, "files": 500},
+    "damaged_files": {"files": 500, "cases": 20_000, "bits": 10_000},
     "drawn_against_simulated": {"rows": 2, "recordings": 40},
     "drift": {"rows": 10, "robots": 200},
     "drift_files": {"rows": 1, "robots": 200},
@@ -63,6 +63,7 @@ STATED: dict[str, Size] = {
 BEHIND: dict[str, Size] = {
     "bodies_weighed": {"rows": 12, "seeds": 100},
     "coverage_of_labels": {"rows": 12, "robots": 12},
+    "damaged_files": {"rows": 28, "files": 500},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},
     "real_drives": {"rows": 29, "kinds": 6, "seeds": 1},
     "wiring": {"rows": 39, "kinds": 4, "seeds": 2},

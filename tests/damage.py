@@ -45,6 +45,24 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(held)
 
 
+def changed_bit(data: bytes, rng: random.Random) -> bytes:
+    """The bytes of a file with one bit changed."""
+    held, bit = bytearray(data), rng.randrange(8 * len(data))
+    held[bit // 8] ^= 1 << bit % 8
+    return bytes(held)
+
+
+def unclear(message: str, place: str) -> str:
+    """What a refusal lacks: its place, its cure, or signs that can be printed; empty if nothing."""
+    if place not in message:
+        return f"names no place: {message}"
+    if "→" not in message:
+        return f"names no cure: {message}"
+    if any(not sign.isprintable() and sign != "\n" for sign in message):
+        return f"cannot be printed: {message!r}"
+    return ""
+
+
 def _place(held: bytearray, rng: random.Random) -> int:
     edge = min(_EDGE, len(held))
     first = rng.choice((0, 0, len(held) - edge, None, None))
@@ -93,13 +111,9 @@ def complaint(found: Outcome, path: Path) -> str:
     """What is wrong with an outcome; empty if nothing is."""
     if found.end == "refused":
         if not found.message.startswith(str(path)):
-            return f"names no place: {found.message}"
-        if "→" not in found.message:
-            return f"names no cure: {found.message}"
-        if not found.message.isprintable() and any(
-            not c.isprintable() and c != "\n" for c in found.message
-        ):
-            return f"cannot be printed: {found.message!r}"
+            return f"begins with no place: {found.message}"
+        if lacks := unclear(found.message, str(path)):
+            return lacks
     if found.seconds > 10:
         return f"took {found.seconds:.1f} s"
     if found.megabytes > 1000:

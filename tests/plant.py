@@ -1,12 +1,15 @@
 """A small plant: robots whose recordings lie in folders of their own, and its manifest."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import polars as pl
+import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
@@ -86,3 +89,12 @@ def manifest(root: str = "", robots: Sequence[str] = ROBOTS) -> str:
     """YAML of robots whose recordings are below a root."""
     lines = (f"  - robot: {name}\n    recordings: {root}{name}/*.parquet\n" for name in robots)
     return f"type: {TYPE}\nrobots:\n{''.join(lines)}"
+
+
+@contextmanager
+def no_workers() -> Iterator[None]:
+    """All work is done here, one item after the other."""
+    with pytest.MonkeyPatch.context() as patch:
+        here = Mock(done=lambda work, items, failed: map(work, items))
+        patch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
+        yield

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -34,7 +33,7 @@ from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.robot import own
 from deltaid.robot.load import load_robot
-from plant import DAYS, SETTINGS, Plant, manifest, plant, recordings
+from plant import DAYS, SETTINGS, Plant, manifest, no_workers, plant, recordings
 from stores import KEYS, dask_cluster, s3_server, unreliable
 
 FIRST = [f"north/{day}" for day in DAYS[:2]]
@@ -47,15 +46,6 @@ def cut_short(whole: Plant) -> bytes:
 
 # Another filter than that of what was gathered.
 OTHER = SETTINGS.changed(cutoff=20.0)
-
-
-@contextmanager
-def no_workers() -> Iterator[None]:
-    """All work is done here, one item after the other."""
-    with pytest.MonkeyPatch.context() as patch:
-        here = Mock(done=lambda work, items, failed: map(work, items))
-        patch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
-        yield
 
 
 @pytest.fixture(scope="module")
