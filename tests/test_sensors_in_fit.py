@@ -1,5 +1,6 @@
 """Sensors beside the drives in a fit: intervals hold, gains follow from a plate, facts scatter."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,8 +15,12 @@ from deltaid.estimation.additions import extended
 from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import identify
 from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
+from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
+from deltaid.robot.load import load_robot
+from deltaid.robot.sensors import BaseWrench
 from identified import identified as shared
 from poor_priors import PLAIN
 from sensed import CASES, drawn, identified, motion, recorded, sensed, weighed
@@ -117,6 +122,38 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
     # Neither torques nor the plate are known in N better than the plate's tolerance.
     assert plate.parameters[-1].std > 1e-4
     assert "gain" in plate.parameters[-1].name
+
+
+@pytest.mark.parametrize(
+    ("place", "doubted"),
+    [((0.0, 0.0, 0.05), "position_z"), ((0.002, -0.003, 0.002), ""),
+     pytest.param((0.05, 0.0, 0.0), "position_x", marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_a_plate_outside_of_its_tolerance_is_reported_and_not_absorbed(
+    place: tuple[float, float, float], doubted: str
+) -> None:
+    """Mounted 50 mm off with 2 mm of tolerance, and within it."""
+    plate = BaseWrench(
+        kind="base-wrench", force_noise=0.5, moment_noise=0.1, position_tolerance=0.002
+    )
+    rng = np.random.default_rng(1)
+    robot = load_robot("clavel-delta3").changed(sensors={"plate": plate})
+    true = plate.changed(position=place, position_tolerance=0.0)
+    dynamics = compiled(robot.changed(sensors={"plate": true}))
+    p = surrogate_parameters(robot, rng)
+    path = random_motion(dynamics.kinematics, rng)
+    log = simulate_recording(dynamics, p, path, rng, rate=500.0, noise=SensorNoise())
+    model = identify(robot, log, settings=PLAIN).model
+    warnings = [text for text in model.warnings if text.startswith("sensors.plate")]
+    found = {one.name.partition(".")[0]: one for one in model.sensors[0].parameters}
+    for axis, x in zip("xyz", place, strict=True):
+        offset = found[f"position_{axis}"]
+        assert offset.low is not None
+        assert offset.high is not None
+        assert offset.low <= x <= offset.high
+    assert [text.partition(" is ")[0].split()[-1] for text in warnings] == [doubted] * bool(doubted)
+    if doubted:
+        assert float(re.findall(r"probability (\S+)\)", warnings[0])[0]) < 1e-8
 
 
 @pytest.mark.parametrize(

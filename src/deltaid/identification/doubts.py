@@ -96,7 +96,7 @@ def _of_priors(problem: FittedProblem) -> Iterator[str]:
     owners: dict[str, float] = {}
     for parameter in problem.layout.parameters:
         factor = problem.reduction.widened.get(parameter.name, 1.0)
-        if factor > _OTHER:
+        if factor > _OTHER and parameter.kind != "sensor":
             owners[parameter.owner] = max(factor, owners.get(parameter.owner, 0.0))
     for owner, factor in owners.items():
         yield (

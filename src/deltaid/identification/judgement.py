@@ -15,7 +15,7 @@ from deltaid.identification.marginal import posterior_record
 from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.widening import widened_priors
+from deltaid.identification.widening import doubted_sensors, widened_priors
 from deltaid.model.corrections import Correction, FittedEffect
 from deltaid.model.friction_record import FrictionChoice
 from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
@@ -144,7 +144,12 @@ def assembled(
         friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
-        warnings=(*remarks, *outcome.doubts.values(), *doubts_of_fit(problem)),
+        warnings=(
+            *remarks,
+            *outcome.doubts.values(),
+            *doubted_sensors(problem),
+            *doubts_of_fit(problem),
+        ),
     )
 
 

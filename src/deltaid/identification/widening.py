@@ -16,10 +16,12 @@ stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain t
 which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
 Tipping and Faul 2003), or all of a body together (another density), or its moments of inertia
 (another size). Of those that gain nearly the same, the one that needs the least widening is taken.
-Friction is identifiable without prior.
+Friction is identifiable without prior. Tolerances of a sensor's pose, gain and zero are priors too:
+where one is contradicted, q²/a of its entry, with s = 1 for it, is χ² of one degree of freedom had
+the description held.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,10 +30,11 @@ from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.errors import Doubt
 from deltaid.estimation.information import triangle
 from deltaid.estimation.posing import SOLVERS, minimise, pose
 from deltaid.estimation.regularizer import parameter_scale
-from deltaid.estimation.scatter import correlations, inverse
+from deltaid.estimation.scatter import correlations, inverse, surprise
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import Recording
@@ -46,7 +49,15 @@ _WIDEST, _STEPS = 1e5, 100
 _TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
 # No base parameter counts as better known than to this share of its prior's standard deviation.
 _FLOOR = 1e-4
-_KINDS = ("inertia", "rotor", "spring")
+_KINDS = ("inertia", "rotor", "spring", "sensor")
+# A tolerance of a sensor is doubted where chance alone is less likely than 10 to the minus this.
+_DOUBTED = 5.0
+# What may be wrong with a sensor, by the first word of its unknown.
+_CAUSES = {
+    "position": "the sensor stands elsewhere than described",
+    "rotation": "its axes are turned against those described",
+    "gain": "its own factor, or torque constants that are off",
+}
 
 Factors = Float[np.ndarray, " rows"]
 
@@ -91,6 +102,19 @@ class PriorEvidence:
         response, variances = np.abs(u[:, self.names.index(name)]), np.diag(C)
         k = int(np.argmax(np.abs(self.d) * response / variances))
         return k, float(np.abs(self.d[k]) / np.sqrt(variances[k]))
+
+    def surprise(self, name: str, factors: Mapping[str, float]) -> float:
+        """−log₁₀ of the probability that an entry is so far from its prior, others as wide as
+        `factors` have them."""
+        s = np.ones(len(self.rows))
+        s[: len(self.names)] = [factors.get(other, 1.0) for other in self.names]
+        j = self.names.index(name)
+        s[j] = 1.0
+        C, responses, _ = self._covariance(s)
+        L, size = _cholesky(C)
+        u = responses[:, j] / size
+        a, q = u @ (solved := cho_solve((L, True), u)), solved @ (self.d / size)
+        return surprise(float(q**2 / a), 1) if a > np.finfo(float).eps else 0.0
 
     def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray, Factors]:
         """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: the part of other priors."""
@@ -202,6 +226,28 @@ def widened(problem: FittedProblem) -> FittedProblem:
     objective = pose(problem.information, replace(problem.reduction, widened=factors), settings)
     solution = minimise(objective, SOLVERS[settings.method])
     return replace(problem, objective=objective, solution=solution)
+
+
+def doubted_sensors(problem: FittedProblem) -> Iterator[str]:
+    """Poses, gains and zeros of sensors that lie beyond the tolerance of the description."""
+    parameters = problem.layout.parameters
+    if not any(parameter.kind == "sensor" for parameter in parameters):
+        return
+    against, factors = evidence(problem), problem.reduction.widened
+    for parameter, value in zip(parameters, problem.values.tolist(), strict=True):
+        if parameter.kind != "sensor" or parameter.name not in against.names:
+            continue
+        digits = against.surprise(parameter.name, factors)
+        if digits < _DOUBTED:
+            continue
+        unit = parameter.unit
+        yield Doubt(
+            f"sensors.{parameter.owner}: {parameter.symbol} is {value:.3g} {unit}, and "
+            f"{parameter.prior:.3g} ± {parameter.std:.2g} {unit} as described (probability "
+            f"1e-{digits:.0f})",
+            cause=_CAUSES.get(parameter.symbol.partition("_")[0], "it was not tared"),
+            cure="measure it and correct the description, or state a larger tolerance",
+        )
 
 
 def widened_priors(problem: FittedProblem) -> Iterator[Correction]:
