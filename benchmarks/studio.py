@@ -146,7 +146,7 @@ def visit(page: sync_api.Page, studio: Studio, log: Path, table: list[tuple[str,
     page.locator(".js-plotly-plot").wait_for(timeout=300_000)
     table.append(("… to the preview", f"{time.perf_counter() - begun:.1f} s"))
     keys.press("Use these, write mapping.yaml")
-    page.get_by_label("torque of drive2: sign").wait_for(timeout=300_000)
+    keys.see("Kept in mapping.yaml")
     page.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=300_000)
     zoom(page, table)
     table.append(("longest gap between two frames", f"{page.evaluate('gaps'):.0f} ms"))

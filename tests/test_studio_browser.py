@@ -68,7 +68,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     other = visitor.tab(f"{visitor.studio.base}/recording")
     assert not (work / "mapping.yaml").exists()
     visitor.press("Use these, write mapping.yaml")
-    other.get_by_label("torque of drive2: sign").wait_for()
+    visitor.see("Kept in mapping.yaml", other)
     page.reload()
     page.locator(".js-plotly-plot").wait_for()
     assert (work / "axes.csv").read_bytes() == (place / "axes.csv").read_bytes()

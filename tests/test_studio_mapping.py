@@ -11,10 +11,18 @@ from deltaid.recording.contents import read_contents
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.proposed_mapping import Column, proposed_mapping
 from deltaid.robot.load import parse
-from deltaid.studio.edits import entries, incomplete, read, with_time, with_value, written
-from deltaid.studio.look import Problem, mapping_cured, preview, try_look
+from deltaid.studio.edits import (
+    entries,
+    incomplete,
+    read,
+    with_column,
+    with_time,
+    with_value,
+    written,
+)
+from deltaid.studio.look import Problem, mapping_cured, preview, signals, try_look
 from logs import recorded
-from studios import foreign
+from studios import foreign, german
 
 TURNING = (False, False, False)
 
@@ -133,17 +141,68 @@ def test_one_value_changes_nothing_else() -> None:
     written(changed, "mapping.yaml")
 
 
+DRIVES = ("drive1", "drive2", "drive3")
+GERMAN = [
+    "Zeitstempel [ms]",
+    *(f"Istposition Achse {i} [°]" for i in (1, 2, 3)),
+    *(f"Motorstrom Achse {i} [A]" for i in (1, 2, 3)),
+]
+
+
 def test_a_mapping_that_is_half_written_is_no_file_yet() -> None:
     data = with_value({}, "torque", 1, "column", "i2", 3, alike=True)
-    assert incomplete(data, 3) == "torque: drive 1 has no column yet"
+    assert incomplete(data, DRIVES) == "torque of drive1: choose its column"
     for drive in (0, 2):
         data = with_value(data, "torque", drive, "column", f"i{drive + 1}", 3, alike=True)
-    assert incomplete(data, 3) == "torque: drive 1 has no unit yet"
+    assert incomplete(data, DRIVES) == "torque of drive1: choose its unit"
     data = with_value(data, "torque", 0, "unit", "A", 3, alike=True)
-    assert incomplete(data, 3) == ""
+    assert incomplete(data, DRIVES) == "torque of drive1: a current in A needs its N m per A"
+    data = with_value(data, "torque", 0, "torque_constant", 0.1, 3, alike=True)
+    assert incomplete(data, DRIVES) == ""
+    data = with_value(data, "torque", 1, "unit", "N m", 3, alike=False)
+    assert incomplete(data, DRIVES) == "torque of drive2: N m is no current; clear its N m per A"
+    data = with_value(data, "torque", 1, "unit", "rpm", 3, alike=False)
+    assert incomplete(data, DRIVES) == "torque of drive2: rpm is no unit of torque"
     for drive in range(3):
         data = with_value(data, "torque", drive, "column", None, 3, alike=True)
     assert "torque" not in data
+    # What a mapping does not name has its usual names, if the recording has columns of these.
+    assert incomplete(data, DRIVES) == ""
+    assert incomplete(data, DRIVES, GERMAN) == "position: choose the column of drive1"
+    assert (
+        incomplete(data, DRIVES, ["t", *(f"{q}{i}" for q in ("q", "tau") for i in (1, 2, 3))]) == ""
+    )
+
+
+def test_one_chosen_column_brings_along_those_of_the_other_drives_and_their_unit() -> None:
+    data = with_column({}, "torque", 1, GERMAN[5], GERMAN, 3, alike=True)
+    assert data["torque"] == [{"column": name, "unit": "A"} for name in GERMAN[4:]]
+    alone = with_column({}, "torque", 1, GERMAN[5], GERMAN, 3, alike=False)
+    assert alone["torque"] == [{}, {"column": GERMAN[5], "unit": "A"}, {}]
+
+
+def test_drives_are_alike_also_where_a_column_is_chosen_later() -> None:
+    names = ["a", "b", "c"]
+    data = with_column({}, "position", 0, "a", names, 3, alike=True)
+    for key, value in (("unit", "rev"), ("gear", 20.0)):
+        data = with_value(data, "position", 0, key, value, 3, alike=True)
+    data = with_column(data, "position", 2, "c", names, 3, alike=True)
+    shared = {"unit": "rev", "gear": 20.0}
+    assert data["position"] == [{"column": "a"} | shared, {}, {"column": "c"} | shared]
+    data = with_column(data, "position", 1, "b", names, 3, alike=False)
+    assert data["position"][1] == {"column": "b"}
+
+
+def test_signals_are_drawn_before_any_column_is_mapped(tmp_path: Path) -> None:
+    log = recorded(500)
+    path = str(german(tmp_path / "log.csv", log))
+    seen = signals(path, GERMAN[0], GERMAN[1:], points=10_000)
+    assert [curve.quantity for curve in seen.curves] == 3 * ["Istposition Achse … [°]"] + 3 * [
+        "Motorstrom Achse … [A]"
+    ]
+    np.testing.assert_allclose(seen.curves[0].time, 1e3 * log["t"], atol=1e-6)
+    np.testing.assert_allclose(seen.curves[2].values, np.rad2deg(20 * log["q3"]), atol=1e-5)
+    np.testing.assert_array_equal(signals(path, None, GERMAN[1:2]).curves[0].time, np.arange(500))
 
 
 def test_time_is_a_column_with_a_unit_or_a_rate() -> None:

@@ -20,6 +20,7 @@ from deltaid.studio.steps import (
     export_step,
     fit_step,
     forces_step,
+    insisting,
     show_step,
     simulate_step,
     torque_step,
@@ -71,6 +72,8 @@ def _steps() -> Iterator[object]:
     for form in ("c", "mjcf", "urdf", "casadi", "npz"):
         yield export_step(ROBOT, form, f"at/{form}/")
     yield export_step(ROBOT, "mjcf", "at/plain/", plain_friction=True)
+    yield export_step(ROBOT, "urdf", "at/none/", without_friction=True)
+    yield export_step(ROBOT, "c", "at/online/", functions=("online",), single=True)
 
 
 @pytest.mark.slow
@@ -100,6 +103,14 @@ def _data(folder: Path, step: Step) -> dict[Path, bytes]:
     places = [folder / name for name in step.writes if not name.endswith(".html")]
     files = [file for place in places for file in (place.iterdir() if place.is_dir() else [place])]
     return {path: path.read_bytes() for path in files if path.is_file()}
+
+
+def test_an_export_has_the_choices_of_its_form_and_may_be_of_a_poor_model() -> None:
+    step = export_step("m.yaml", "st", "at/", functions=("online", "regressor"), single=True)
+    asked = ("export", "m.yaml", "--to", "st", "--with", "online,regressor", "--single")
+    assert step.arguments == (*asked, "--output", "at/")
+    assert insisting(step).arguments == (*asked, "--output", "at/", "--force")
+    assert export_step("m", "fmu", "a/", fmi="3").arguments[-4:] == ("--fmi", "3", "--output", "a/")
 
 
 def test_a_robot_of_a_form_is_that_of_the_command(folder: Path) -> None:

@@ -105,7 +105,7 @@ def test_each_recording_gets_the_mapping_that_it_needs(visitor: Visitor, work: P
     page = visitor.page
     _drop(page, work.parent / "axes.csv")
     visitor.press("Use these, write mapping.yaml")
-    page.get_by_label("torque of drive3: sign").wait_for()
+    visitor.see("Kept in mapping.yaml")
     _drop(page, work.parent / "other.csv")
     visitor.see("other.csv: which column is what")
     visitor.press("Use these, write mapping-other.yaml")
@@ -115,9 +115,9 @@ def test_each_recording_gets_the_mapping_that_it_needs(visitor: Visitor, work: P
     before = (work / "mapping-other.yaml").read_text()
     clear = page.locator(".q-select", has=page.get_by_label("position of drive1: column")).last
     clear.get_by_role("button").first.click()
-    visitor.see("position: drive 1 has no column yet")
+    visitor.see("position of drive1: choose its column")
     page.reload()
-    visitor.see("position: drive 1 has no column yet")
+    visitor.see("position of drive1: choose its column")
     assert (work / "mapping-other.yaml").read_text() == before
 
 

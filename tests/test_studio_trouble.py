@@ -19,7 +19,7 @@ from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, try_look
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.runs import new_run, runs
-from deltaid.studio.session import Session, standing, unmapped
+from deltaid.studio.session import FileEdit, Session, draft_key, standing, unmapped
 from deltaid.studio.stand import stage, stand
 from deltaid.studio.steps import check_step, excite_step
 
@@ -167,6 +167,7 @@ def test_a_folder_that_is_gone_is_said(session: Session) -> None:
 def test_a_recording_that_vanishes_is_missing(session: Session) -> None:
     used = Used(file="log.csv", mapping="mapping.yaml")
     (session.folder.root / "log.csv").write_text("t,q1\n0,1\n")
+    (session.folder.root / "mapping.yaml").write_text("time: {column: t}\n")
     session.store.change(lambda plan: plan.changed(robot="h4").with_recording(used))
     assert unmapped(session) == []
     assert standing(session)["recording"] == "done"
@@ -179,12 +180,31 @@ def test_a_recording_that_vanishes_is_missing(session: Session) -> None:
 def test_the_recording_that_is_tested_on_needs_a_mapping_too(session: Session) -> None:
     for name in ("log.csv", "test.csv"):
         (session.folder.root / name).write_text("t,q1\n0,1\n")
+    (session.folder.root / "mapping.yaml").write_text("time: {column: t}\n")
     fit = Used(file="log.csv", mapping="mapping.yaml")
     verify = Used(file="test.csv", use="verify")
     session.store.change(lambda p: p.changed(robot="h4").with_recording(fit).with_recording(verify))
     assert unmapped(session) == ["test.csv"]
     session.store.change(lambda plan: plan.with_recording(verify.changed(use="aside")))
     assert unmapped(session) == []
+
+
+def test_no_tick_before_a_mapping_is_complete(session: Session) -> None:
+    (session.folder.root / "log.csv").write_text("t,a,b,c\n0,1,2,3\n")
+    used = Used(file="log.csv", mapping="mapping.yaml")
+    session.store.change(lambda plan: plan.changed(robot="clavel-delta3").with_recording(used))
+    assert standing(session)["recording"] == "open"  # there is no such file
+    mapping, whole = session.folder.root / "mapping.yaml", "torque: {columns: [a, b, c], unit: A"
+    for text, state in (
+        (f"{whole}}}\n", "open"),
+        (f"{whole}, torque_constant: 0.1}}\n", "done"),
+        (f"{whole}, torque_constant: 0.1\n", "open"),
+    ):
+        mapping.write_text(text)
+        assert standing(session)["recording"] == state
+    mapping.write_text(f"{whole}, torque_constant: 0.1}}\n")
+    session.drafts[draft_key(used)] = FileEdit("", {})  # half edited in some tab
+    assert standing(session)["recording"] == "open"
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from deltaid.recording.column_names import groups_of, kind_of, read_name
 from deltaid.recording.mapped_columns import AllDrives
-from deltaid.recording.mapping import ColumnMapping, Quantity
+from deltaid.recording.mapping import SHORT_NAMES, TIMES, ColumnMapping, Quantity
 from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
 from deltaid.robot.yaml_edit import edited, mended
 from deltaid.studio.folder import Folder
@@ -27,6 +28,14 @@ UNITS: dict[Quantity, tuple[str, ...]] = {
     "acceleration": ("rad/s^2", "deg/s^2", "m/s^2", "mm/s^2"),
     "torque": ("N m", "mN*m", "A", "mA", "N", "lbf*in", "0.01 N*m"),
 }
+# Of the usual units, so that pint need not be loaded for them.
+_KINDS = {
+    unit: "current" if unit in ("A", "mA") else quantity
+    for quantity, units in UNITS.items()
+    for unit in units
+}
+# Quantities without which nothing can be identified.
+NEEDED = ("position", "torque")
 TIME_UNITS = ("s", "ms", "us", "ns", "100 ns")
 
 
@@ -91,16 +100,32 @@ def with_value(
     return _with_entries(data, quantity, listed if any("column" in e for e in listed) else [])
 
 
-def with_columns(data: Data, quantity: Quantity, columns: Sequence[str | None], unit: str) -> Data:
-    """The data with the columns of all drives; other keys of their entries stay."""
-    data, listed = copy.deepcopy(data), entries(data, quantity, len(columns))
-    for entry, column in zip(listed, columns, strict=True):
-        if column is None:
-            entry.clear()
-            continue
-        entry["column"] = column
-        entry.setdefault("unit", unit)
-    return _with_entries(data, quantity, listed if any(listed) else [])
+def with_column(
+    data: Data, quantity: Quantity, drive: int, column: str | None, names: Sequence[str], dof: int,
+    *, alike: bool,
+) -> Data:  # fmt: skip
+    """The data with the column of one drive; no column takes the whole entry out.
+
+    The entry gets the unit that the name states. If drives are to be alike, it gets unit and gear
+    of the others instead; the first column chosen brings along those of the other drives, whose
+    names differ from it in the axis only.
+
+    Args:
+        names: of all columns of the recording.
+    """
+    data = with_value(data, quantity, drive, "column", column, dof, alike=False)
+    listed, chosen = entries(data, quantity, dof), {drive: column} if column else {}
+    if column and alike and not any("column" in e for i, e in enumerate(listed) if i != drive):
+        places = (group.places for group in groups_of(names, dof))
+        axes = next((p for p in places if names[p[drive]] == column), ())
+        chosen |= {axis: names[place] for axis, place in enumerate(axes)}
+    for axis, name in chosen.items():
+        entry, unit = listed[axis], read_name(name).unit
+        others = [other for i, other in enumerate(listed) if i != axis and "column" in other]
+        shared = {key: other[key] for other in others for key in ALIKE if key in other}
+        listed[axis] = {"column": name} | ({"unit": unit} if unit else {}) | entry
+        listed[axis] |= {k: v for k, v in shared.items() if alike and k not in entry}
+    return _with_entries(data, quantity, listed) if chosen else data
 
 
 def _with_entries(data: Data, quantity: Quantity, listed: list[Data]) -> Data:
@@ -119,15 +144,39 @@ def with_time(data: Data, column: str | None, unit: str | None, rate: float | No
     return {"time": given} | others if given else others
 
 
-def incomplete(data: Data, dof: int) -> str:
-    """What is missing before the file can be one; empty if nothing is."""
+def incomplete(data: Data, drives: Sequence[str], names: Sequence[str] | None = None) -> str:
+    """What is missing before a check can begin, in words of the form; empty if nothing is.
+
+    Args:
+        drives: their names.
+        names: of all columns of the recording; None where they are not known.
+    """
     for quantity in UNITS:
-        listed = entries(data, quantity, dof) if quantity in data else []
-        for k, entry in enumerate(listed, 1):
-            for key in ("column", "unit"):
-                if key not in entry:
-                    return f"{quantity}: drive {k} has no {key} yet"
+        if quantity not in data:
+            usual = [f"{SHORT_NAMES[quantity]}{i + 1}" for i in range(len(drives))]
+            if quantity in NEEDED and names is not None and not {*usual} <= {*names}:
+                return f"{quantity}: choose the column of {drives[0]}"
+            continue
+        for drive, entry in zip(drives, entries(data, quantity, len(drives)), strict=True):
+            if "column" not in entry:
+                return f"{quantity} of {drive}: choose its column"
+            if fault := _unit_fault(quantity, entry):
+                return f"{quantity} of {drive}: {fault}"
+    if names is not None and "time" not in data and not {*TIMES} & {*names}:
+        return "choose the time column, or enter the samples a second"
     return ""
+
+
+def _unit_fault(quantity: Quantity, entry: Data) -> str:
+    unit, constant = entry.get("unit"), entry.get("torque_constant")
+    if not unit:
+        return "choose its unit"
+    kind = _KINDS.get(unit) or kind_of(unit)
+    if quantity == "torque" and kind == "current":
+        return "" if constant else f"a current in {unit} needs its N m per A"
+    if kind != quantity:
+        return f"{unit} is no unit of {quantity}"
+    return f"{unit} is no current; clear its N m per A" if constant else ""
 
 
 def difference(name: str, before: str, after: str) -> str:

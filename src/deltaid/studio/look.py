@@ -5,6 +5,7 @@ What goes in and out is plain data. An error of the program is a value here, a `
 
 import importlib
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,8 @@ from deltaid.errors import DeltaidError
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
+from deltaid.recording.source import Table
+from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
 
 # Points of a curve at most; a screen has hardly more columns.
@@ -122,14 +125,8 @@ def preview(
         for drive, channel in enumerate(getattr(columns, quantity))
     ]
     names = [channel.column for _, _, channel in curves]
-    asked = names if columns.time.is_absent else [columns.time.column, *names]
-    seen = MinMax(len(curves), points, span)
-    for rows in table.rows(asked):
-        numbers = np.column_stack([np.asarray(column, dtype=float) for column in rows.numbers])
-        own, values = numbers[:, 0], numbers[:, 1:]
-        if columns.time.is_absent:
-            own, values = np.arange(seen.rows, seen.rows + len(numbers), dtype=float), numbers
-        seen.add(_si(columns.time, own), values)
+    time = None if columns.time.is_absent else columns.time.column
+    seen = _thinned(table, time, names, points, span, columns.time)
     drawn: list[Curve] = []
     for k, (quantity, drive, channel) in enumerate(curves):
         units = description.units(description.drives[drive])
@@ -139,6 +136,45 @@ def preview(
         values = scale * _si(channel, values)
         drawn.append(Curve(channel.column, quantity, drive, unit, time, values))
     return Preview(tuple(drawn), seen.rows, seen.seconds)
+
+
+def signals(
+    path: str, time: str | None, columns: Sequence[str], points: int = POINTS, span: Any = None
+) -> Preview:
+    """Columns of a recording as they are, before they are mapped: over time, or over rows.
+
+    Args:
+        path: the recording.
+        time: column of the time, in its own unit; None for the number of the row.
+        columns: to be drawn; those whose names differ in numbers only share a row of curves.
+        points, span: as of `preview`, in the unit of the time.
+
+    Raises:
+        RecordingError: a column is missing, or the file cannot be read.
+    """
+    seen = _thinned(open_table(Path(path)), time, columns, points, span)
+    rows = dict[str, int]()
+    drawn = list[Curve]()
+    for k, name in enumerate(columns):
+        stem = re.sub(r"\d+", "…", name)
+        rows[stem] = rows.get(stem, -1) + 1
+        drawn.append(Curve(name, stem, rows[stem], "", *seen.curve(k)))
+    return Preview(tuple(drawn), seen.rows, seen.seconds)
+
+
+def _thinned(
+    table: Table, time: str | None, names: Sequence[str], points: int, span: Any,
+    channel: Channel | None = None,
+) -> "MinMax":  # fmt: skip
+    """Thinned curves of columns over a column of time, which a channel converts, or over rows."""
+    seen = MinMax(len(names), points, span)
+    for rows in table.rows(names if time is None else [time, *names]):
+        numbers = [np.asarray(column, dtype=float) for column in rows.numbers]
+        own = np.arange(seen.rows, seen.rows + len(numbers[0]), dtype=float)
+        if time is not None:
+            own = numbers.pop(0)
+        seen.add(own if channel is None else _si(channel, own), np.column_stack(numbers))
+    return seen
 
 
 def mapping_cured(

@@ -93,6 +93,7 @@ class Store:
         self.folder = folder
         self.listeners: list[Callable[[], None]] = []
         self.revision = 0
+        self.teller = ""
         self._seen = self._stamp()
         self._plan = self._read()
 
@@ -117,8 +118,9 @@ class Store:
         self.tell()
         return after
 
-    def tell(self) -> None:
-        """Have everything drawn anew."""
+    def tell(self, teller: str = "") -> None:
+        """Have everything drawn anew, but for the page that shows the change already."""
+        self.teller = teller
         self._seen = self._stamp()
         self.revision += 1
         for listener in list(self.listeners):

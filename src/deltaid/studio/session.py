@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
+from deltaid.studio.edits import incomplete, read
 from deltaid.studio.folder import RUNS, Folder, refusing, stamp
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, ready, try_look
@@ -236,13 +237,29 @@ def standing(session: Session) -> dict[str, str]:
 
 
 def unmapped(session: Session) -> list[str]:
-    """Recordings in use that are not there, or of which no column has been named yet."""
+    """Recordings in use that are not there, or whose mapping is none yet, or not complete."""
     return [
         recording.file
         for recording in session.plan.recordings
-        if recording.use != "aside"
-        and not (session.folder.has(recording.file) and recording.mapping is not None)
+        if recording.use != "aside" and not _is_mapped(session, recording)
     ]
+
+
+def _is_mapped(session: Session, used: Used) -> bool:
+    robot, folder, name = session.robot(), session.folder, used.mapping
+    if name is None or not (folder.has(used.file) and folder.has(name)):
+        return False
+    if not isinstance(robot, RobotDescription) or draft_key(used) in session.drafts:
+        return False
+    try:
+        return not incomplete(read(folder.text(name), name), tuple(robot.drives))
+    except DeltaidError:  # the page of recordings says why
+        return False
+
+
+def draft_key(used: Used) -> str:
+    """The key of what is being edited of a recording's mapping."""
+    return used.mapping or f"{used.file}: new mapping"
 
 
 def mapping_name(session: Session, file: str) -> str:

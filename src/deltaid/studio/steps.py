@@ -4,7 +4,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from deltaid.model.record import Settings
@@ -141,14 +141,36 @@ result.save({output!r})
     return _step("forces", (model, motion), asked, _made(folder, output), python)
 
 
-def export_step(model: str, to: str, output: str, *, plain_friction: bool = False) -> Step:
+def export_step(
+    model: str,
+    to: str,
+    output: str,
+    *,
+    plain_friction: bool = False,
+    without_friction: bool = False,
+    functions: Sequence[str] = (),
+    single: bool = False,
+    fmi: str = "2",
+) -> Step:
     """A model in a form that another program runs; `output` is a file or a folder with a slash."""
-    asked = {"plain_friction": plain_friction or None}
+    asked = {
+        "plain_friction": plain_friction or None,
+        "without_friction": without_friction or None,
+        "single": single or None,
+        "fmi": None if fmi == "2" else fmi,
+    }
+    named = asked | {"functions": list(functions) or None}
     python = f"""\
-written = {_call("deltaid.export", repr(model), repr(to), repr(output), **asked)}
+written = {_call("deltaid.export", repr(model), repr(to), repr(output), **named)}
 print(written.paths, *written.warnings)
 """
-    return _step("export", (model,), {"to": to, **asked}, {"output": output}, python)
+    asked = {"to": to, "with": ",".join(functions) or None, **asked}
+    return _step("export", (model,), asked, {"output": output}, python)
+
+
+def insisting(step: Step) -> Step:
+    """The same with a model that is poor, too; Python does not refuse it."""
+    return replace(step, arguments=(*step.arguments, "--force"))
 
 
 def _made(folder: str, output: str) -> dict[str, str]:

@@ -28,6 +28,15 @@ from deltaid.view.shapes import along, cylinder
 HOST = "127.0.0.1"
 # The usual port of a local server.
 DEFAULT_PORT = 8080
+# Share of a phone's height that readings cover, below the robot; viser itself takes 60 %.
+_COVERED = 0.4
+_PHONE = (
+    "<style>@media (max-width: 36em) {"
+    f" [style*='max-height: 60%'] {{ max-height: {_COVERED:.0%} !important; }}"
+    " [style*='width: 20em'] { width: 100% !important; } }</style>"
+)
+# Where one looks from, in sizes of the robot.
+_FROM = np.array([1.3, 1.0, 0.35])
 # Share of a colour's brightness that is left under the lamps.
 _SHADE = 0.7
 
@@ -87,6 +96,8 @@ class LiveView:
         self._target = self._add_target()
         self._inputs = self._add_inputs()
         self._panel = self.server.gui.add_html(panel(self.view))
+        self.server.gui.add_html(_PHONE)
+        self.server.on_client_connect(self._place_camera)
 
     @property
     def url(self) -> str:
@@ -180,7 +191,15 @@ class LiveView:
         scene.world_axes.axes_length, scene.world_axes.axes_radius = 0.15 * self._size, 0.003
         middle = self.robot.home[:3] * [1.0, 1.0, 0.6]
         self.server.initial_camera.look_at = middle
-        self.server.initial_camera.position = middle + self._size * np.array([1.3, 1.0, 0.35])
+        self.server.initial_camera.position = middle + self._size * _FROM
+
+    def _place_camera(self, client: Any) -> None:
+        camera = client.camera
+        if camera.aspect < 1:
+            points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
+            position, look_at = upright_camera(points, camera.fov, camera.aspect)
+            camera.position = position
+            camera.look_at = look_at
 
     def _add_target(self) -> Any:
         """The handle that is dragged."""
@@ -227,6 +246,25 @@ class LiveView:
             return
         turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
         self.move(np.array([*self._inputs["point"].value, *turn]))
+
+
+def upright_camera(
+    points: Float[np.ndarray, "points 3"], fov: float, aspect: float
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Position of the camera and where it looks on an upright screen [m]: the sphere around the
+    robot is in sight, in the middle of what the readings leave.
+
+    Args:
+        points: of the robot [m].
+        fov: angle of view from the top to the bottom [rad].
+        aspect: width of the screen by its height.
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = np.linalg.norm(points - middle, axis=1).max()
+    half = np.tan(0.5 * fov)
+    distance = float(radius / np.sin(np.arctan(half * min(aspect, 1 - _COVERED))))
+    look_at = middle - [0.0, 0.0, _COVERED * distance * half]
+    return look_at + distance / np.linalg.norm(_FROM) * _FROM, look_at
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:

@@ -10,7 +10,15 @@
   };
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
   const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
-  const current = () => templates[scheme.matches ? "dark" : "light"];
+  // A page that shows this one in a frame says which colours it has: in the address, or later.
+  const takeTheme = (theme) => {
+    const given = theme === "dark" || theme === "light" ? theme : "";
+    root.style.colorScheme = given;
+    if (given) root.dataset.theme = given;
+    else delete root.dataset.theme;
+  };
+  takeTheme(new URLSearchParams(window.location.search).get("theme"));
+  const current = () => templates[root.dataset.theme || (scheme.matches ? "dark" : "light")];
   const config = { responsive: true, displaylogo: false };
 
   // Plotly's script is packed into the page, or lies beside the pages of a site.
@@ -167,6 +175,11 @@
   const visible = () => [...done].filter(isShown);
   const dress = (template) => done.forEach((plot) => Plotly.relayout(plot, { template }));
   scheme.addEventListener("change", () => dress(current()));
+  window.addEventListener("message", (event) => {
+    if (event.source !== window.parent || typeof event.data?.theme !== "string") return;
+    takeTheme(event.data.theme);
+    dress(current());
+  });
 
   // Paper is white and no larger than it is; the screen's size comes back afterwards.
   const resize = (plot, template, width, height) => {

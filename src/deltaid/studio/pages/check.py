@@ -14,6 +14,7 @@ from deltaid.studio.plan import Used
 from deltaid.studio.runs import Run, next_run, output, runs
 from deltaid.studio.session import Session, mapping_name, mapping_of
 from deltaid.studio.steps import check_step
+from deltaid.studio.words import page_words
 
 _ORDER = ("wrong", "doubtful", "cannot tell", "good")
 _SENTENCES = {
@@ -80,16 +81,16 @@ def _words(verdict: dict[str, Any]) -> None:
         parts.grade(verdict["grade"])
         ui.label(verdict["key"]).classes("text-weight-bold")
     about = "" if verdict["subject"] in verdict["seen"] else f"{verdict['subject']}: "
-    ui.label(f"{about}{verdict['seen']}")
+    ui.label(page_words(f"{about}{verdict['seen']}"))
 
 
 def _card(session: Session, verdict: dict[str, Any]) -> None:
     with parts.panel():
         _words(verdict)
         if verdict["cause"]:
-            ui.label(f"Likely: {verdict['cause']}")
+            ui.label(page_words(f"Likely: {verdict['cause']}"))
         if verdict["cure"]:
-            ui.label(f"→ {verdict['cure']}")
+            ui.label(page_words(f"→ {verdict['cure']}"))
         if verdict["key"] == "torque-lag":
             ui.label("The fit finds this lag too, and puts it right (setting: Lag).").classes("dim")
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):

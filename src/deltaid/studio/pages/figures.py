@@ -7,9 +7,10 @@ import plotly.graph_objects as go
 from nicegui import events, ui
 from plotly.subplots import make_subplots
 
+from deltaid.recording.contents import Contents
 from deltaid.studio import look
 from deltaid.studio.compare import Beside
-from deltaid.studio.edits import Data
+from deltaid.studio.edits import NEEDED, Data, named
 from deltaid.studio.look import Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
@@ -21,11 +22,13 @@ Span = tuple[float, float]
 _COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
 _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
-# Height of a row of curves [px].
-_HEIGHT = 190
+# Height of a row of curves [px], and letters of a title beside it.
+_HEIGHT, _LETTERS = 190, 26
+# Columns that are drawn before any is mapped.
+_MOST = 9
 
 
-def curves(seen: Preview) -> Options:
+def curves(seen: Preview, time: str = "time [s]") -> Options:
     """Curves of all drives, one row a quantity, over one time axis."""
     quantities = list(dict.fromkeys(curve.quantity for curve in seen.curves))
     plot = make_subplots(rows=len(quantities), cols=1, shared_xaxes=True, vertical_spacing=0.04)
@@ -35,16 +38,17 @@ def curves(seen: Preview) -> Options:
             go.Scatter(
                 x=curve.time,
                 y=curve.values,
-                name=f"drive {curve.drive + 1}",
+                name=f"drive {curve.drive + 1}" if curve.unit else curve.name,
                 legendgroup=str(curve.drive),
-                showlegend=row == 1,
+                showlegend=row == 1 and bool(curve.unit),
                 line={"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
             ),
             row=row,
             col=1,
         )
-        plot.update_yaxes(title_text=f"{curve.quantity} [{curve.unit}]", row=row, col=1)
-    return _dressed(plot, len(quantities))
+        title = f"{curve.quantity} [{curve.unit}]" if curve.unit else curve.quantity[-_LETTERS:]
+        plot.update_yaxes(title_text=title, row=row, col=1)
+    return _dressed(plot, len(quantities), time)
 
 
 def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
@@ -104,8 +108,8 @@ def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
     return False
 
 
-def _dressed(plot: go.Figure, rows: int) -> Options:
-    plot.update_xaxes(title_text="time [s]", row=rows, col=1)
+def _dressed(plot: go.Figure, rows: int, time: str = "time [s]") -> Options:
+    plot.update_xaxes(title_text=time, row=rows, col=1)
     plot.update_xaxes(gridcolor=_GRID, zeroline=False)
     plot.update_yaxes(gridcolor=_GRID, zeroline=False)
     plot.update_layout(
@@ -126,22 +130,61 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
     """Positions, speeds and torques over time."""
     if not mapping:
         return
-    robot = session.place(session.plan.robot or "")
+    robot, said = session.place(session.plan.robot or ""), ui.label().classes("dim")
+    seen = await _drawn(session, used, look.preview, (robot, mapping))
+    if seen is not None:
+        said.set_text(
+            f"{seen.seconds:.4g} s, {seen.rows / max(seen.seconds, 1e-9):.4g} rows a second; "
+            "angles in degrees. Do they look like what the robot did?"
+        )
+
+
+async def signals(
+    session: Session, used: Used, contents: Contents, mapping: Data, dof: int
+) -> None:
+    """Columns as they are recorded, before they are mapped: those proposed, or any other."""
+    known = [c.address for c in contents.columns if c.low is not None]
+    time = mapping.get("time", {}).get("column")
+    time = time if time in known else None
+    known = [name for name in known if name != time]
+    chosen = [name for name in known if name in named(mapping, dof)]
+    moving = [c.address for c in contents.columns if c.address in known and not c.is_constant]
+    if len(chosen) < len(known) and any(quantity not in mapping for quantity in NEEDED):
+        chosen = [*dict.fromkeys((*chosen, *moving))][:_MOST]
+    picked = ui.select(known, value=chosen, label="Signals as recorded", multiple=True)
+    picked.props("outlined dense use-chips").classes("w-full")
+    place = ui.column().classes("w-full")
+
+    async def draw() -> None:
+        place.clear()
+        with place:
+            if picked.value:
+                await _drawn(
+                    session, used, look.signals, (time, tuple(picked.value)), time or "row"
+                )
+
+    parts.remembered(session, f"signals of {used.file}", picked)
+    picked.on_value_change(draw)
+    await draw()
+
+
+async def _drawn(
+    session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
+    time: str = "time [s]",
+) -> Preview | None:  # fmt: skip
+    """The figure of a look at a recording, which is drawn again in more detail; None without."""
     path = str(session.folder.path(used.file))
     with parts.waiting():
-        seen = await session.look(look.preview, path, robot, mapping)
+        seen = await session.look(see, path, *given)
     if isinstance(seen, look.Problem):
         parts.problem(seen)
-        return
-    ui.label(
-        f"{seen.seconds:.4g} s, {seen.rows / max(seen.seconds, 1e-9):.4g} rows a second; "
-        "angles in degrees. Do they look like what the robot did?"
-    ).classes("dim")
-    plot = ui.plotly(curves(seen)).classes("w-full")
+        return None
+    plot = ui.plotly(curves(seen, time)).classes("w-full")
     plot.props(f'role=img aria-label="Preview of {used.file}"')
 
     async def again(span: Span | None) -> Options | None:
-        detail = await session.look(look.preview, path, robot, mapping, look.POINTS, span)
-        return None if isinstance(detail, look.Problem) else curves(detail)
+        detail = await session.look(see, path, *given, look.POINTS, span)
+        return None if isinstance(detail, look.Problem) else curves(detail, time)
 
     linked(plot, again)
+    return seen

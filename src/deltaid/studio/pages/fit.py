@@ -20,6 +20,7 @@ from deltaid.studio.pages import parts
 from deltaid.studio.runs import next_run
 from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step
+from deltaid.studio.words import INSIST
 
 _CHOICES: dict[str, tuple[str, Any]] = {
     "friction": ("Friction laws: choose further terms, or as described", FrictionLaws),
@@ -84,7 +85,7 @@ def _gate(session: Session) -> bool:
         parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
 
         ui.switch(
-            "Go on with what is wrong (--force)",
+            INSIST,
             value=plan.force,
             on_change=lambda event: parts.change(session, force=bool(event.value)),
         )

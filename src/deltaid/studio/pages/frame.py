@@ -103,8 +103,11 @@ def _stage(session: Session, stage: str, client: Client) -> None:
             drawing = False
 
     def again() -> None:
-        nonlocal task
-        if not drawing:
+        nonlocal task, seen
+        if session.store.teller == client.id and not drawing:
+            seen = session.store.revision
+            nav.refresh()
+        elif not drawing:
             task = background_tasks.create(draw(), name="draw", context=client)
 
     def gone() -> None:

@@ -1,9 +1,10 @@
-"""The form of a mapping file: time, and for each quantity and drive its column, unit and sign."""
+"""The form of a mapping: time, and for each quantity and drive its column, unit and sign."""
 
 from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents
@@ -11,99 +12,159 @@ from deltaid.recording.mapping import QUANTITIES, Quantity
 from deltaid.robot.description import RobotDescription
 from deltaid.studio.edits import (
     DEFAULTS,
+    NEEDED,
     TIME_UNITS,
     UNITS,
     Data,
     entries,
     incomplete,
+    with_column,
     with_time,
     with_value,
     written,
 )
-from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
-from deltaid.studio.session import FileEdit, Session
+from deltaid.studio.session import FileEdit, Session, draft_key
 
-_NEEDED = ("position", "torque")
+# Keys of an entry that are numbers, and what their fields are called.
+_NUMBERS = {"zero": "zero", "gear": "gear", "torque_constant": "N m per A"}
 
 
-class _Form:
-    """A form and the data behind it; what is complete and valid is saved at once."""
+class Form:
+    """A form and the data behind it.
 
-    def __init__(self, session: Session, used: Used, data: Data, dof: int) -> None:
-        assert used.mapping is not None
-        self.session, self.name, self.dof = session, used.mapping, dof
-        self.data = data
-        self.before = session.folder.text(self.name)
-        draft = session.drafts.pop(self.name, None)
+    Of a mapping file, what is complete and valid is saved at once. A mapping that is only proposed
+    is kept as a draft until the user takes it.
+
+    What is typed meanwhile stays: a change is shown in the fields that it concerns, and the page
+    is drawn anew in other tabs only, unless another recording shares the mapping.
+
+    Attributes:
+        key: of its draft: the mapping file, or the recording that has none yet.
+        names: of all columns of the recording.
+        fields: by quantity, drive and key.
+        changed: called after each change.
+    """
+
+    def __init__(
+        self, session: Session, used: Used, contents: Contents, robot: RobotDescription, data: Data
+    ) -> None:
+        self.session, self.name, self.robot = session, used.mapping, robot
+        self.key, self.names = draft_key(used), [c.address for c in contents.columns]
+        self.before = session.folder.text(used.mapping) if used.mapping else ""
+        self.fields: dict[tuple[Quantity, int, str], ValueElement[Any]] = {}
+        self.changed: list[Callable[[], object]] = []
+        sharing = [r for r in session.plan.recordings if r.mapping == used.mapping]
+        self.teller = "" if used.mapping and len(sharing) > 1 else ui.context.client.id
+        self.data, draft = data, session.drafts.get(self.key)
         if draft is not None and draft.before == self.before:
-            session.drafts[self.name] = draft
             self.data = draft.after
-        self.alike = True
-        self.said = ui.column().classes("w-full")
+        elif draft is not None:
+            del session.drafts[self.key]
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self.robot.drives)
+
+    @property
+    def dof(self) -> int:
+        """How many drives there are."""
+        return len(self.drives)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all drives have the same unit and gear."""
+        return bool(self.session.choices.get("alike", True))
+
+    @property
+    def missing(self) -> str:
+        """What is missing before a check can begin; empty if nothing is."""
+        return incomplete(self.data, self.drives, self.names)
 
     def take(self, data: Data) -> None:
-        """Keep changed data, in the file if it can be."""
+        """Keep changed data, in the file if there is one and it can be."""
         self.data = data
-        self.said.clear()
-        missing = incomplete(data, self.dof)
-        with self.said:
-            self.session.drafts[self.name] = FileEdit(self.before, data)
-            if missing:
-                parts.note(f"{missing}: {self.name} is not changed as long as it is so.", "doubt")
-                return
-            try:
+        self.session.drafts[self.key] = FileEdit(self.before, data)
+        try:
+            if self.name is not None and not self.missing:
                 text = written(data, self.name)
                 self.session.folder.write(self.name, text, instead_of=self.before)
-            except ConflictError as error:
-                parts.warn(error)
-                self.session.store.tell()
-                return
-            except DeltaidError as error:
-                parts.problem(error)
-                return
-        self.before = text
-        del self.session.drafts[self.name]
-        self.session.store.tell()
+                del self.session.drafts[self.key]
+                self.before = text
+        except DeltaidError:
+            self.teller = ""
+            raise
+        finally:
+            for show in self.changed:
+                show()
+            self.session.store.tell(self.teller)
 
-    def set(self, quantity: Quantity, drive: int, key: str, value: object) -> None:
+    def shown(self, quantity: Quantity, drive: int, key: str) -> Any:
+        """What the field of an entry's value shows."""
+        entry = entries(self.data, quantity, self.dof)[drive]
+        value = entry.get(key, DEFAULTS.get(key))
+        return _text(value) if key in _NUMBERS else value
+
+    def refresh(self) -> None:
+        """Show in each field what the data hold."""
+        for place, field in self.fields.items():
+            value, known = self.shown(*place), getattr(field, "options", None)
+            if field.value == value:
+                continue
+            if isinstance(field, ui.select) and isinstance(known, list) and value not in known:
+                field.set_options([*known, value] if value else known, value=value)
+            else:
+                field.set_value(value)
+
+    def set(self, quantity: Quantity, drive: int, key: str, value: Any) -> None:
         """Take a changed value of an entry."""
-        self.take(with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike))
+        entry = entries(self.data, quantity, self.dof)[drive]
+        if value == entry.get(key, DEFAULTS.get(key)):
+            return
+        if key == "column":
+            changed = with_column(
+                self.data, quantity, drive, value, self.names, self.dof, alike=self.alike
+            )
+        else:
+            changed = with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike)
+        self.take(changed)
 
 
-def form(
-    session: Session, used: Used, contents: Contents, robot: RobotDescription, data: Data
-) -> None:
+def form(state: Form) -> None:
     """All fields of a mapping."""
-    ui.label(f"Kept in {used.mapping}. joint value = sign · unit · (number − zero) / gear").classes(
-        "dim"
-    )
-    state = _Form(session, used, data, len(robot.drives))
-    columns, data = [column.address for column in contents.columns], state.data
-    if session.drafts.get(state.name) is not None:
-        state.take(data)
+    kept = f"Kept in {state.name}. " if state.name else ""
+    ui.label(f"{kept}joint value = sign · unit · (number − zero) / gear").classes("dim")
+    columns, data = [*state.names], state.data
     _time(state, columns)
-    ui.switch(
-        "All drives have the same unit and gear",
-        value=True,
-        on_change=lambda event: setattr(state, "alike", bool(event.value)),
+    parts.remembered(
+        state.session, "alike", ui.switch("All drives have the same unit and gear", value=True)
     )
     for quantity in QUANTITIES:
-        title = quantity if quantity in _NEEDED else f"{quantity} (if recorded)"
-        shown = ui.expansion(title, value=quantity in data or quantity in _NEEDED)
-        listed = zip(robot.drives, entries(state.data, quantity, state.dof), strict=True)
+        title = quantity if quantity in NEEDED else f"{quantity} (if recorded)"
+        shown = ui.expansion(title, value=quantity in data or quantity in NEEDED)
+        listed = zip(state.drives, entries(data, quantity, state.dof), strict=True)
         with shown.classes("w-full").props("dense"), ui.element("div").classes("grid drives"):
             for drive, (name, entry) in enumerate(listed):
                 _row(state, quantity, drive, name, entry, columns)
+    missing = ui.refreshable(lambda: _missing(state))
+    missing()
+    state.changed.append(state.refresh)
+    state.changed.append(missing.refresh)
 
 
-def _time(state: _Form, columns: list[str]) -> None:
+def _missing(state: Form) -> None:
+    if state.missing:
+        parts.note(f"Still missing, so nothing is saved: {state.missing}.", "doubt")
+
+
+def _time(state: Form, columns: list[str]) -> None:
     given = state.data.get("time", {})
     with ui.row().classes("items-center w-full"):
         column = ui.select(
             columns, value=_known(given.get("column"), columns), label="Time column", clearable=True
-        ).props("outlined dense")
+        ).props("outlined dense").classes("grow time")  # fmt: skip
         unit = ui.select(
             _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
             new_value_mode="add-unique", with_input=True,
@@ -124,7 +185,7 @@ def _time(state: _Form, columns: list[str]) -> None:
 
 
 def _row(
-    state: _Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
+    state: Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
 ) -> None:
     def label(of: str) -> str:
         return f'outlined dense stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
@@ -136,23 +197,27 @@ def _row(
         return lambda text: state.set(quantity, drive, key, parts.number(text, key, DEFAULTS[key]))
 
     ui.label(name).classes("drive")
-    ui.select(
-        columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True,
-        on_change=setter("column"),
-    ).props(label("column")).classes("of")  # fmt: skip
-    ui.select(
-        _with(UNITS[quantity], entry.get("unit")), value=entry.get("unit"),
-        new_value_mode="add-unique", with_input=True, on_change=setter("unit"),
-    ).props(label("unit"))  # fmt: skip
-    ui.select({1: "+", -1: "−"}, value=entry.get("sign", 1), on_change=setter("sign")).props(
-        label("sign")
-    )
-    for key, shown in (("zero", "zero"), ("gear", "gear"), ("torque_constant", "N m per A")):
+    fields: dict[str, ValueElement[Any]] = {
+        "column": ui.select(
+            columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True,
+            on_change=setter("column"),
+        ).props(label("column")).classes("of"),
+        "unit": ui.select(
+            _with(UNITS[quantity], entry.get("unit")), value=entry.get("unit"),
+            new_value_mode="add-unique", with_input=True, on_change=setter("unit"),
+        ).props(label("unit")),
+        "sign": ui.select(
+            {1: "+", -1: "−"}, value=entry.get("sign", 1), on_change=setter("sign")
+        ).props(label("sign")),
+    }  # fmt: skip
+    for key, shown in _NUMBERS.items():
         if key == "torque_constant" and quantity != "torque":
             ui.label("")
             continue
         field = ui.input(value=_text(entry.get(key, DEFAULTS[key]))).props(label(shown))
         parts.on_leaving(field, numbers(key))
+        fields[key] = field
+    state.fields |= {(quantity, drive, key): field for key, field in fields.items()}
 
 
 def _text(value: float | None) -> str:

@@ -17,6 +17,7 @@ from deltaid.studio.plan import Used
 from deltaid.studio.runs import Record
 from deltaid.studio.session import Session, unmapped
 from deltaid.studio.steps import Step
+from deltaid.studio.words import page_words
 
 _Field = TypeVar("_Field", bound=ValueElement[Any])
 
@@ -37,23 +38,29 @@ def note(text: str, kind: str = "") -> None:
     """A remark that stays; kind is '', 'good', 'doubt' or 'bad'."""
     role = "alert" if kind == "bad" else "note"
     with ui.element("div").classes(f"note {kind}").props(f"role={role}"):
-        ui.label(text)
+        ui.label(page_words(text))
 
 
 def problem(error: Problem | DeltaidError) -> None:
     """What is wrong, where, and how to mend it."""
+    what, cure = _said(error)
     with ui.element("div").classes("note bad").props("role=alert"):
-        ui.label(f"{error.where}: {error.what}" if error.where else error.what)
-        if error.cure:
-            ui.label(f"→ {error.cure}").classes("cure")
+        ui.label(what)
+        if cure:
+            ui.label(f"→ {cure}").classes("cure")
 
 
 def warn(error: Problem | DeltaidError) -> None:
     """The same as a message that goes away by itself."""
-    place = f"{error.where}: " if error.where else ""
-    cure = f" → {error.cure}" if error.cure else ""
-    ui.notify(f"{place}{error.what}{cure}", type="negative", multi_line=True,
+    what, cure = _said(error)
+    ui.notify(f"{what} → {cure}" if cure else what, type="negative", multi_line=True,
               timeout=20_000, close_button="Close")  # fmt: skip
+
+
+def _said(error: Problem | DeltaidError) -> tuple[str, str]:
+    where = page_words(error.where)
+    what = f"{where}: {error.what}" if where else error.what
+    return page_words(what), page_words(error.cure)
 
 
 def number(text: object, key: str, default: Any = None, such: str = "such as 1.5") -> Any:
@@ -127,7 +134,8 @@ def remembered(session: Session, key: str, field: _Field) -> _Field:
     """A field that keeps its value when the page is drawn anew; the field itself."""
     value = session.choices.get(key)
     known = getattr(field, "options", None)
-    if value is not None and (known is None or value in known):
+    wanted = value if isinstance(value, list) else [value]
+    if value is not None and (known is None or all(each in known for each in wanted)):
         field.set_value(value)
     field.on_value_change(lambda event: session.choices.update({key: event.value}))
     return field
@@ -234,8 +242,9 @@ def report(session: Session, name: str, label: str) -> None:
     if not session.folder.has(name):
         return
     stamp = session.folder.path(name).stat().st_mtime_ns
+    theme = {None: "", True: "&theme=dark", False: "&theme=light"}[session.dark]
     ui.element("iframe").classes("frame").props(
-        f'src="/files/{name}?v={stamp}" title="{escape(label)}" loading=lazy'
+        f'src="/files/{name}?v={stamp}{theme}" title="{escape(label)}" loading=lazy'
     )
     with ui.row():
         ui.link("Open in a tab of its own", f"/files/{name}", new_tab=True)
@@ -256,7 +265,7 @@ def upload(
     session: Session,
     what: str,
     look: Callable[[Path], Awaitable[Problem | None]],
-    then: Callable[[str], None],
+    then: Callable[[str], Awaitable[None] | None],
     endings: Sequence[str] = (),
 ) -> None:
     """A place to drop files at, and a button to choose one.
@@ -285,7 +294,8 @@ def upload(
             return
         if name != event.file.name:
             ui.notify(f"{event.file.name} is kept as {name}")
-        then(name)
+        if (after := then(name)) is not None:
+            await after
 
     def rejected() -> None:
         warn(Problem("is not taken", what, f"give a file that ends with {' or '.join(endings)}"))

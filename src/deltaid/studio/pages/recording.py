@@ -1,18 +1,19 @@
 """Stage 2: recordings. Files of the folder, which column is what, and a preview."""
 
+import asyncio
 from functools import partial
 from pathlib import Path
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents, count_columns, read_contents
 from deltaid.robot.description import RobotDescription
 from deltaid.studio import look
-from deltaid.studio.edits import Data, named, read, written
+from deltaid.studio.edits import named, read, written
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.figures import preview
-from deltaid.studio.pages.mapping import form
+from deltaid.studio.pages.figures import preview, signals
+from deltaid.studio.pages.mapping import Form, form
 from deltaid.studio.pages.parts import upload
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.session import Session, mapping_name
@@ -26,15 +27,15 @@ async def body(session: Session) -> None:
     if not isinstance(robot, RobotDescription):
         parts.note("Pick a robot first: columns are proposed for its drives.")
         return
-    _files(session)
+    _files(session, robot)
     for used in session.plan.recordings:
         if used.use != "aside":
             await _recording(session, used, robot)
 
 
-def _files(session: Session) -> None:
+def _files(session: Session, robot: RobotDescription) -> None:
     with parts.panel("Recordings"):
-        upload(session, "a recording", partial(_readable, session), partial(_add, session))
+        upload(session, "a recording", partial(_readable, session), partial(_add, session, robot))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
@@ -44,7 +45,7 @@ def _files(session: Session) -> None:
                 ui.label(name).classes("grow long")
                 used = known.get(name)
                 if used is None:
-                    ui.button("Use it", on_click=partial(_add, session, name)).props(
+                    ui.button("Use it", on_click=partial(_add, session, robot, name)).props(
                         f'outline dense no-caps aria-label="Use {name}"'
                     )
                     continue
@@ -68,14 +69,34 @@ async def _readable(session: Session, path: Path) -> look.Problem | None:
     return found if isinstance(found, look.Problem) else None
 
 
-def _add(session: Session, name: str) -> None:
-    """Take a recording; the second one tests."""
+async def _add(session: Session, robot: RobotDescription, name: str) -> None:
+    """Take a recording; the second one tests. It shares the mapping of one with its columns."""
+    mapping = None
+    for recording in session.plan.recordings:
+        if recording.file != name and await _has_columns_of(session, robot, recording, name):
+            mapping = mapping or recording.mapping
 
     def edit(plan: Plan) -> Plan:
         use = "verify" if plan.fitted and not plan.verified else "fit"
-        return plan.with_recording(Used(file=name, use=use))
+        return plan.with_recording(Used(file=name, use=use, mapping=mapping))
 
     parts.attempt(lambda: session.store.change(edit))
+
+
+async def _contents(
+    session: Session, robot: RobotDescription, name: str
+) -> Contents | look.Problem:
+    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+    return await session.look(read_contents, str(session.folder.path(name)), linear)
+
+
+async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:
+    """Whether a recording is there and has the same columns as another one."""
+    if not session.folder.has(used.file):
+        return False
+    found = [await _contents(session, robot, file) for file in (used.file, name)]
+    columns = [[c.address for c in each.columns] for each in found if isinstance(each, Contents)]
+    return len(columns) == len(found) and columns[0] == columns[1]
 
 
 def _forget(session: Session, name: str) -> None:
@@ -90,10 +111,8 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
                 "bad",
             )
             return
-        linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-        path = str(session.folder.path(used.file))
         with parts.waiting():
-            contents = await session.look(read_contents, path, linear)
+            contents = await _contents(session, robot, used.file)
         if isinstance(contents, look.Problem):
             parts.problem(contents)
             return
@@ -102,9 +121,7 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
         for text in contents.warnings:
             parts.note(text, "doubt")
         if used.mapping is None:
-            _proposal(session, used, contents, robot)
-            if contents.proposal.complete:
-                await preview(session, used, contents.proposal.data)
+            await _proposal(session, used, contents, robot)
             return
         try:
             data = read(session.folder.text(used.mapping), used.mapping)
@@ -113,27 +130,56 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             _another(session, used)
             return
         _another(session, used)
-        form(session, used, contents, robot, data)
-        await preview(session, used, data)
+        state = Form(session, used, contents, robot, data)
+        form(state)
+        await _figure(state, used, contents, ui.column().classes("w-full figure"))
 
 
-def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDescription) -> None:
+async def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> None:
+    """What the mapping makes of the recording; as long as it is not complete, the signals."""
+    lock, drawn = asyncio.Lock(), object()
+
+    async def draw() -> None:
+        nonlocal drawn
+        async with lock:
+            wanted = state.missing or state.data
+            if wanted == drawn or (state.missing and isinstance(drawn, str)):
+                return
+            drawn = wanted
+            place.clear()
+            with place:
+                if state.missing:
+                    await signals(state.session, used, contents, state.data, state.dof)
+                else:
+                    await preview(state.session, used, state.data)
+
+    def later() -> None:
+        background_tasks.create(draw(), name="figure", context=place.client)
+
+    state.changed.append(later)
+    await draw()
+
+
+async def _proposal(
+    session: Session, used: Used, contents: Contents, robot: RobotDescription
+) -> None:
     """What may be right, and why; a file is written when the user takes it."""
     guess, name = contents.proposal, mapping_name(session, used.file)
-    lines = [f"· {reason}" for reason in guess.reasons]
-    if guess.missing:
-        lines.append(f"· not found: {', '.join(guess.missing)}; these are to be named by hand")
+    state = Form(session, used, contents, robot, guess.data)
+    lines = [f"· {reason}" for reason in guess.reasons] or ["· no column by its name"]
     head = "Found without doubt" if guess.certain else "Proposed"
     parts.note(f"{head}, and not used yet:\n" + "\n".join(lines))
-    fitting = _fitting(session, contents, len(robot.drives))
+    fitting = _fitting(session, contents, state.dof)
     with ui.row():
         for mapping, of in fitting.items():
             point = partial(parts.change_use, session, used, mapping=mapping)
             ui.button(f"Use {mapping}{of}", on_click=point).props("no-caps")
-        ui.button(
-            f"{'Name the rest by hand' if guess.missing else 'Use these'}, write {name}",
-            on_click=lambda: _take(session, used, name, guess.valid_data),
-        ).props("no-caps outline" if fitting else "no-caps")
+    figure = ui.column().classes("w-full figure")
+    form(state)
+    take = ui.button(f"Use these, write {name}", on_click=partial(_take, state, used, name))
+    take.props("no-caps outline" if fitting else "no-caps").set_enabled(not state.missing)
+    state.changed.append(lambda: take.set_enabled(not state.missing))
+    await _figure(state, used, contents, figure)
 
 
 def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
@@ -168,9 +214,24 @@ def _another(session: Session, used: Used) -> None:
         )
 
 
-def _take(session: Session, used: Used, name: str, data: Data) -> None:
+async def _take(state: Form, used: Used, name: str) -> None:
+    """Write the mapping; recordings with the same columns that have none take it too."""
+    session = state.session
+    shared = [
+        recording
+        for recording in session.plan.recordings
+        if recording.mapping is None
+        and await _has_columns_of(session, state.robot, recording, used.file)
+    ]
+
+    def edit(plan: Plan) -> Plan:
+        for recording in shared:
+            plan = plan.with_recording(recording.changed(mapping=name))
+        return plan
+
     def do() -> None:
-        session.folder.write(name, written(data, name))
-        session.store.change(lambda plan: plan.with_recording(used.changed(mapping=name)))
+        session.folder.write(name, written(state.data, name))
+        session.drafts.pop(state.key, None)
+        session.store.change(edit)
 
     parts.attempt(do)

@@ -26,4 +26,6 @@ document.addEventListener("keydown", (event) => {
 // Pages in frames follow the look that is chosen here.
 function studioTheme(dark) {
   document.documentElement.style.colorScheme = dark === null ? "light dark" : dark ? "dark" : "light";
+  const theme = dark === null ? "" : dark ? "dark" : "light";
+  for (const frame of document.querySelectorAll("iframe")) frame.contentWindow.postMessage({ theme }, "*");
 }

@@ -1,11 +1,15 @@
 """Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
 
 from collections.abc import Callable
-from typing import get_args
+from functools import partial
+from typing import Any, get_args
 
 from nicegui import ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.control.options import ControllerName
+from deltaid.exports.options import FURTHER, FmiVersion
+from deltaid.studio.compare import describe_fit
 from deltaid.studio.pages import parts
 from deltaid.studio.runs import messages, next_run, runs
 from deltaid.studio.session import Session
@@ -14,9 +18,11 @@ from deltaid.studio.steps import (
     excite_step,
     export_step,
     forces_step,
+    insisting,
     simulate_step,
     torque_step,
 )
+from deltaid.studio.words import INSIST
 
 _FORMS = {
     "c": "C code (.c, .h)",
@@ -27,6 +33,15 @@ _FORMS = {
     "fmu-inverse": "FMU, inverse dynamics",
     "casadi": "CasADi function",
     "npz": "NumPy arrays (.npz)",
+}
+# What a form leaves open.
+_CHOICES_OF = {"c": ("code",), "st": ("code",), "fmu": ("unit",), "fmu-inverse": ("unit",)}
+# The key of the choice to use a poor model.
+_POOR = "use poor"
+_FRICTION = {
+    "all": "as identified",
+    "plain": "nearest viscous and Coulomb friction",
+    "none": "without friction",
 }
 
 
@@ -57,8 +72,15 @@ def _subject(session: Session) -> str | None:
 def _model(session: Session, model: str) -> None:
     """Which model it is, and the file itself."""
     name = session.plan.names.get(model.rpartition("/")[0], "")
+    run = next((r for r in runs(session.folder) if r.file("model.yaml") == model), None)
     with parts.panel():
         ui.label(f"Everything here is made with {model}{f' ({name})' if name else ''}.")
+        for sentence, kind in describe_fit(session.folder, run) if run else ():
+            if kind == "bad":
+                parts.note(sentence, kind)
+                insist = ui.switch(INSIST, value=False)
+                parts.remembered(session, _POOR, insist)
+                insist.on_value_change(lambda: session.store.tell())
         with ui.row():
             ui.button(
                 "Download the model", on_click=lambda: ui.download(f"/files/{model}?download=true")
@@ -77,8 +99,21 @@ def _motions(session: Session) -> list[str]:
     return [*planned, *(recording.file for recording in session.plan.recordings)]
 
 
+def _made(session: Session, kind: str, make: Callable[[str], Step], at: str) -> Step:
+    """A step, of a poor model too where the user insists."""
+    insists = kind != "excite" and session.choices.get(_POOR)
+    return insisting(make(at)) if insists else make(at)
+
+
 def _begin(session: Session, kind: str, make: Callable[[str], Step]) -> None:
-    parts.attempt(lambda: session.begin(kind, make))
+    parts.attempt(lambda: session.begin(kind, partial(_made, session, kind, make)))
+
+
+def _commands(
+    session: Session, kind: str, make: Callable[[str], Step], *fields: ValueElement[Any]
+) -> None:
+    at = next_run(session.folder, kind)
+    parts.commands(lambda: _made(session, kind, make, at), *fields)
 
 
 def _last(session: Session, kind: str) -> None:
@@ -91,9 +126,14 @@ def _last(session: Session, kind: str) -> None:
         parts.note(said, "doubt" if "warning:" in said else "")
     with ui.row():
         ui.label(f"{run.name}:").classes("dim")
-        for path in sorted((session.folder.root / run.folder).iterdir()):
+        made = sorted((session.folder.root / run.folder).iterdir())
+        for path in made:
             if path.is_file() and path.name not in ("run.yaml", "messages.txt", "output.json"):
                 ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
+    for path in made:
+        if path.name.startswith("README_"):
+            with ui.expansion("README of this folder").classes("w-full").props("dense"):
+                parts.code(session.folder.text(run.file(path.name)), "Copy README")
 
 
 def _excite(session: Session, model: str) -> None:
@@ -111,7 +151,7 @@ def _excite(session: Session, model: str) -> None:
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, "excite")
-        parts.commands(lambda: make(next_run(session.folder, "excite")), duration, count)
+        _commands(session, "excite", make, duration, count)
 
 
 def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
@@ -149,24 +189,45 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, kind)
-        parts.commands(lambda: make(next_run(session.folder, kind)), motion, option)
+        _commands(session, kind, make, motion, option)
 
 
 def _export(session: Session, model: str) -> None:
+    """All forms of a model, with the choices that each leaves, into a folder with a README."""
+
     def make(at: str) -> Step:
-        return export_step(model, str(form.value), f"{at}/", plain_friction=bool(plain.value))
+        to, of = str(form.value), _CHOICES_OF.get(str(form.value), ())
+        return export_step(
+            model, to, f"{at}/",
+            plain_friction=friction.value == "plain", without_friction=friction.value == "none",
+            functions=(further.value or ()) if "code" in of else (),
+            single=bool(single.value) and "code" in of,
+            fmi=str(fmi.value) if "unit" in of else "2",
+        )  # fmt: skip
 
     with parts.panel("Export"):
         with ui.row().classes("items-center"):
             form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
-            parts.remembered(session, "export form", form)
-            plain = ui.checkbox("Nearest viscous and Coulomb friction").props("dense")
-            parts.remembered(session, "export friction", plain)
+            friction = ui.select(_FRICTION, value="all", label="Friction").props("outlined dense")
+            further = ui.select(list(FURTHER), value=[], label="Further functions", multiple=True)
+            further.props("outlined dense use-chips").classes("w-60")
+            single = ui.checkbox("Single precision").props("dense")
+            fmi = ui.select(list(get_args(FmiVersion)), value="2", label="FMI")
+            fmi.props("outlined dense").classes("w-24")
+            fields = {
+                "form": form, "friction": friction, "further": further, "single": single, "fmi": fmi
+            }  # fmt: skip
+            for key, field in fields.items():
+                parts.remembered(session, f"export {key}", field)
+            for of, field in (("code", further), ("code", single), ("unit", fmi)):
+                field.bind_visibility_from(
+                    form, "value", backward=lambda to, of=of: of in _CHOICES_OF.get(to, ())
+                )
             ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
                 "outline no-caps"
             ).set_enabled(not session.busy)
         _last(session, "export")
-        parts.commands(lambda: make(next_run(session.folder, "export")), form, plain)
+        _commands(session, "export", make, *fields.values())
 
 
 def _files(session: Session) -> None:
