@@ -332,6 +332,11 @@ MISTAKES = {
     "degrees": ("points", changed(q1=57.3 * pl.col("q1")), "likely degrees"),
     "hole": ("points", changed(px=HOLE), "is empty"),
     "column": ("points", lambda frame: frame.drop("pz"), "has no column pz"),
+    "many": (
+        "points",
+        lambda frame: frame.sample(30_000, with_replacement=True),
+        "has 30000 readings; at most 20000",
+    ),
     "few": ("points", lambda frame: frame.head(2), "too few"),
     "bed": ("bed", thousandfold("z"), "cannot reach"),
 }  # fmt: skip

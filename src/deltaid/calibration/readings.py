@@ -33,6 +33,8 @@ _READ: dict[Kind, tuple[str, ...]] = {
 }  # fmt: skip
 # A rotary drive turns less than this within its workspace [rad]; more are degrees.
 _WIDE = 2 * np.pi
+# Readings of a file: a tracker's ten minutes at 30 Hz; a fit of many more takes minutes.
+_MOST = 20_000
 
 # Files or tables of one kind of instrument, one or several.
 ReadingsLike = RecordingLike | Sequence[RecordingLike]
@@ -68,8 +70,8 @@ def read(kind: Kind, given: RecordingLike, columns: InstrumentColumns, loops: Lo
     """The readings of one file or table, in SI units.
 
     Raises:
-        RecordingError: a column is missing, or a number is; there are no rows; drives look like
-            degrees, or poses are out of reach.
+        RecordingError: a column is missing, or a number is; there are no rows, or too many; drives
+            look like degrees, or poses are out of reach.
     """
     source = as_source(given, kind)
     table = source.table if isinstance(source, Recording) else open_table(source)
@@ -145,6 +147,12 @@ def _column(
         for piece in table.rows([column])
     ]
     numbers = np.concatenate([part for part, _ in read_rows] or [np.zeros(0)])
+    if len(numbers) > _MOST:
+        raise RecordingError(
+            f"has {len(numbers)} readings; at most {_MOST} are fitted",
+            where=str(table.path),
+            cure="keep some hundred that are spread over the workspace",
+        )
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
         written = [text for _, part in read_rows for text in part]
