@@ -35,11 +35,10 @@ SESSION = (
     ),
     Shown(
         "deltaid identify demo/robot.yaml log.csv --columns mended.yaml "
-        "--verify other-log.csv -o model.yaml --report report.html",
-        last=15,
+        "--verify other-log.csv -o model.yaml --report report.html"
     ),
     Shown(
-        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=8
+        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=10
     ),
     Shown("deltaid torque model.yaml planned.csv --columns planned.yaml -o feed-forward.csv"),
 )
