@@ -16,6 +16,7 @@ from deltaid.robot.load import load_robot
 from deltaid.sensors.planning.knowledge import unknowns
 from deltaid.sensors.planning.offers import Offers, shipped_offers
 from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
+from deltaid.view.sensor_plan import stopped
 from sensor_offers import DELTA, PLATE, SETTINGS, dense, offers, planned
 
 
@@ -103,6 +104,29 @@ def test_every_greedy_step_is_the_best_of_all_left() -> None:
         taken.append(best)
 
 
+def test_without_a_budget_the_dearest_plate_is_not_named() -> None:
+    plan, rich = sensor_plan(DELTA), sensor_plan(DELTA, budget=20_000)
+    assert rich.steps[-1][0].use.name == "plate-tared"
+    assert rich.beyond is None
+    names = [step.use.name for step, _ in plan.steps]
+    assert names == [step.use.name for step, _ in rich.steps[: len(names)]]
+    assert plan.beyond is not None
+    spent, gained = plan.steps[-1][0].spent, plan.last.gain
+    assert plan.beyond.gain / plan.beyond.cost < 0.1 * gained / spent
+    assert "Enough for its price: trifilar:S" in stopped(plan)
+    assert spent < 0.05 * rich.steps[-1][0].spent
+
+
+def test_the_wanted_uncertainty_is_reached_with_nothing_to_spare() -> None:
+    wanted = PlanSettings(enough=0.2)
+    plan = sensor_plan(DELTA, settings=wanted)
+    names = [step.use.name for step, _ in plan.steps]
+    rest = [[name for name in names if name != other] for other in names]
+    less = sensor_plan(DELTA, combinations=rest, settings=replace(wanted, steps=0))
+    assert plan.last.goal <= 0.2 < min(outlook.goal for outlook in less.combinations)
+    assert sensor_plan(DELTA, goal="forces").steps == ()  # torques alone are enough
+
+
 @pytest.mark.parametrize("budget", [4.0, 12.0, 60.0])
 def test_a_budget_is_kept(budget: float) -> None:
     plan = sensor_plan(DELTA, offers=offers(), budget=budget, settings=SETTINGS)
@@ -117,7 +141,7 @@ def test_of_a_group_one_is_bought() -> None:
     plan = sensor_plan(DELTA, offers=two)
     assert [step.use.name for step, _ in plan.steps] == ["b"]
     alone = {key: one.changed(group="") for key, one in two.offers.items()}
-    plan = sensor_plan(DELTA, offers=Offers.model_validate({"offers": alone}))
+    plan = sensor_plan(DELTA, offers=Offers.model_validate({"offers": alone}), budget=10.0)
     assert [step.use.name for step, _ in plan.steps] == ["b", "a"]
 
 

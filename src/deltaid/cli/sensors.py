@@ -30,7 +30,8 @@ def sensors(
         str, typer.Option(help="bodies, the name of one body, forces or gains.")
     ] = "bodies",
     budget: Annotated[
-        float | None, bounded(help="Most that all may cost, work included.", limits=(1e-9, 1e12))
+        float | None,
+        bounded(help="Most that all may cost; default: what is enough.", limits=(1e-9, 1e12)),
     ] = None,
     offers: Annotated[
         Path | None,
@@ -149,7 +150,6 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...], full: bool) -> None:
         open_table,
         plan_card,
         step_table,
-        stopped,
         untold,
         use_table,
     )
@@ -174,7 +174,6 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...], full: bool) -> None:
             card.title,
             *card.lines,
             "; ".join(f"{name}: {value}" for name, value in card.facts),
-            *([stopped(plan)] if plan.steps else []),
         ],
         [step_table(plan)] if plan.steps else [],
         [entry_table(plan), use_table(plan, entries), count_table(plan), *still_open],

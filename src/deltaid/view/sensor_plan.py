@@ -7,6 +7,7 @@ import polars as pl
 
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
 from deltaid.sensors.planning.plan import SensorPlan
+from deltaid.sensors.planning.shopping import KNEE
 from deltaid.view.card import Card
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
@@ -113,6 +114,17 @@ def step_table(plan: SensorPlan) -> Table:
 
 def stopped(plan: SensorPlan) -> str:
     """Why buying ends where it does, in words."""
+    wanted = plan.settings.enough
+    if plan.last.goal <= wanted:
+        return f"Enough: {percent(plan.last.goal)} is left, and --enough asks for {percent(wanted)}"
+    if not plan.steps:
+        return "Nothing that is on offer is worth buying"
+    if plan.beyond is not None and len(plan.steps) < plan.settings.steps:
+        money, step = plan.offers.currency, plan.beyond
+        return (
+            f"Enough for its price: {step.use.name}, {step.cost:.0f} {money}, gains less than "
+            f"{percent(KNEE)} as much per {money} as all before it. --budget goes on"
+        )
     if len(plan.steps) == plan.settings.steps:
         return f"{len(plan.steps)} things, as many as were asked for; --steps asks for more"
     return "nothing else in the list is worth it, or within the budget"
@@ -158,8 +170,7 @@ def plan_card(value: SensorPlan) -> Card:
         spent = value.steps[-1][0].spent
         facts.append(("with all bought", f"{percent(value.last.goal)} for {spent:.0f} {money}"))
         facts.append(("buy first", f"{first.use.name}, {first.cost:.0f} {money}"))
-    else:
-        lines.append("Nothing that is on offer is worth buying.")
+    lines.append(stopped(value))
     return Card(
         f"What to measure of {robot.title or robot.name}",
         tuple(lines),

@@ -17,6 +17,7 @@ from deltaid.view.sensor_plan import (
     entry_table,
     open_table,
     step_table,
+    stopped,
     untold,
     use_table,
 )
@@ -104,12 +105,13 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
         f"{plan.goal}, and {in_words(open_now)} {stays} open"
     )
     if not plan.steps:
-        return Summary(Trust.UNTESTED, f"{said}; nothing of the list is worth buying.")
+        return Summary(Trust.UNTESTED, f"{said}.", (f"{stopped(plan)}.",))
     (first, _), (step, last) = plan.steps[0], plan.steps[-1]
     money = plan.offers.currency
     lines = (
         f"Buy {first.use.name} first, for {first.cost:.0f} {money}; all that is worth buying "
         f"costs {step.spent:.0f} {money} and leaves {percent(last.goal)}.",
+        f"{stopped(plan)}.",
         "Predicted for a motion, a noise and a prior; nothing has been measured.",
     )
     return Summary(Trust.UNTESTED, f"{said}.", lines)

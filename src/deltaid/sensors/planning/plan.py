@@ -30,7 +30,7 @@ from deltaid.sensors.planning.rows import (
     torque_rows,
     torques,
 )
-from deltaid.sensors.planning.shopping import BODIES, GAINS, Goal, Step, cost_of, shopping
+from deltaid.sensors.planning.shopping import BODIES, GAINS, Goal, Step, cost_of, enough, shopping
 from deltaid.sensors.planning.shopping import goal as goal_called
 from deltaid.sensors.planning.uses import Use, described_rows, uses
 from deltaid.sensors.weighings import weighings
@@ -102,9 +102,10 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
             the same where it has none.
         uses: what each thing would make of the latter, by itself.
         combinations: the same of several together.
-        steps: what to buy, one after the other.
+        steps: what to buy, one after the other; without a budget, what is enough.
         openings: what no row sees, by what there is.
         notes: what it takes for granted, in words.
+        beyond: what would come next without being worth its price; None with a budget.
     """
 
     model: Model
@@ -121,6 +122,7 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
     steps: tuple[tuple[Step, Outlook], ...]
     openings: tuple[Opening, ...]
     notes: tuple[str, ...]
+    beyond: Step | None = None
 
     @property
     def has_described(self) -> bool:
@@ -163,7 +165,7 @@ def sensor_plan(
             without.
         offers: a list of what could be bought, by value or file; the shipped one without.
         goal: 'bodies', a body, 'forces' or 'gains'.
-        budget: most that all may cost.
+        budget: most that all may cost; without one, what is enough is bought.
         combinations: names of uses that are tried together, besides those of the list.
         settings: noise, prior and the like.
         columns: of a recording, by value or file.
@@ -222,6 +224,11 @@ def sensor_plan(
 
         say("comparing")
         steps = shopping(start, aim, possible, entries.W, budget, settings.steps)
+        beyond = None
+        if budget is None:
+            greedy, steps = steps, enough(start, aim, steps, entries.W)
+            bought = {step.use.name for step in steps}
+            beyond = next((step for step in greedy if step.use.name not in bought), None)
         bought = [step.use for step in steps]
         tried = [_find(names, possible, offers) for names in (*combinations, *offers.combinations)]
         return SensorPlan(
@@ -239,6 +246,7 @@ def sensor_plan(
             steps=tuple((step, outlook(bought[: k + 1])) for k, step in enumerate(steps)),
             openings=openings(dynamics, planned, rows, sure, possible, bought),
             notes=(*_notes(entries, goal, gain_spread), *left_out),
+            beyond=beyond,
         )
 
 

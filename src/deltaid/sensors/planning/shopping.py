@@ -8,6 +8,9 @@ Greedy buying: one use after the other, always that which gains most for what it
 
 The gain is by how much ½ log det(I + G Cov Gᵀ/ε²) of the goal falls. What an offer costs is paid
 with its first use; every use costs its work.
+
+Without a budget buying ends where it is enough (`enough`): at the wanted uncertainty ε, without
+what that does not need, or at the knee, from which on money buys far less.
 """
 
 from collections.abc import Sequence
@@ -91,6 +94,8 @@ def _forces(unknowns: Unknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
 
 # A gain that is not worth anybody's way: all of a goal's standard deviations smaller by 2 %.
 _LEAST = 0.02
+# Beyond the knee a step gains less than this share of what all before it gained for their price.
+KNEE = 0.1
 # What costs nothing is taken for this much, so that more for nothing comes before less.
 _NOTHING = 1e-6
 
@@ -147,6 +152,36 @@ def shopping(
         owned[uses[k].group] = uses[k].offer
         done.add(k)
         steps.append(Step(uses[k], cost, spent, gain))
+    return tuple(steps)
+
+
+def enough(
+    known: Knowledge, goal: Goal, steps: Sequence[Step], W: Float[np.ndarray, "extended n"]
+) -> tuple[Step, ...]:
+    """What of greedy buying is enough, in order; nothing where `known` is already.
+
+    Where ε is reached, what came before and is not needed for it is left out, the dearest first.
+    """
+
+    def is_reached(uses: Sequence[Use]) -> bool:
+        return goal.std(known.and_rows(np.vstack([use.likely for use in uses]) @ W)) <= goal.enough
+
+    if goal.std(known) <= goal.enough:
+        return ()
+    uses = [step.use for step in steps]
+    reached = (uses[:k] for k in range(1, len(uses) + 1) if is_reached(uses[:k]))
+    if needed := next(reached, None):
+        for step in sorted(steps[: len(needed)], key=lambda step: -step.cost):
+            rest = [use for use in needed if use is not step.use]
+            if rest and is_reached(rest):
+                needed = rest
+        return shopping(known, goal, needed, W, None, len(needed))
+    spent = gained = 0.0
+    for k, step in enumerate(steps):
+        if step.gain * spent < KNEE * gained * step.cost:
+            return tuple(steps[:k])
+        if step.cost:
+            spent, gained = spent + step.cost, gained + step.gain
     return tuple(steps)
 
 
