@@ -198,3 +198,22 @@ def _inked(png: bytes) -> float:
 def _changed(before: bytes, after: bytes) -> float:
     """Share of pixels that differ between two pictures of one size."""
     return float(np.mean(np.abs(_pixels(before) - _pixels(after)).max(axis=2) > 0.1))
+
+
+def test_a_page_in_a_frame_has_the_colours_of_the_page_around_it(browser, tmp_path: Path) -> None:
+    path = tmp_path / "check.html"
+    assert run("check", "clavel-delta3", "--report", path).code == 0
+    page = browser.new_page(color_scheme="light")
+    page.goto(f"{path.as_uri()}?theme=dark")
+
+    def paper() -> str:
+        return page.evaluate("getComputedStyle(document.body).backgroundColor")
+
+    assert paper() == "rgb(18, 22, 27)"
+    for theme, colour in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(18, 22, 27)")):
+        page.evaluate("theme => window.postMessage({ theme }, '*')", theme)
+        page.wait_for_selector(f"html[data-theme={theme}]", state="attached")
+        assert paper() == colour
+    page.emulate_media(media="print")
+    assert paper() == "rgb(255, 255, 255)"
+    page.close()
