@@ -66,7 +66,7 @@ def test_without_an_effect_the_package_identifies(name: str, tmp_path: Path) -> 
 
     without, whole = (_demo(src, tmp_path) for src in (copy.parent, PACKAGE.parent))
     assert without[0] == str(len(EFFECTS) - 1)
-    (truth,) = (line for line in whole if line.startswith("against the truth: mass matrix within"))
+    (truth,) = (line for line in whole if line.startswith("Against the truth: mass matrix within"))
     assert truth in without
 
 

@@ -35,6 +35,11 @@ class Saturation(UnknownEffect):
         squared = (torque / highest[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
 
+    def is_possible(self, values: Deviations) -> bool:
+        """Torque constants fall with current; where they would grow, something else does."""
+        lacking = values.reshape(-1, 2).sum(axis=1)
+        return bool(np.sum(lacking * np.abs(lacking)) >= 0.0)
+
     def possible(self, values: Deviations) -> Deviations:
         """Torques grow with current, up to the largest."""
         u = np.linspace(0.0, 1.0, _CURRENTS)

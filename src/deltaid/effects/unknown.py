@@ -68,6 +68,10 @@ class UnknownEffect(ABC):
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
+    def is_possible(self, values: Deviations) -> bool:
+        """Whether physics allows such coefficients; others stand for another cause."""
+        return True
+
     def possible(self, values: Deviations) -> Deviations:
         """Coefficients as physics allows them."""
         return np.maximum(values, 0.0) if self.is_positive else values

@@ -8,7 +8,7 @@ well-determined directions of a group, α_g² ← (‖x_g/s_g‖² + ε) / (γ_g
 data does not ask for vanishes. The price of a group is by how much the minimum grows without it.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -44,6 +44,8 @@ class CauseColumns:
         mean: of the prior, minus what has been applied already.
         is_candidate: whether it may be dropped; else it stays whatever its evidence is.
         is_positive: whether x less the mean, all that is applied, is at least zero by physics.
+        is_possible: whether physics allows such values of x less the mean; a candidate whose
+            estimate it does not allow stands for something else, and is dropped.
     """
 
     name: str
@@ -52,6 +54,11 @@ class CauseColumns:
     mean: Float[np.ndarray, " k"]
     is_candidate: bool = True
     is_positive: bool = False
+    is_possible: Callable[[Float[np.ndarray, " k"]], bool] = lambda _: True
+
+    def allows(self, x: Float[np.ndarray, " n"]) -> bool:
+        """Whether physics allows all that is applied."""
+        return self.is_possible(x[self.columns] - self.mean)
 
     def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
         """With coefficients at zero where physics allows no less than x has."""

@@ -172,7 +172,13 @@ def contest(
         places = np.arange(first, first + width)
         groups.append(
             CauseColumns(
-                unknown.name, places, deviation, mean, unknown.is_candidate, unknown.is_positive
+                unknown.name,
+                places,
+                deviation,
+                mean,
+                unknown.is_candidate,
+                unknown.is_positive,
+                unknown.is_possible,
             )
         )
         first += width
@@ -200,7 +206,9 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     now = full
     while now.candidates:
         prices = {
-            group.name: now.surprise(group) if now.size(group) > POSITION_ERROR else 0.0
+            group.name: now.surprise(group)
+            if now.size(group) > POSITION_ERROR and group.allows(now.x)
+            else 0.0
             for group in now.groups
             if group.is_candidate
         }
@@ -227,4 +235,5 @@ def rivals(
     return {
         pair: trial for pair, trial in trials.items()
         if trial.evidence > now.evidence + more and trial.least_surprising >= least
+        and all(group.allows(trial.x) for group in trial.groups)
     }  # fmt: skip

@@ -14,7 +14,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.ndimage import maximum_filter1d
 
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LowPass, design_low_pass
@@ -90,7 +91,16 @@ class Gears:
         out[:, columns.motion_places] -= np.hstack(kept)
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
+        out[
+            self._unknown(wide[:, -dof:], low_pass.rate)[2 * lost : len(wide) - 2 * lost], -dof:
+        ] = 0
         return out
+
+    def _unknown(self, weights: Values, rate: float) -> Bool[np.ndarray, " samples"]:
+        """Rows whose τ_g is made of torques of a robot at rest or behind brakes, which gears need
+        not carry: those within a period of the cut-off of rows that count for no drive."""
+        reach = round(rate / self.cutoff)
+        return maximum_filter1d(weights.max(axis=1) == 0.0, 2 * reach + 1)
 
 
 def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:
