@@ -103,6 +103,25 @@ def test_rows_become_those_of_the_link() -> None:
     assert not list(short)
 
 
+def test_rows_near_brakes_do_not_count() -> None:
+    """While brakes hold, drives say nothing of what gears carry, nor does a filter about it."""
+    dynamics, p, table = wound(1.0, 0.0)
+    log = open_log(table, dynamics.kinematics, keep_all=True)
+    rows = np.concatenate([x.values for x in log.batches()])
+    rows[4000:4200, log.columns.torque_places] = 0.0
+    rows[4000:4200, -3:] = 0.0
+    rows[6000:6200, -1:] = 0.0  # of one drive alone, such as at its reversal
+    back = np.concatenate(list(gears(p, dynamics).turned_back(iter([rows]), log.columns, RATE)))
+    at = np.searchsorted(rows[:, 0], back[:, 0])
+    q = table.select("link1", "link2", "link3").to_numpy()
+    qdd = np.gradient(np.gradient(back[:, 1:4] - q[at], axis=0), axis=0) * RATE**2
+    left_out = at[back[:, -3:].max(axis=1) == 0.0]
+    assert (left_out[0], left_out[-1]) == (4000 - 50, 4199 + 50)  # two periods of 40 Hz
+    assert np.array_equal(at[back[:, -1] == 0.0], [*left_out, *range(6000, 6200)])
+    counted, near = back[:, -3] > 0.0, np.abs(at - 4100) < 400
+    assert np.abs(qdd[near & ~counted]).max() > 20 * np.abs(qdd[near & counted]).max()
+
+
 def test_compliances_are_found_and_put_right() -> None:
     dynamics, p, table = wound()
     found = fitted(1.0)

@@ -132,6 +132,37 @@ def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
     assert reduced(Shrunk.of(blocks, full.D, full.d, full.groups), LEAST).candidates == ()
 
 
+def test_what_physics_does_not_allow_stands_for_something_else() -> None:
+    full = problem(mean=0.5)
+    applied: list[np.ndarray] = []
+
+    def grows(values: np.ndarray) -> bool:
+        applied.append(values)
+        return bool(values.sum() > 0.0)
+
+    impossible = replace(full.groups[0], is_possible=grows)
+    barred = Shrunk.of(full.blocks, full.D, full.d, [impossible, full.groups[1]])
+    assert reduced(full, LEAST).candidates == ("cause",)
+    assert reduced(barred, LEAST).candidates == ()
+    assert applied[0] == pytest.approx(full.x[2:5] - 0.5)  # of all that is applied
+    allowed = replace(impossible, is_possible=lambda values: not grows(values))
+    kept = Shrunk.of(full.blocks, full.D, full.d, [allowed, full.groups[1]])
+    assert reduced(kept, LEAST).candidates == ("cause",)
+
+
+def test_what_physics_does_not_allow_is_no_rival() -> None:
+    full = problem()
+    like = [block.A[:, 2:5] for block in full.blocks]
+    both = full.with_group("double", like, np.full(3, 0.5))
+    kept = reduced(both, LEAST)
+    (dropped,) = {"cause", "double"} - set(kept.candidates)
+    never = {dropped: lambda _: False}
+    groups = [replace(g, is_possible=never.get(g.name, g.is_possible)) for g in both.groups]
+    barred = Shrunk.of(both.blocks, both.D, both.d, groups)
+    assert rivals(both, kept, LEAST)
+    assert not rivals(barred, kept, LEAST)
+
+
 def test_what_cannot_be_negative_stays_at_zero() -> None:
     free = problem()
     bounded = Shrunk.of(

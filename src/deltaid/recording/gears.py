@@ -26,6 +26,8 @@ Values = Float[np.ndarray, "samples drives"]
 
 # Rows put right at once are so many times the filter's length at least.
 _LONG = 4
+# Periods of the cut-off after which 3 % is left of what the second derivative makes of a step.
+_PERIODS = 2
 
 
 @dataclass(frozen=True)
@@ -91,15 +93,14 @@ class Gears:
         out[:, columns.motion_places] -= np.hstack(kept)
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
-        out[
-            self._unknown(wide[:, -dof:], low_pass.rate)[2 * lost : len(wide) - 2 * lost], -dof:
-        ] = 0
+        unknown = self._unknown(wide[:, -dof:], low_pass.rate)
+        out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
         return out
 
     def _unknown(self, weights: Values, rate: float) -> Bool[np.ndarray, " samples"]:
-        """Rows whose τ_g is made of torques of a robot at rest or behind brakes, which gears need
-        not carry: those within a period of the cut-off of rows that count for no drive."""
-        reach = round(rate / self.cutoff)
+        """Rows near those that count for no drive: while a robot rests or brakes hold it, gears
+        need not carry what its drives exert."""
+        reach = round(_PERIODS * rate / self.cutoff)
         return maximum_filter1d(weights.max(axis=1) == 0.0, 2 * reach + 1)
 
 
