@@ -5,25 +5,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from deltaid.calibration.fit import Fit, fit
-from deltaid.calibration.instruments import Instrument, Kind
+from deltaid.calibration.fit import fit
+from deltaid.calibration.gauss_newton import Fit
+from deltaid.calibration.instruments import Instrument, Kind, ProbeReadings
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_sense
 from deltaid.calibration.outlook import Direction, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ReadingsLike, read
 from deltaid.calibration.robot_file import calibrated_robot
-from deltaid.calibration.unknowns import Unknowns, unknowns
+from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
 from deltaid.errors import RecordingError
+from deltaid.estimation.information import triangle
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Singular values of rows below this share of the largest are none, in units of what is known
-# before: rounding makes 1e-12, an instrument's noise against a workspace 1e-5.
-_RANK = 1e-6
 # Half width of a 95 % interval, in standard deviations.
 WIDE = 1.96
 _KINDS: tuple[Kind, ...] = ("points", "probe", "distances")
@@ -42,7 +41,7 @@ class Session:
         grown: how many times that is what was stated.
     """
 
-    kind: str
+    kind: Kind
     source: str
     readings: int
     excluded: tuple[str, ...]
@@ -82,7 +81,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         decided: which source decided each number most: 'description', or an instrument's kind.
         shares: of each source, description first, in each number.
         sessions: readings, file by file.
-        rank: how many combinations of numbers and instruments' unknowns readings show at all.
+        rank: how many combinations of numbers and instruments' unknowns readings know better than
+            the description does, these to a millimetre and a milliradian.
         before, after: what is known of positions and sizes.
         open: combinations that matter and that readings do not know.
     """
@@ -228,7 +228,8 @@ def result(description: RobotDescription, found: Fit) -> Calibration:
     shares = found.shares()
     kinds = ["description", *(instrument.kind for instrument in found.instruments)]
     decided = tuple(kinds[k] for k in np.argmax(shares, axis=0))
-    A = np.vstack([part.A for part in found.rows])
+    A = triangle(np.vstack([part.A for part in found.rows]))
+    A[:, len(found.u) :] *= LENGTH
     s = np.linalg.svd(A, compute_uv=False)
     return Calibration(
         described=description,
@@ -242,7 +243,7 @@ def result(description: RobotDescription, found: Fit) -> Calibration:
         decided=decided,
         shares=shares,
         sessions=tuple(_session(found, i) for i in range(len(found.instruments))),
-        rank=int(np.sum(s > _RANK * s[0])),
+        rank=int(np.sum(s > 1)),
         before=_knows(over, known.G),
         after=_knows(over, known.G @ found.root),
         open=open_directions(found, over),
@@ -264,6 +265,8 @@ def _session(found: Fit, i: int) -> Session:
         why = f"off by {1e3 * np.abs(found.errors[i][k]).max():.3g} mm"
         if same is not None:
             why = f"the same as row {instrument.rows[same]}"
+        elif (other := _mistaken(instrument, found.errors[i], int(k), ~used)) is not None:
+            why += f", it fits the pose of row {instrument.rows[other]}"
         excluded.append(f"row {instrument.rows[k]}: {why}")
     return Session(
         instrument.kind, instrument.source, len(used), tuple(excluded),
@@ -276,6 +279,19 @@ def _earlier(instrument: Instrument, k: int) -> int | None:
     flat = np.hstack([instrument.q.reshape(len(instrument.q), -1), instrument.values])
     same = np.flatnonzero((flat[:k] == flat[k]).all(axis=1))
     return int(same[0]) if same.size else None
+
+
+def _mistaken(
+    instrument: Instrument,
+    errors: Float[np.ndarray, "readings values"],
+    k: int,
+    excluded: Bool[np.ndarray, " readings"],
+) -> int | None:
+    """The other excluded row whose prediction a reading fits, to a hundredth of its error."""
+    predicted = instrument.values - errors
+    far = np.linalg.norm(instrument.values[k] - predicted, axis=1)
+    others = np.flatnonzero(excluded & (far < 0.01 * far[k]))
+    return int(others[0]) if others.size and not isinstance(instrument, ProbeReadings) else None
 
 
 def _mm(value: float) -> str:

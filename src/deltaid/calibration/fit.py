@@ -1,105 +1,39 @@
-"""The fit of a geometry to the rows of all instruments, with a prior: Gauss and Newton's method.
+"""The fit of a geometry to the readings of all instruments, with outliers excluded.
 
-    min over u, v   Σ ‖(measured − predicted(G u, v)) / σ‖² + ‖u‖²
-
-u are the free numbers in units of their spread before, v the unknowns of the instruments. Rows that
-nothing explains are excluded, the worst first; where residuals of an instrument are larger than its
-noise by more than chance, its noise is what they show.
+Readings that nothing near the description explains are excluded before, of the others the worst
+first, and those come back that the rest predicts after all: outliers may hide each other, and make
+others look like some. Where residuals of an instrument are larger than its noise by more than
+chance, its noise is what they show.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
+from deltaid.calibration.gauss_newton import Fit, ends_of, solved, start_of
 from deltaid.calibration.instruments import Instrument
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import Unknowns
-from deltaid.errors import IdentificationError
-from deltaid.estimation.problem import LinearProblem
-from deltaid.sensors.planning.knowledge import Knowledge
+from deltaid.errors import IdentificationError, KinematicsError
 
-# Steps, and the change of a number in units of its spread before that is none.
-_STEPS, _STILL = 40, 1e-7
-# What unknowns of an instrument may change by in a step [m or rad]; also keeps them determined.
-FAR = 10.0
 # A residual beyond this many standard deviations is none of noise: chance makes one of two million.
 _OUTLIER = 5.0
 # More excluded rows are no outliers.
 _MOST = 0.2
+# Noise that is so many times as large as stated, and residuals that are so many times what the
+# description's uncertainty makes of readings, are no noise: something else was measured.
+_GROWN, _BEYOND = 2.0, 3.0
+_CURE = (
+    "check that the description is of this robot, units, columns, and the drives' zeros; "
+    "or state how far its numbers may be off with --lengths and --angles"
+)
 # Probability that residuals of stated noise are called larger than it.
 _CHANCE = 0.01
 # A robust standard deviation is the median of |residuals| over this.
 _MEDIAN = 0.6745
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of one instrument at some geometry, in units of its noise.
-
-    Attributes:
-        A: slopes by u and by the unknowns of all instruments.
-        error: measured less predicted.
-        values: how many values each reading has.
-    """
-
-    A: Float[np.ndarray, "rows variables"]
-    error: Float[np.ndarray, " rows"]
-    values: int
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Attributes:
-    instruments: with the noise that residuals show.
-    used: which readings of each.
-    states: of each instrument's unknowns.
-    u: free numbers in units of their spread before.
-    rows: of each instrument's used readings.
-    errors: of each instrument's readings, used or not [m].
-    residuals: the same in units of their σ.
-    knowledge: of u and the instruments' unknowns.
-    grown: by how much each noise is larger than stated.
-    """
-
-    loops: Loops = field(repr=False)
-    known: Unknowns = field(repr=False)
-    instruments: tuple[Instrument, ...]
-    used: tuple[Bool[np.ndarray, " readings"], ...]
-    states: tuple[np.ndarray, ...]
-    u: Float[np.ndarray, " free"]
-    rows: tuple[Rows, ...]
-    errors: tuple[Float[np.ndarray, "readings values"], ...]
-    residuals: tuple[Float[np.ndarray, "readings values"], ...]
-    knowledge: Knowledge
-    grown: tuple[float, ...]
-
-    @property
-    def theta(self) -> Float[np.ndarray, " numbers"]:
-        """The numbers of the geometry."""
-        return self.known.G @ self.u
-
-    @property
-    def root(self) -> Float[np.ndarray, "free variables"]:
-        """L with Cov u = L Lᵀ."""
-        return self.knowledge.inverse[: len(self.u)]
-
-    @property
-    def std(self) -> Float[np.ndarray, " numbers"]:
-        """Standard deviations of the numbers."""
-        return np.linalg.norm(self.known.G @ self.root, axis=1)
-
-    def shares(self) -> Float[np.ndarray, "sources numbers"]:
-        """Which share of each number the description and each instrument decided; they add up to 1.
-
-        With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀), whose diagonal weights these are.
-        """
-        n, C = len(self.u), self.knowledge.inverse @ self.knowledge.inverse.T
-        parts = [C[:n, :n]] + [(C @ (part.A.T @ part.A))[:n, :n] for part in self.rows]
-        to_free = np.linalg.pinv(self.known.G)
-        return np.array([np.einsum("kf,fg,gk->k", self.known.G, W, to_free) for W in parts])
 
 
 def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Fit:
@@ -109,23 +43,81 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Fit
         IdentificationError: no geometry is found, or more than a fifth of an instrument's readings
             fit none.
     """
-    used = [_single(instrument) for instrument in instruments]
+    single = [_single(instrument) for instrument in instruments]
+    used = [
+        _near(loops, known, instrument, own)
+        for instrument, own in zip(instruments, single, strict=True)
+    ]
     stated = [instrument.noise for instrument in instruments]
-    now = list(instruments)
-    found = _solved(loops, known, now, used, stated)
-    # one instrument after the other loses its worst readings, then noises are judged
-    for _ in range(sum(map(len, used))):
-        worst = [_outliers(part, own) for part, own in zip(found.residuals, used, strict=True)]
+    try:
+        found = _without_outliers(solved(loops, known, instruments, used, stated), stated)
+        return _with_predicted(found, single, stated)
+    except KinematicsError as error:
+        raise IdentificationError(
+            f"no geometry near the described one explains the readings: {error.what}",
+            where=", ".join(instrument.source for instrument in instruments),
+            cure="check the drives' signs, zeros and order, and the readings' signs",
+        ) from None
+
+
+def _without_outliers(found: Fit, stated: Sequence[float]) -> Fit:
+    """The fit without readings that noise as stated does not explain, a fifth at most."""
+    while True:
+        worst = [
+            _outliers(part, own, _spared(own), 1.0)
+            for part, own in zip(found.residuals, found.used, strict=True)
+        ]
         if not any(part.any() for part in worst):
-            grown = [_level(found, i) for i in range(len(now))]
-            if max(grown, default=1.0) <= 1.0:
-                break
-            now = [replace(x, noise=x.noise * more) for x, more in zip(now, grown, strict=True)]
-        used = [own & ~part for own, part in zip(used, worst, strict=True)]
-        for instrument, own in zip(now, used, strict=True):
-            _require_most(instrument, own)
-        found = _solved(loops, known, now, used, stated, found)
+            _require_most(found)
+            return found
+        used = [own & ~part for own, part in zip(found.used, worst, strict=True)]
+        found = solved(found.loops, found.known, found.instruments, used, stated, found)
+
+
+def _spared(used: Bool[np.ndarray, " readings"]) -> int:
+    """How many more readings may be excluded."""
+    return max(0, int(used.sum() - np.ceil((1 - _MOST) * len(used))))
+
+
+def _with_predicted(
+    found: Fit, single: Sequence[Bool[np.ndarray, " readings"]], stated: Sequence[float]
+) -> Fit:
+    """With the noise that residuals show, and all readings that the others predict within it."""
+    while True:
+        grown = [_level(found, i) for i in range(len(found.instruments))]
+        now = [
+            replace(x, noise=x.noise * more)
+            for x, more in zip(found.instruments, grown, strict=True)
+        ]
+        used = [
+            own | (one & (np.abs(part).max(axis=1) < _OUTLIER * more))
+            for own, one, part, more in zip(found.used, single, found.residuals, grown, strict=True)
+        ]
+        same = all(map(np.array_equal, used, found.used))
+        if same and max(grown, default=1.0) <= 1.0:
+            break
+        found = solved(found.loops, found.known, now, used, stated, found)
+    for i in range(len(found.instruments)):
+        _require_fit(found, i)
     return found
+
+
+def _near(
+    loops: Loops, known: Unknowns, instrument: Instrument, used: Bool[np.ndarray, " readings"]
+) -> Bool[np.ndarray, " readings"]:
+    """Readings that some geometry near the described one may explain."""
+    tools = loops.points(q := ends_of(instrument), np.zeros(len(known.numbers)), loops.start(q))
+    x = np.split(tools.x, instrument.q.shape[1])
+    moved = np.split(tools.slopes @ known.G, instrument.q.shape[1])
+    while True:
+        at = instrument.slopes(x, start_of(instrument, x, used))
+        slopes = sum(tool @ slope for tool, slope in zip(at.tools, moved, strict=True))
+        scale = np.sqrt(instrument.noise**2 + np.sum(np.square(slopes), axis=2))
+        far = at.error / scale
+        worst = _outliers(far, used, _spared(used), _scale(far, used))
+        if not worst.any():
+            return used
+        used = used & ~worst
 
 
 def _single(instrument: Instrument) -> Bool[np.ndarray, " readings"]:
@@ -135,25 +127,52 @@ def _single(instrument: Instrument) -> Bool[np.ndarray, " readings"]:
     return np.isin(np.arange(len(flat)), first)
 
 
-def _require_most(instrument: Instrument, used: Bool[np.ndarray, " readings"]) -> None:
-    single = _single(instrument)
-    if np.sum(single & ~used) > _MOST * single.sum():
+def _require_most(found: Fit) -> None:
+    """Refuse outliers that are left where no more may be excluded."""
+    for instrument, part, own in zip(found.instruments, found.residuals, found.used, strict=True):
+        if _outliers(part, own, len(own), _scale(part, own)).any():
+            raise IdentificationError(
+                f"more than {_MOST:.0%} of the {instrument.readings} fit no geometry near the "
+                "described one",
+                where=instrument.source,
+                cure=_CURE,
+            )
+
+
+def _require_fit(found: Fit, i: int) -> None:
+    """Refuse residuals beyond all that the description's uncertainty could make of readings."""
+    rows, n, instrument = found.rows[i], len(found.u), found.instruments[i]
+    before = float(np.median(np.linalg.norm(rows.A[:, :n], axis=1)))
+    left = float(np.sqrt(np.mean(rows.error**2)))
+    if found.grown[i] > _GROWN and left > _BEYOND * before:
         raise IdentificationError(
-            f"more than {_MOST:.0%} of the {instrument.kind} fit no geometry near the described "
-            "one",
+            f"{instrument.readings} misfit every geometry near the described one by "
+            f"{1e3 * left * instrument.noise:.3g} mm",
             where=instrument.source,
-            cure="check that the description is of this robot, its units, and the drives' zeros; "
-            "or state how far its numbers may be off with --lengths and --angles",
+            cure=_CURE,
         )
 
 
-def _outliers(
+def _scale(
     residuals: Float[np.ndarray, "readings values"], used: Bool[np.ndarray, " readings"]
+) -> float:
+    """Robust standard deviation of residuals, at least that of the noise."""
+    return max(1.0, float(np.median(np.abs(residuals[used]))) / _MEDIAN)
+
+
+def _outliers(
+    residuals: Float[np.ndarray, "readings values"],
+    used: Bool[np.ndarray, " readings"],
+    most: int,
+    scale: float,
 ) -> Bool[np.ndarray, " readings"]:
-    """Readings that noise does not explain, of those at least half as far off as the worst."""
+    """Readings that noise does not explain, of those at least half as far off as the worst, and
+    not more than so many."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
-    scale = max(1.0, float(np.median(np.abs(residuals[used]))) / _MEDIAN)
-    return size > max(_OUTLIER * scale, 0.5 * size.max())
+    worst = np.argsort(-size)[:most]
+    outliers = np.zeros(len(used), dtype=bool)
+    outliers[worst] = size[worst] > max(_OUTLIER * scale, 0.5 * size.max(initial=0.0))
+    return outliers
 
 
 def _level(found: Fit, i: int) -> float:
@@ -164,126 +183,3 @@ def _level(found: Fit, i: int) -> float:
     if freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom):
         return 1.0
     return float(np.sqrt(square / freedom))
-
-
-def _solved(
-    loops: Loops,
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    used: Sequence[Bool[np.ndarray, " readings"]],
-    stated: Sequence[float],
-    before: Fit | None = None,
-) -> Fit:
-    n = known.G.shape[1]
-    starts = [loops.start(_ends(instrument)) for instrument in instruments]
-    u = np.zeros(n) if before is None else before.u
-    states = None if before is None else before.states
-    own = [len(instrument.unknowns) for instrument in instruments]
-    D = np.eye(n + sum(own))
-    D[n:] /= FAR
-    for _ in range(_STEPS):
-        x, slopes = _tools(loops, known, instruments, starts, u)
-        if states is None:
-            states = tuple(
-                replace(instrument, values=instrument.values[keep]).start(
-                    [points[keep] for points in ends]
-                )
-                for instrument, ends, keep in zip(instruments, x, used, strict=True)
-            )
-        every = _rows(known, instruments, x, slopes, states, own)
-        rows = tuple(_of(part, keep) for part, keep in zip(every, used, strict=True))
-        problem = LinearProblem(
-            np.vstack([part.A for part in rows]),
-            np.concatenate([part.error for part in rows]),
-            np.zeros(sum(len(part.error) for part in rows), dtype=int),
-        ).with_known(D, np.concatenate([-u, np.zeros(sum(own))]))
-        step = problem.x
-        if np.abs(step[:n]).max() < _STILL:
-            break
-        u, first, moved = u + step[:n], n, []
-        for instrument, state, size in zip(instruments, states, own, strict=True):
-            moved.append(instrument.moved(state, step[first : first + size]))
-            first += size
-        states = tuple(moved)
-    else:
-        raise IdentificationError(
-            "the geometry does not settle",
-            where=", ".join(instrument.source for instrument in instruments),
-            cure="hold numbers that the readings cannot know, such as --hold upper_arm",
-        )
-    knowledge = Knowledge(D).and_rows(np.vstack([part.A for part in rows]))
-    residuals = tuple(
-        _studentised(part, keep, knowledge) for part, keep in zip(every, used, strict=True)
-    )
-    errors = tuple(
-        x.noise * part.error.reshape(-1, part.values)
-        for x, part in zip(instruments, every, strict=True)
-    )
-    grown = tuple(x.noise / noise for x, noise in zip(instruments, stated, strict=True))
-    return Fit(loops, known, tuple(instruments), tuple(used), states, u, rows, errors,
-               residuals, knowledge, grown)  # fmt: skip
-
-
-def _of(rows: Rows, keep: Bool[np.ndarray, " readings"]) -> Rows:
-    kept = np.repeat(keep, rows.values)
-    return Rows(rows.A[kept], rows.error[kept], rows.values)
-
-
-def _studentised(
-    rows: Rows, used: Bool[np.ndarray, " readings"], knowledge: Knowledge
-) -> Float[np.ndarray, "readings values"]:
-    """Residuals over their standard deviations: σ² less what the fit took, or more if unused."""
-    taken = np.sum((rows.A @ knowledge.inverse) ** 2, axis=1)
-    kept = np.repeat(used, rows.values)
-    variance = np.where(kept, np.maximum(1 - taken, 1e-6), 1 + taken)
-    return (rows.error / np.sqrt(variance)).reshape(-1, rows.values)
-
-
-def _ends(instrument: Instrument) -> Float[np.ndarray, "poses drives"]:
-    """Drive coordinates of all ends, end after end."""
-    return np.concatenate(list(instrument.q.swapaxes(0, 1)))
-
-
-def _tools(
-    loops: Loops,
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    starts: Sequence[np.ndarray],
-    u: Float[np.ndarray, " free"],
-) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
-    """Tool points of each instrument's ends, and their slopes by u."""
-    q = np.concatenate([_ends(instrument) for instrument in instruments])
-    tools = loops.points(q, known.G @ u, np.concatenate(starts))
-    slopes = tools.slopes @ known.G
-    x_parts, slope_parts, first = [], [], 0
-    for instrument in instruments:
-        count, ends = instrument.q.shape[:2]
-        last = first + count * ends
-        x_parts.append(np.split(tools.x[first:last], ends))
-        slope_parts.append(np.split(slopes[first:last], ends))
-        first = last
-    return x_parts, slope_parts
-
-
-def _rows(
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    x: Sequence[Sequence[np.ndarray]],
-    slopes: Sequence[Sequence[np.ndarray]],
-    states: Sequence[np.ndarray],
-    own: Sequence[int],
-) -> list[Rows]:
-    n, parts, first = known.G.shape[1], [], known.G.shape[1]
-    for instrument, ends, by_u, state, size in zip(
-        instruments, x, slopes, states, own, strict=True
-    ):
-        at = instrument.slopes(ends, state)
-        values = at.error.shape[1]
-        A = np.zeros((at.error.size, n + sum(own)))
-        A[:, :n] = sum(
-            (tool @ slope).reshape(-1, n) for tool, slope in zip(at.tools, by_u, strict=True)
-        )
-        A[:, first : first + size] = at.own.reshape(at.error.size, size)
-        parts.append(Rows(A / instrument.noise, at.error.ravel() / instrument.noise, values))
-        first += size
-    return parts

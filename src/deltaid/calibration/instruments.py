@@ -39,6 +39,7 @@ class Instrument(ABC):
     """Readings of one session.
 
     Attributes:
+        readings: what they are called.
         source: file that they come from.
         q: drive coordinates of each end [rad or m].
         values: what was read [m].
@@ -47,6 +48,7 @@ class Instrument(ABC):
     """
 
     kind: ClassVar[Kind]
+    readings: ClassVar[str]
     unknowns: ClassVar[tuple[str, ...]] = ()
     source: str
     q: Float[np.ndarray, "rows ends drives"]
@@ -70,7 +72,7 @@ class Instrument(ABC):
 class PointReadings(Instrument):
     """3-D points; the state is a 3 × 4 matrix [R t]."""
 
-    kind = "points"
+    kind = readings = "points"
     unknowns = ("frame turn x", "frame turn y", "frame turn z", "frame x", "frame y", "frame z")
 
     def start(self, x: Sequence[Points]) -> np.ndarray:
@@ -94,6 +96,7 @@ class ProbeReadings(Instrument):
     """Contacts with a plane; values are the heights of blocks on it. The state is h, a, b."""
 
     kind = "probe"
+    readings = "touches"
     unknowns = ("plane height", "plane slope x", "plane slope y")
 
     def start(self, x: Sequence[Points]) -> np.ndarray:
@@ -110,7 +113,7 @@ class ProbeReadings(Instrument):
 class DistanceReadings(Instrument):
     """Distances between two tool points each."""
 
-    kind = "distances"
+    kind = readings = "distances"
 
     def start(self, x: Sequence[Points]) -> np.ndarray:
         return np.zeros(0)

@@ -5,21 +5,31 @@ better than what the file says is named with its cure, and nothing is computed f
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.instruments import Instrument, PointReadings, ProbeReadings, aligned
+from deltaid.calibration.instruments import (
+    DistanceReadings,
+    Instrument,
+    PointReadings,
+    ProbeReadings,
+    aligned,
+)
 from deltaid.calibration.loops import Loops
+from deltaid.calibration.readings import NAMED_UNITS
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import RecordingError
+from deltaid.model.verdict import listed
 
 # Lengths that differ by more than this factor are in another unit: an inch is a fortieth of a
 # metre, and no robot is five times as large as described.
 _UNITS = 5.0
-_NAMED = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
+# Places nearer to each other than this are one [m].
+_SAME = 1e-3
 # A misfit within so many times of what description and noise allow is none.
 _ALLOWED = 5.0
 # A hypothesis explains readings that leaves this share of the misfit.
@@ -37,8 +47,10 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     """
     ends = list(instrument.q.swapaxes(0, 1))
     x = [loops.start(q)[:, :3] for q in ends]
-    _require_enough(instrument)
-    _require_unit(instrument, x)
+    with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
+        _require_enough(instrument)
+        _require_spread(instrument, x)
+        _require_unit(instrument, x)
     here = _misfit(instrument, x)
     if here <= _ALLOWED * _allowed(loops, known, instrument):
         return
@@ -50,9 +62,14 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     if better:
         least = min(left for left, _, _ in better)
         like = [entry for entry in better if entry[0] <= 1.5 * least]
+        causes = [what for _, what, _ in like]
+        exchanged = [what for what in causes if what.startswith("drives ")]
+        if len(exchanged) > 1:  # limbs are alike
+            causes = [what for what in causes if what not in exchanged]
+            causes.append("two drives are exchanged")
         raise RecordingError(
-            f"{instrument.kind} misfit the described robot by {1e3 * here:.3g} mm, and by "
-            f"{1e3 * least:.3g} mm if {' or '.join(what for _, what, _ in like)}",
+            f"{instrument.readings} misfit the described robot by {1e3 * here:.3g} mm, and by "
+            f"{1e3 * least:.3g} mm if {' or '.join(causes)}",
             where=instrument.source,
             cure="; or ".join(dict.fromkeys(cure for _, _, cure in like)),
         )
@@ -69,6 +86,28 @@ def _require_enough(instrument: Instrument) -> None:
         )
 
 
+def _require_spread(instrument: Instrument, x: list[np.ndarray]) -> None:
+    if isinstance(instrument, DistanceReadings):
+        lengths = np.linalg.norm(x[1] - x[0], axis=1)
+        none = np.flatnonzero((lengths < _SAME) | (instrument.values[:, 0] <= 0))
+        if none.size:
+            raise RecordingError(
+                "is a distance between equal poses, or not positive",
+                where=f"{instrument.source}, row {instrument.rows[none[0]]}",
+                cure="remove the row, or correct its poses and distance",
+            )
+        return
+    across = 2 if isinstance(instrument, ProbeReadings) else 3
+    wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in
+            (x[0][:, :across], instrument.values) if part.shape[1] > 1]  # fmt: skip
+    if min(wide) < _SAME * np.sqrt(len(x[0])):
+        raise RecordingError(
+            f"{instrument.readings} lie on a line, or in one place",
+            where=instrument.source,
+            cure="measure poses that spread over the workspace",
+        )
+
+
 def _require_unit(instrument: Instrument, x: list[np.ndarray]) -> None:
     if isinstance(instrument, PointReadings):
         ratio = np.linalg.norm(np.std(instrument.values, axis=0)) / np.linalg.norm(np.std(x[0], 0))
@@ -82,12 +121,12 @@ def _require_unit(instrument: Instrument, x: list[np.ndarray]) -> None:
         ratio = float(np.median(instrument.values[:, 0] / np.linalg.norm(x[1] - x[0], axis=1)))
     if 1 / _UNITS < ratio < _UNITS:
         return
-    unit = min(_NAMED, key=lambda factor: abs(np.log(ratio / factor)))
-    likely = f"; likely they are in {_NAMED[unit]}" if 0.5 < ratio / unit < 2 else ""
+    unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
+    likely = f"; likely they are in {NAMED_UNITS[unit]}" if 0.5 < ratio / unit < 2 else ""
     raise RecordingError(
         f"lengths are {ratio:.4g} times those of the robot's poses{likely}",
         where=instrument.source,
-        cure=f"say so: unit: {_NAMED[unit]} under {instrument.kind}, with --columns FILE.yaml"
+        cure=f"say so: unit: {NAMED_UNITS[unit]} under {instrument.kind}, with --columns FILE.yaml"
         if likely
         else "check units and columns",
     )
@@ -123,6 +162,12 @@ def _hypotheses(
             rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
             more = ", …" if len(wrong) > 6 else ""
             yield left, f"points stand in another order (rows {rows}{more})", "sort the points"
+    if isinstance(instrument, ProbeReadings) and np.ptp(instrument.values):
+        yield (
+            _misfit(replace(instrument, values=-instrument.values), x),
+            "blocks stand below the plane",
+            "give heights above the lowest block",
+        )
     n = ends[0].shape[1]
     for order in permutations(range(n)):
         if order == tuple(range(n)):
@@ -131,10 +176,9 @@ def _hypotheses(
         if not all(np.isfinite(part).all() for part in y):
             continue
         swapped = [str(k + 1) for k in range(n) if order[k] != k]
-        listed = f"{', '.join(swapped[:-1])} and {swapped[-1]}"
         yield (
             _misfit(instrument, y),
-            f"drives {listed} are exchanged",
+            f"drives {listed(swapped)} are exchanged",
             "name the columns of q in the order of the description's limbs",
         )
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
-from deltaid.calibration.fit import FAR
+from deltaid.calibration.gauss_newton import FAR
 from deltaid.calibration.instruments import KINDS, Instrument, Kind
 from deltaid.calibration.outlook import drawn
 from deltaid.calibration.readings import USUAL

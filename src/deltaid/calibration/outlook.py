@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.fit import Fit
+from deltaid.calibration.gauss_newton import Fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.mechanism.kinematics import Kinematics

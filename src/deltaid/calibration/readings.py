@@ -31,6 +31,8 @@ USUAL: dict[Kind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CAL
 _READ: dict[Kind, tuple[str, ...]] = {
     "points": ("px", "py", "pz"), "probe": ("block",), "distances": ("distance",),
 }  # fmt: skip
+# Units that people forget to state: how many make a metre.
+NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
 # A rotary drive turns less than this within its workspace [rad]; more are degrees.
 _WIDE = 2 * np.pi
 # Readings of a file: a tracker's ten minutes at 30 Hz; a fit of many more takes minutes.
@@ -102,15 +104,7 @@ def _drives(
         columns.columns.get(f"{end}x", f"{end}x") in table.header
     ):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
-        try:
-            return loops.inverse(x)
-        except KinematicsError as error:
-            raise RecordingError(
-                f"{error.where}: {error.what}",
-                where=where,
-                cure="x, y, z are the commanded platform point in the robot's frame; give "
-                "their unit with --columns FILE.yaml if it is not m",
-            ) from None
+        return _inverse(x, loops, where)
     target = "m" if linear else "rad"
     factor = si_factor(columns.drive_unit or target, target, where="drive_unit")
     q = np.column_stack([_column(table, columns, name, factor) for name in names])
@@ -129,6 +123,29 @@ def _drives(
             cure="check the drives' unit, sign, zero and order, and the description's lengths",
         )
     return q
+
+
+def _inverse(
+    x: Float[np.ndarray, "rows 3"], loops: Loops, where: str
+) -> Float[np.ndarray, "rows drives"]:
+    """Drive coordinates at commanded points."""
+    try:
+        return loops.inverse(x)
+    except KinematicsError as error:
+        what = f"{error.where}: {error.what}"
+    for factor, unit in NAMED_UNITS.items():
+        try:
+            loops.inverse(x / factor)
+        except KinematicsError:
+            continue
+        what = f"x, y, z are out of reach, and within it in {unit}; likely they are in {unit}"
+        break
+    raise RecordingError(
+        what,
+        where=where,
+        cure="x, y, z are the commanded platform point in the robot's frame; give "
+        "their unit with --columns FILE.yaml if it is not m",
+    )
 
 
 def _column(

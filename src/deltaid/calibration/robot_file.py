@@ -67,6 +67,13 @@ def calibrated_robot(
         length = robot.platform.length + 2 * value["platform.half"]
         updates["platform"] = robot.platform.changed(length=length)
     zeros = {f"drive{i + 1}": own["zero"] for i, own in enumerate(each)} if rotary else {}
+    said = "deltaid calibrate"
+    if zeros:
+        listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
+        said += f"; not in this file: zero of each drive's column, rad: {listed}"
+    updates["sources"] = {k: v for k, v in robot.sources.items() if not k.startswith("limbs.")} | {
+        "limbs": said
+    }
     scales = {} if rotary else {f"drive{i + 1}": own["scale"] for i, own in enumerate(each)}
     return robot.changed(**updates), zeros, scales, held
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
     from deltaid.calibration.next_readings import NextReadings
 
-# Directions that readings do not know and that a screen shows.
-_SHOWN = 3
+# Lines of a screen; directions that readings do not know get those that are left.
+_LINES = 25
 
 
 def calibrate(
@@ -137,27 +137,56 @@ def calibrate(
         print_json(as_dictionary(found, plans))
         return
     print_verdict(found.verdict)
-    lines = [*session_lines(found), *(f"not known: {part.words}" for part in found.open[:_SHOWN])]
-    for line in lines:
-        print_wrapped(line)
-    if len(found.open) > _SHOWN:
-        console.print(f"and {len(found.open) - _SHOWN} more, in --report and --json")
-    console.print(shown(number_table(found)))
-    for plan in plans:
-        print_wrapped(next_line(plan))
-    for doubt in found.doubts:
-        console.print(f"doubtful: {doubt}")
-    for path, (_, left) in texts.items():
-        console.print(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
+    table = number_table(found)
+    first = wrapped(session_lines(found))
+    last = wrapped(
+        [
+            *map(next_line, plans),
+            *(f"doubtful: {doubt}" for doubt in found.doubts),
+            *(
+                f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm"
+                for path, (_, left) in texts.items()
+            ),
+            *([zeros_line(found, output)] if output and found.zeros else []),
+        ]
+    )
+    files_written = sum(path is not None for path in (output, report))
+    room = _LINES - 2 - len(first) - len(table.rows) - len(last) - files_written
+    for lines in (first, open_lines(found, room)):
+        console.print("\n".join(lines)) if lines else None
+    console.print(shown(table))
+    if last:
+        console.print("\n".join(last))
     print_written(output, report)
 
 
-def print_wrapped(line: str) -> None:
-    """A sentence in lines that fit, those after the first indented."""
-    pieces = textwrap.wrap(
-        line, console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
-    console.print("\n".join(pieces))
+def wrapped(sentences: "Sequence[str]") -> list[str]:
+    """Lines that fit, those of a sentence after its first indented."""
+    return [
+        piece
+        for sentence in sentences
+        for piece in textwrap.wrap(
+            sentence, console.width, subsequent_indent="  ", break_long_words=False,
+            break_on_hyphens=False,
+        )
+    ]  # fmt: skip
+
+
+def open_lines(found: "Calibration", room: int) -> list[str]:
+    """What readings do not know, the worst first, as far as there is room; one at least."""
+    lines: list[str] = []
+    for k, part in enumerate(found.open):
+        more = wrapped([f"not known: {part.words}"])
+        if k and len(lines) + len(more) + 1 > room:
+            return [*lines, f"and {len(found.open) - k} more, in --report and --json"]
+        lines += more
+    return lines
+
+
+def zeros_line(found: "Calibration", output: Path) -> str:
+    """Corrections of rotary drives, which no robot file holds."""
+    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
+    return f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -5,8 +5,9 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.calibration.calibrate import WIDE, Calibration
+from deltaid.calibration.instruments import KINDS
 from deltaid.calibration.next_readings import NextReadings
-from deltaid.calibration.unknowns import WORDS
+from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.view import style
 from deltaid.view.card import Card
 from deltaid.view.drawing import drawing
@@ -15,7 +16,6 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 
 # Excluded rows that a line names.
 _ROWS = 3
-_READ = {"points": "points", "probe": "touches", "distances": "distances"}
 # Units that numbers are shown in: 1000 to m and rad, per mille.
 _SHOWN = {"m": "mm", "rad": "mrad", "": "‰"}
 
@@ -28,7 +28,7 @@ def session_lines(found: Calibration) -> list[str]:
         if x.grown > 1:
             noise += f", {x.grown:.2g}× what was stated"
         left = f"residual {1e3 * x.residual:.2g} mm ({noise})"
-        lines.append(f"{x.source}: {x.readings} {_READ[x.kind]}, {left}")
+        lines.append(f"{x.source}: {x.readings} {KINDS[x.kind].readings}, {left}")
         if x.excluded:
             more = f"; and {len(x.excluded) - _ROWS} more" if len(x.excluded) > _ROWS else ""
             lines.append(f"  excluded {'; '.join(x.excluded[:_ROWS])}{more}")
@@ -43,7 +43,7 @@ def next_line(plan: NextReadings) -> str:
         for ends, block in zip(plan.poses[:_ROWS], plan.blocks, strict=False)
     ]
     more = ", …" if len(plan.poses) > _ROWS else ""
-    what = f"next, {len(plan.poses)} {_READ[plan.kind]}"
+    what = f"next, {len(plan.poses)} {KINDS[plan.kind].readings}"
     return f"{what}: positions to {1e3 * plan.position:.2g} mm, at {', '.join(places)}{more} mm"
 
 
@@ -51,12 +51,16 @@ def number_table(found: Calibration) -> Table:
     """A row a kind of number, a column a limb: how much it exceeds the described one, 95 %."""
     limbs = found.fit.loops.limbs
     rows = []
+    tools = list(TOOL) if len(TOOL) <= limbs else []
     for kind in found.known.kinds:
-        at = found.known.of_kind(kind)
+        if kind in tools[1:]:  # in the row of the first
+            continue
+        at = [k for one in (tools if kind in tools else [kind]) for k in found.known.of_kind(one)]
         unit = _SHOWN[found.known.numbers[at[0]].unit]
         cells = ["±".join(filter(None, _pair(found, k))) for k in at]
         decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
-        rows.append((f"{WORDS[kind]}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
+        label = "tool x, y, z" if kind in tools else WORDS[kind]
+        rows.append((f"{label}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
     head = ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from")
     return Table(head, tuple(rows))
 
