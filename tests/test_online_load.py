@@ -161,7 +161,7 @@ def test_torques_that_are_held_act_until_the_next_cycle() -> None:
             noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, torque=torque
         )
         y = outputs(step_graph(model, settings), run, run.held)
-        assert np.abs(y["load"][300:, 0] - 1.0).max() < 0.01
+        assert np.abs(y["load"][300:, 0] - 1.0).max() < 0.015
         found[torque] = np.abs(y["residual"][20:95]).max()  # empty, the model is exact
     assert found["sampled"] > 3 * found["held"]
 

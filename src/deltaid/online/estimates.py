@@ -39,8 +39,9 @@ Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
 # Below this share of the largest mass a load's own shape says nothing of how its release looks.
 _LEAST_SHARE = 0.01
-# Torques whose direction no speed tells stay for so long [s].
-_AT_REST = 0.02
+# Friction at rest is one unknown torque for as long as a drive rests [s]: so much of it counts as
+# one measurement, or stands of production would show a load, and friction, that nothing shows.
+_AT_REST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def estimates(
     states = States.named(s, settings)
     before = states.later
     innovations = s.smooth_residual - rows @ before.x
-    variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.dry**2
+    variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
     differs = gripper_differs(states.held, s.gripper)
     weight = s.live * (1 - touched) * (1 - differs)
     shape = _shape(states.held, before.x[:n_load])

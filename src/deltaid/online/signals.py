@@ -36,8 +36,9 @@ class Signals:
             which ρ and columns have the same and which would make loads look lighter, falls there
             with the frequency.
         at_load, at_directions, at_friction, at_lacked: where they stand among the columns.
-        dry: filtered size of the torque that no speed tells, friction near rest and torques at
-            their limits; δ.
+        dry: filtered size of the torque that no speed determines, friction near rest and torques
+            at their limits; δ.
+        at_rest: size of it while a drive rests, as long as `smooth_residual` remembers it.
         slow: filtered 1 / (1 + (q̇/v)²), drive by drive: near 1 where a drive is slow.
         momentum: the equations behind it.
     """
@@ -60,6 +61,7 @@ class Signals:
     at_friction: slice
     at_lacked: slice
     dry: ca.SX
+    at_rest: ca.SX
     slow: ca.SX
     momentum: Momentum
 
@@ -105,12 +107,17 @@ def signals(
     columns_kept = _kept("columns", before, f.kept, f.resting, shape, begins)
     both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
     smooth, smooth_kept = _filtered("smooth", lines, both, ca.SX(*both.shape), begins)
-    dry = dry + _beyond(model, tau, settings)
+    beyond = _beyond(model, tau, settings)
+    # (1 - sign²)² of friction: a drive that moves slowly has a direction.
+    most = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
+    rest, dry = dry * dry / (most + 1e-12) + beyond, dry + beyond
     dry, dry_kept = _filtered("dry", lines, dry, lines.keep(dry, dry), begins)
+    rest, rest_kept = _filtered("rest", lines, rest, lines.keep(rest, rest), begins)
+    at_rest, twice_kept = _filtered("smooth_rest", lines, rest, lines.keep(rest, rest), begins)
     slow = 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
     slow, slow_kept = _filtered("slow", lines, slow, lines.keep(slow, slow), begins)
-    of_filters = torque_kept, columns_kept, smooth_kept, dry_kept, slow_kept
-    kept = (_pose_kept(near, finite, z, model), *now.kept, *of_filters)
+    of_filters = torque_kept, columns_kept, smooth_kept, dry_kept, rest_kept, twice_kept
+    kept = (_pose_kept(near, finite, z, model), *now.kept, *of_filters, slow_kept)
     counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
     ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
@@ -132,6 +139,7 @@ def signals(
         at_friction=slice(*ends[2:4]),
         at_lacked=slice(*ends[3:]),
         dry=dry,
+        at_rest=at_rest,
         slow=slow,
         momentum=momentum,
     ), CyclePart(kept, ())
