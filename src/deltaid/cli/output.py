@@ -168,8 +168,10 @@ def print_found(
         console.print()
         for text in details:
             console.print(text)
-    if hidden or (details and not full):
-        listed = ", ".join([*hidden, *(["details of the computation"] if details else [])])
+    if details and not full:
+        hidden.append("details of the computation")
+    if hidden:
+        listed = ", ".join(dict.fromkeys(hidden))
         print_next(f"--full prints also: {listed}")
 
 
