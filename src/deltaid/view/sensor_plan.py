@@ -126,7 +126,8 @@ def stopped(plan: SensorPlan) -> str:
             f"{percent(KNEE)} as much per {money} as all before it. --budget goes on"
         )
     if len(plan.steps) == plan.settings.steps:
-        return f"{len(plan.steps)} thing{'s' * (len(plan.steps) != 1)}, as many as were asked for; --steps asks for more"
+        plural = "s" * (len(plan.steps) != 1)
+        return f"{len(plan.steps)} thing{plural}, as many as were asked for; --steps asks for more"
     return "nothing else in the list is worth it, or within the budget"
 
 

@@ -222,7 +222,7 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
     against those of most drives."""
     own = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
     logs, stds = own["value"].log(), own["std"] / own["value"]
-    is_ratio = abs(logs.sum()) <= _SURE * stds.sum()
+    is_ratio = abs(float(logs.sum())) <= _SURE * float(stds.sum())
     usual = median(own["value"].to_list() or [1.0]) if is_ratio else 1.0
     against = ", against other drives" if is_ratio else ""
     return [
