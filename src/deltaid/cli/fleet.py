@@ -1,8 +1,5 @@
 """`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
 
-import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +19,6 @@ from deltaid.cli.options import (
 )
 from deltaid.cli.output import (
     console,
-    error_console,
     print_error,
     print_json,
     print_note,
@@ -134,7 +130,7 @@ def fleet(
     if prior_out is not None:
         require_writable(prior_out)
     try:
-        with _bar(as_json) as say:
+        with progress(as_json) as say:
             say("looking for recordings")
             robots = find_fleet(manifest, period)
             if prior_out is not None:
@@ -238,32 +234,3 @@ def _print(run: "FleetRun", output: str) -> None:
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-@contextmanager
-def _bar(silent: bool) -> Generator[Callable[[str], None]]:
-    """A bar on standard error that follows words such as 'gathered 3 of 8 recordings'."""
-    if silent or not error_console.is_terminal:
-        with progress(silent) as said:
-            yield said
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Left
-
-    from deltaid.progress import share_of
-
-    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("left"), Left(),
-               TextColumn("{task.description}", markup=False))  # fmt: skip
-    with Progress(*columns, console=error_console, transient=True) as bars:
-        task, stage = bars.add_task("starting", total=None), ""
-
-        def say(text: str, /) -> None:
-            nonlocal task, stage
-            word, share = text.partition(" ")[0], share_of(text)
-            if word != stage:  # time left is guessed from this stage alone
-                bars.remove_task(task)
-                task, stage = bars.add_task(text, total=None if share is None else 1.0), word
-            bars.update(task, description=text, completed=share or 0.0)
-
-        yield say
-    sys.stderr.flush()

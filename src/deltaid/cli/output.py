@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import sys
 import textwrap
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,6 +37,8 @@ _WRAPPED_COLUMNS = (
 )  # fmt: skip
 # Lines of a result on a screen of usual height, with those that name the files written below.
 _SCREEN = 22
+# Columns of a bar of progress.
+_BAR = 16
 
 # Of JSON, besides those that it escapes anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
@@ -280,9 +283,10 @@ def verdicts_shown(finished: Finished) -> Table:
 
 @contextmanager
 def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
-    """A line on standard error that says what is being done; nothing when silent or not a tty.
+    """A bar on standard error beside what is being done; nothing when silent or not a terminal.
 
-    For a program that watches, the variable DELTAID_PROGRESS=lines asks for a line each.
+    It follows words such as 'gathered 3 of 8 recordings'; without numbers it says that work goes
+    on. For a program that watches, the variable DELTAID_PROGRESS=lines asks for a line each.
     """
     if os.environ.get("DELTAID_PROGRESS") == "lines":
         yield lambda text: error_console.print(f"progress: {text}")
@@ -290,8 +294,26 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     if silent or not error_console.is_terminal:
         yield lambda _: None
         return
-    with error_console.status("starting") as status:
-        yield lambda text: status.update(styled(text, ""))
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Left
+
+    from deltaid.progress import share_of
+
+    columns = (BarColumn(_BAR), TimeElapsedColumn(), TextColumn("left"), Left(),
+               TextColumn("{task.description}", markup=False))  # fmt: skip
+    with Progress(*columns, console=error_console, transient=True) as bars:
+        task, stage = bars.add_task("starting", total=None), ""
+
+        def say(text: str, /) -> None:
+            nonlocal task, stage
+            word, share = text.partition(" ")[0], share_of(text)
+            if word != stage:  # time left is guessed from this stage alone
+                bars.remove_task(task)
+                task, stage = bars.add_task(text, total=None if share is None else 1.0), word
+            bars.update(task, description=visible(text), completed=share or 0.0)
+
+        yield say
+    sys.stderr.flush()
 
 
 def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
