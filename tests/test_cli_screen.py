@@ -22,10 +22,11 @@ COMMANDS = {
     "robots": ("robots",),
     "sensors": ("sensors", "clavel-delta3", "--budget", "100"),
     "sample": ("sample", "MODEL", "-n", "20", "-o", "OUT/models.npz"),
+    "show": ("show", "ROBOT"),
     "simulate": ("simulate", "MODEL", "LOG"),
     "validate": ("validate", "MODEL", "LOG"),
 }
-WITH_ALL = ("base", "forces", "identify", "sample", "sensors")
+WITH_ALL = ("base", "forces", "identify", "sample", "sensors", "show")
 
 
 def lines(text: str) -> int:

@@ -124,10 +124,15 @@ def test_only_the_data_gives_intervals(result: Identification) -> None:
             else:
                 assert ends == pytest.approx([parameter.low, parameter.high], abs=0.1 * reach)
             assert float(value) == pytest.approx(parameter.value, abs=0.1 * reach)
-            assert decided.startswith(("data", "at the limit"))
+        elif parameter.determined_by == "prior" and parameter.prior and half.endswith(" %"):
+            width = (parameter.high - parameter.prior) / abs(parameter.prior)
+            assert float(half.removesuffix(" %")) == pytest.approx(100 * width, rel=0.02)
+        elif parameter.determined_by == "prior" and parameter.prior:
+            factor = float(half.removeprefix("×÷ "))
+            assert factor == pytest.approx(parameter.high / parameter.prior, rel=0.05)
         else:
             assert half == ""
-            assert decided.startswith(("prior", "fixed", "consistency"))
+        assert decided == parameter.determined_by
 
 
 def test_torque_errors_are_drawn(result: Identification, comparison: TorqueComparison) -> None:

@@ -194,7 +194,7 @@ def test_a_plan_is_the_same_every_time() -> None:
 
 @pytest.mark.parametrize("goal", ["forces", "P", "gains", "bodies"])
 def test_goals_gain_by_what_tells_of_them(goal: str) -> None:
-    plan = sensor_plan(DELTA, goal=goal, offers=offers(), settings=SETTINGS)
+    plan = sensor_plan(DELTA, goal=goal, offers=offers(), budget=1e5, settings=SETTINGS)
     gains = {one.name: one.gain for one in plan.uses}
     assert min(gains.values()) > -1e-9
     assert plan.steps

@@ -142,7 +142,7 @@ def test_cylinders_join_the_ends_of_segments() -> None:
 
 
 def test_page_and_tables(tmp_path: Path) -> None:
-    printed = run("show", "irb360-6-1600")
+    printed = run("show", "irb360-6-1600", "--full")
     assert printed.code == 0
     for text in ("condition in the workspace", "telescope length", "at x, y, z [m]", "-50 … 80"):
         assert text in printed.out

@@ -1,20 +1,20 @@
 """`deltaid show`: a robot to look at, as tables, as a page, or live in a browser."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.options import bounded, output_file
+from deltaid.cli.options import Full, bounded, output_file
 from deltaid.cli.output import (
     console,
+    print_found,
     print_warnings,
     print_written,
     progress,
     require_outputs,
-    styled,
-    table,
 )
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def show(
             limits=(0, 65535),
         ),
     ] = None,
+    full: Full = False,
 ) -> None:
     """Show a robot's workspace, limits and holding torques.
 
@@ -69,7 +70,7 @@ def show(
         known = "identified" if model.identified else "prior"
         robot_report(at_rest, report, f"Robot at rest, with its {known} parameters")
     elif not live:
-        print_survey(at_rest)
+        print_survey(at_rest, full=full)
     if live:
         _open(at_rest, port)
 
@@ -84,23 +85,28 @@ def robot_report(robot: "AtRest", path: Path, origin: str) -> None:
     print_written(path)
 
 
-def print_survey(robot: "AtRest") -> None:
+def print_survey(robot: "AtRest", *, full: bool = False) -> None:
     """Facts and tables of a robot at rest."""
     from deltaid.view import robot_page as page
     from deltaid.view.reach import reach, survey
 
     reached, surveyed = reach(robot), survey(robot)
     print_warnings(page.warnings(robot, surveyed))
-    console.print(styled(robot.robot.title or robot.robot.name))
-    for fact in page.facts(robot, reached, surveyed):
-        console.print(f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else ""))
-    for title, part in (
-        ("Drives", page.drive_table(robot, surveyed)),
-        ("Limits in the workspace", page.use_table(robot, surveyed)),
-        ("What ends ways from home", page.end_table(robot, reached)),
-    ):
-        console.print()
-        console.print(table(title, part.columns, part.rows))
+    facts = page.facts(robot, reached, surveyed)
+    uses, ends = page.use_table(robot, surveyed), page.end_table(robot, reached)
+    drives = page.drive_table(robot, surveyed).without("held at home")
+    print_found(
+        [
+            robot.robot.title or robot.robot.name,
+            *(f"{f.label}: {f.value}" + (f" ({f.note})" if f.note else "") for f in facts),
+        ],
+        [
+            replace(drives, title="drives"),
+            replace(uses, title="limits in the workspace"),
+            replace(ends, title="what ends ways from home"),
+        ],
+        full=full,
+    )
 
 
 def _open(robot: "AtRest", port: int | None) -> None:

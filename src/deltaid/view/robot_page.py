@@ -15,10 +15,10 @@ _COLUMNS_DRIVES = (
     "drive",
     "unit",
     "at home",
-    "in the workspace",
+    "workspace",
     "limit",
     "held at home",
-    "held in the workspace",
+    "held",
     "largest",
     "unit ",
 )
