@@ -187,7 +187,9 @@ def compare(path: Path, folder: Path, *, renew: bool = False) -> list[str]:
         if code != step.expected_code:
             said.append("\n  ".join([f"{where}\n  exit code {code}", *printed[-5:]]))
         if "--json" in step.text and code == 0:
-            missing = [key for key in json.loads("\n".join(printed)) if f"`{key}`" not in page]
+            text = "\n".join(printed)  # with notes of standard error
+            value, _ = json.JSONDecoder().raw_decode(text, text.index("{"))
+            missing = [key for key in value if f"`{key}`" not in page]
             said += [f"{where}\n  the page does not name its key {key}" for key in missing]
         found = matched(step.quoted, printed)
         if renew and None in found and SKIPPED not in step.quoted:
