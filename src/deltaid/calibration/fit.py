@@ -80,7 +80,7 @@ def _spared(used: Bool[np.ndarray, " readings"]) -> int:
 
 
 def _with_predicted(
-    found: Fit, single: Sequence[Bool[np.ndarray, " readings"]], stated: Sequence[float]
+    found: Fit, single: Sequence[Bool[np.ndarray, " _"]], stated: Sequence[float]
 ) -> Fit:
     """With the noise that residuals show, and all readings that the others predict within it."""
     while True:

@@ -56,12 +56,12 @@ class Fit:
     loops: Loops = field(repr=False)
     known: Unknowns = field(repr=False)
     instruments: tuple[Instrument, ...]
-    used: tuple[Bool[np.ndarray, " readings"], ...]
+    used: tuple[Bool[np.ndarray, " _"], ...]
     states: tuple[np.ndarray, ...]
     u: Float[np.ndarray, " free"]
     rows: tuple[Rows, ...]
-    errors: tuple[Float[np.ndarray, "readings values"], ...]
-    residuals: tuple[Float[np.ndarray, "readings values"], ...]
+    errors: tuple[Float[np.ndarray, "_ _"], ...]
+    residuals: tuple[Float[np.ndarray, "_ _"], ...]
     knowledge: Knowledge
     grown: tuple[float, ...]
 
@@ -95,7 +95,7 @@ def solved(
     loops: Loops,
     known: Unknowns,
     instruments: Sequence[Instrument],
-    used: Sequence[Bool[np.ndarray, " readings"]],
+    used: Sequence[Bool[np.ndarray, " _"]],
     stated: Sequence[float],
     before: Fit | None = None,
 ) -> Fit:
