@@ -59,9 +59,11 @@ class Command:
 
     @property
     def expected_code(self) -> int:
-        """2 where an error is quoted, 4 where a check finds something wrong, else 0."""
+        """2 where an error is quoted, 4 where a check finds something wrong, 3 where columns are in
+        doubt, else 0."""
         starts = {line.partition(" ")[0] for line in self.quoted}
-        return 2 if "error:" in starts else 4 if "wrong" in starts else 0
+        in_doubt = any(line.endswith(" in doubt") for line in self.quoted)
+        return 2 if "error:" in starts else 4 if "wrong" in starts else 3 * in_doubt
 
 
 @dataclass(frozen=True)
