@@ -140,7 +140,7 @@ class Loops:
                 cure="check this pose; or hold some numbers, such as --hold upper_arm",
             )
         _, C_y, C_theta, C_q, x, X_y, X_theta = self._evaluate(y, q, theta)
-        X_c = X_y @ np.linalg.inv(C_y)
+        X_c = np.linalg.solve(C_y.swapaxes(1, 2), X_y.swapaxes(1, 2)).swapaxes(1, 2)
         return ToolPoints(x[..., 0], X_theta - X_c @ C_theta, -X_c @ C_q)
 
     def _evaluate(self, y: Poses, q: Drives, theta: Numbers) -> list[np.ndarray]:

@@ -90,7 +90,8 @@ def _plan(found: Calibration, kind: Kind, count: int) -> NextReadings:
         half = A @ knowledge.inverse
         S = np.eye(half.shape[1]) + half @ half.swapaxes(1, 2)
         moved = F @ knowledge.inverse @ half.swapaxes(1, 2)
-        worth = np.sum((moved @ np.linalg.inv(S)) * moved, axis=(1, 2))
+        moved = moved.swapaxes(1, 2)
+        worth = np.sum(np.linalg.solve(S, moved) * moved, axis=(1, 2))
         chosen.append(int(np.argmax(worth)))
         knowledge = knowledge.and_rows(A[chosen[-1]])
     position = float(np.linalg.norm(knowledge.std_of(F)) / np.sqrt(len(found.places.x)))

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, Full, KeepAll, mappings
-from deltaid.cli.output import print_found, print_json, progress
+from deltaid.cli.output import print_json, progress
+from deltaid.cli.screen import print_found
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:

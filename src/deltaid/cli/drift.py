@@ -11,12 +11,12 @@ from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.gathered import in_folders
 from deltaid.cli.options import AsJson, Full, output_file
 from deltaid.cli.output import (
-    print_found,
     print_json,
     print_written,
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:

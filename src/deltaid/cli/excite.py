@@ -11,13 +11,13 @@ import typer
 from deltaid.cli.options import AsJson, Full, Report, Robot, bounded, output_file
 from deltaid.cli.output import (
     number,
-    print_found,
     print_json,
     print_note,
     print_written,
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError, within
 from deltaid.files import together, write_bytes
 from deltaid.motion.excitation.settings import (

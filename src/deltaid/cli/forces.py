@@ -7,7 +7,6 @@ import typer
 
 from deltaid.cli.options import AsJson, Full, ModelOrRobot, Report, UsePoor, output_file
 from deltaid.cli.output import (
-    print_found,
     print_json,
     print_warnings,
     print_written,
@@ -15,6 +14,7 @@ from deltaid.cli.output import (
     require_outputs,
     used,
 )
+from deltaid.cli.screen import print_found
 from deltaid.files import together
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltaid.cli.output import print_found
+from deltaid.cli.screen import print_found
 from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:

@@ -29,13 +29,13 @@ from deltaid.cli.options import (
 from deltaid.cli.output import (
     console,
     print_json,
-    print_next,
     print_note,
     print_warnings,
     print_written,
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_next
 from deltaid.errors import DeltaidError
 from deltaid.files import together
 from deltaid.model.options import (

@@ -8,7 +8,6 @@ import typer
 
 from deltaid.cli.options import AsJson, Columns, Full, Report, UsePoor, bounded, lag_of, output_file
 from deltaid.cli.output import (
-    print_found,
     print_json,
     print_warnings,
     print_written,
@@ -16,6 +15,7 @@ from deltaid.cli.output import (
     require_outputs,
     used,
 )
+from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError, within
 
 if TYPE_CHECKING:

@@ -1,11 +1,9 @@
 """What all commands print: errors, tables, progress, JSON."""
 
 import json
-import math
 import os
 import re
 import sys
-import textwrap
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,8 +33,6 @@ _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
     "entries", "parted by any of",
 )  # fmt: skip
-# Lines of a result on a screen of usual height, with those that name the files written below.
-_SCREEN = 22
 # Columns of a bar of progress.
 _BAR = 16
 
@@ -135,93 +131,6 @@ def print_written(*paths: Path | None) -> None:
             console.print(f"wrote {path}")
 
 
-def print_found(
-    lines: Sequence[str],
-    tables: Sequence[Finished] = (),
-    further: Sequence[Finished] = (),
-    details: Sequence[str] = (),
-    *,
-    full: bool,
-) -> None:
-    """A result: sentences first, then tables as far as they fit a screen; or all of it.
-
-    Args:
-        lines: the verdict, in plain words, at first.
-        tables: in the order of their worth; one that does not fit is cut.
-        further, details: tables and sentences for those who ask for all.
-        full: whether all is asked for.
-    """
-    used = 0
-    for text in lines:
-        for line in _folded(text):
-            console.print(line)
-            used += max(1, math.ceil(cell_len(str(line)) / console.width))
-    hidden = [] if full else [_name(finished) for finished in further]
-    for finished in (*tables, *further) if full else tables:
-        left = None if full else _SCREEN - used - 2 - bool(hidden)
-        rows, height = _fitting(finished, left)
-        if rows:
-            console.print()
-            console.print(table(finished.title, finished.columns, finished.rows[:rows]))
-            used += height + 1
-        if rows < len(finished.rows):
-            more = f"{len(finished.rows) - rows} more rows of " if rows else ""
-            hidden.append(f"{more}{_name(finished)}")
-    if full and details:
-        console.print()
-        for text in details:
-            console.print(text)
-    if details and not full:
-        hidden.append("details of the computation")
-    if hidden:
-        listed = ", ".join(dict.fromkeys(hidden))
-        print_next(f"--full prints also: {listed}")
-
-
-def print_next(text: str) -> None:
-    """What the user may do next."""
-    for line in _folded(f"→ {text}"):
-        console.print(styled(str(line), "dim"))
-
-
-def _name(finished: Finished) -> str:
-    """What a table is called: its title, or what its rows are."""
-    return re.split("[:;,]", finished.title or finished.columns[0])[0]
-
-
-def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
-    """How many rows of a table fit so many lines, fewer than two being none, and their height."""
-    rows = len(finished.rows)
-    while True:
-        cut = table(finished.title, finished.columns, finished.rows[:rows])
-        widths = [sum(part.cell_length for part in line) for line in console.render_lines(cut)]
-        height = sum(max(1, math.ceil(width / console.width)) for width in widths)
-        if lines is None or height <= lines:
-            return rows, height
-        rows -= max(1, min(rows, height - lines) // 2)
-        if rows < min(2, len(finished.rows)):
-            return 0, 0
-
-
-def _folded(text: str) -> list[str | Text]:
-    """A sentence in lines of a terminal's width; in a file or pipe it stays one line.
-
-    What stands before the first colon of a verdict is in bold.
-    """
-    if not text:
-        return [""]
-    width = min(console.width, _WIDEST) if console.is_terminal else math.inf
-    lines: list[str | Text] = (
-        list(textwrap.wrap(visible(text), int(width), subsequent_indent="  "))
-        if cell_len(text) > width
-        else [text]
-    )
-    grade, colon, rest = str(lines[0]).partition(": ")
-    if colon and grade in _GRADES:
-        lines[0] = Text.assemble((f"{grade}:", "bold"), " ", visible(rest))
-    return lines
-
-
 def print_tables(*tables: Finished) -> None:
     """Finished tables with an empty line after each."""
     for finished in tables:
@@ -261,11 +170,9 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     return result
 
 
-# Of a verdict on a model, as words begin it.
-_GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 # A line of text that is longer is hard to read.
-_WIDEST = 100
+WIDEST = 100
 
 
 def verdicts_shown(finished: Finished) -> Table:
@@ -273,7 +180,7 @@ def verdicts_shown(finished: Finished) -> Table:
     result = Table(box=None, pad_edge=False, show_header=False)
     result.add_column(no_wrap=True)
     result.add_column(no_wrap=True)
-    result.add_column(max_width=_WIDEST, overflow="fold")
+    result.add_column(max_width=WIDEST, overflow="fold")
     for grade, key, about, seen, cause, cure in finished.rows:
         lines = [seen if about in seen else f"{about}: {seen}"]
         lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)

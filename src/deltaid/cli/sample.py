@@ -7,12 +7,12 @@ import typer
 
 from deltaid.cli.options import AsJson, Full, UsePoor, bounded
 from deltaid.cli.output import (
-    print_found,
     print_json,
     print_written,
     progress,
     used,
 )
+from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError
 from deltaid.files import require_new_folder, require_writable
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS

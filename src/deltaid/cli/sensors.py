@@ -8,13 +8,13 @@ import typer
 from deltaid.cli.options import AsJson, Full, Report, Robot, bounded
 from deltaid.cli.output import (
     percent,
-    print_found,
     print_json,
     print_note,
     print_written,
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
     from deltaid.sensors.planning.plan import Outlook, SensorPlan

@@ -10,12 +10,12 @@ import typer
 from deltaid.cli.options import Full, bounded, output_file
 from deltaid.cli.output import (
     console,
-    print_found,
     print_warnings,
     print_written,
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest

@@ -9,7 +9,6 @@ import typer
 from deltaid.cli.gathered import are_factor_files, compared, require_open
 from deltaid.cli.options import AsJson, Columns, Full, KeepAll, ModelOrRobot, Report
 from deltaid.cli.output import (
-    print_found,
     print_json,
     print_origin,
     print_warnings,
@@ -17,6 +16,7 @@ from deltaid.cli.output import (
     progress,
     require_outputs,
 )
+from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError

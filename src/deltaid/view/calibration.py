@@ -55,7 +55,7 @@ def number_table(found: Calibration) -> Table:
     for kind in found.known.kinds:
         if kind in tools[1:]:  # in the row of the first
             continue
-        at = [k for one in (tools if kind in tools else [kind]) for k in found.known.of_kind(one)]
+        at = [k for name in (tools if kind in tools else [kind]) for k in found.known.of_kind(name)]
         unit = _SHOWN[found.known.numbers[at[0]].unit]
         cells = ["±".join(filter(None, _pair(found, k))) for k in at]
         decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
