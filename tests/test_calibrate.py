@@ -4,80 +4,32 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from scipy.spatial.transform import Rotation
 
 import deltaid
 from command import refused, run
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import unknowns
-from oracle.measured_delta import DRAWINGS, THREE, BuiltDelta, Drawing, built, shape_error
+from measured_poses import (
+    CLAVEL,
+    KOSSEL,
+    NOISE,
+    POINT,
+    drives,
+    kinematics,
+    machine,
+    measured,
+    real,
+    spans,
+    touched,
+    tracked,
+)
+from oracle.measured_delta import DRAWINGS, shape_error
 from oracle.tree import Array
-
-CLAVEL, KOSSEL = "clavel-delta3", "anycubic-kossel"
-NOISE, POINT = 2e-5, ("px", "py", "pz")
-
-
-@cache
-def kinematics(name: str) -> deltaid.Kinematics:
-    return deltaid.Kinematics(name)
-
-
-def machine(name: str, seed: int, **options: float) -> tuple[BuiltDelta, np.random.Generator]:
-    rng = np.random.default_rng(seed)
-    return built(rng, DRAWINGS[name], **options), rng
-
-
-def real(robot: BuiltDelta, name: str, commanded: Array) -> Array:
-    """Where a machine stands that believes in its description."""
-    return robot.tool_points(drives(name, commanded), commanded)
-
-
-def drives(name: str, commanded: Array) -> Array:
-    """Of a description, without the telescope's."""
-    z = np.tile(kinematics(name).home, (len(commanded), 1))
-    z[:, : commanded.shape[1]] = commanded
-    return kinematics(name).inverse(z)[:, : len(DRAWINGS[name].azimuths)]
-
-
-def tracked(name: str, x: Array, m: Array, rng: np.random.Generator) -> dict[str, Array]:
-    """Readings of a tracker somewhere."""
-    turn = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
-    points = m @ turn.T + [1.0, 2.0, 0.5] + rng.normal(0, NOISE, m.shape)
-    q = drives(name, x)
-    return {f"q{i + 1}": q[:, i] for i in range(q.shape[1])} | dict(
-        zip(("px", "py", "pz"), points.T, strict=True)
-    )
-
-
-def touched(
-    robot: BuiltDelta, name: str, places: Array, noise: float, rng: np.random.Generator
-) -> dict[str, Array]:
-    """Commanded points at which a machine touches planes at heights `places[:, 2]`."""
-    x = places.copy()
-    for _ in range(5):
-        x[:, 2] -= real(robot, name, x)[:, 2] - places[:, 2]
-    x[:, 2] += rng.normal(0, noise, len(x))
-    return dict(zip("xyz", x.T, strict=True)) | {"block": places[:, 2] - places[:, 2].min()}
-
-
-def spans(
-    robot: BuiltDelta, name: str, a: Array, b: Array, rng: np.random.Generator
-) -> dict[str, Array]:
-    """Distances between pairs of commanded points."""
-    length = np.linalg.norm(real(robot, name, a) - real(robot, name, b), axis=1)
-    return {
-        f"{end}_{axis}": points[:, k]
-        for end, points in (("a", a), ("b", b))
-        for k, axis in enumerate("xyz")
-    } | {"distance": length + rng.normal(0, NOISE, len(a))}
-
 
 # Machines of each kind, so that all kinds take some seconds together.
 MACHINES = {
@@ -151,112 +103,6 @@ def test_slopes_of_robots_that_turn_their_tool(name: str) -> None:
         assert (up - down) / 2e-6 == pytest.approx(slopes[:, :, k], abs=1e-7)
 
 
-# RepRapFirmware#335: a Kossel with rods of 275.2 mm and a radius of 137.35 mm, nine factors from
-# eleven points within 105 mm.
-KOSSEL_335 = Drawing(THREE, 0.13735 + 0.031, 0.031, None, 0.2752, (), ())
-NINE_FACTORS = {
-    "lengths": 1e-2,
-    "shared": ("strut", "rail_out"),
-    "hold": ("lean_out", "lean_across", "scale", "limb3.rail_across"),
-}
-
-
-def kossel_335(strut: float = KOSSEL_335.strut) -> deltaid.RobotDescription:
-    text = deltaid.load_robot(KOSSEL)
-    limbs = text.limbs.changed(base_radius=KOSSEL_335.base, strut=strut)
-    return text.changed(
-        limbs=limbs, workspace={"shape": "cylinder", "radius": 0.105, "z": (-0.44, -0.34)}
-    )
-
-
-@cache
-def kinematics_335() -> deltaid.Kinematics:
-    return deltaid.Kinematics(kossel_335())
-
-
-def printer_335(seed: int) -> BuiltDelta:
-    """Off in what nine factors hold, by tenths of a millimetre."""
-    rng = np.random.default_rng(seed)
-    robot = built(rng, KOSSEL_335, length=0.0, angle=0.0)
-    radius, strut = rng.normal(0, 5e-4, 2)
-    for limb, aside in zip(robot.limbs, [*rng.normal(0, 3e-4, 2), 0.0], strict=True):
-        out = limb.out
-        limb.base = limb.base + radius * out + aside * np.cross([0, 0, 1], out)
-        limb.zero = rng.normal(0, 5e-4)
-        limb.struts = ((limb.struts[0][0] + strut, np.zeros(3), np.zeros(3)),)
-    return robot
-
-
-def bed_335(robot: BuiltDelta, noise: float, rng: np.random.Generator) -> dict[str, Array]:
-    """Drive coordinates at which the nozzle touches the bed at eleven points."""
-    angle = np.pi / 6 + np.concatenate([np.arange(6) * np.pi / 3, np.arange(4) * np.pi / 2, [0]])
-    r = np.repeat([0.105, 0.0525, 0.0], [6, 4, 1])
-    x = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(11, -0.44)])
-    kossel = kinematics_335()
-    for _ in range(5):
-        x[:, 2] -= robot.tool_points(kossel.inverse(x), x)[:, 2] + 0.44
-    x[:, 2] += rng.normal(0, noise, 11)
-    return {f"q{i + 1}": column for i, column in enumerate(kossel.inverse(x).T)}
-
-
-def part_335(robot: BuiltDelta, rng: np.random.Generator) -> dict[str, Array]:
-    """One calliper distance on a printed part of 100 mm."""
-    ends = np.array([[-0.05, 0, -0.44], [0.05, 0, -0.44]])
-    q = kinematics_335().inverse(ends)
-    a, b = robot.tool_points(q, ends)
-    columns = {f"{end}_q{i + 1}": q[k, [i]] for k, end in enumerate("ab") for i in range(3)}
-    return columns | {"distance": np.linalg.norm(a - b) + rng.normal(0, NOISE, 1)}
-
-
-def number(found: deltaid.Calibration, name: str) -> tuple[float, float]:
-    k = found.names.index(name)
-    return float(found.values[k]), float(found.std[k])
-
-
-def test_a_bed_does_not_know_the_diagonal() -> None:
-    """The drift of 5.66 mm in the thread: a flat bed, and parts of another size."""
-    robot, rng = printer_335(0), np.random.default_rng(0)
-    exact = bed_335(robot, 0.0, rng)
-    free = NINE_FACTORS | {"hold": (*NINE_FACTORS["hold"], "strut")}
-    drifted = deltaid.calibrate(kossel_335(0.2752 - 5.66e-3), probe=exact, **free)
-    kept = deltaid.calibrate(kossel_335(), probe=exact, **free)
-    assert drifted.sessions[0].residual < 8e-6
-    ends = kinematics_335().inverse(np.array([[-0.05, 0, -0.44], [0.05, 0, -0.44]]))
-    sizes = []
-    for found in (kept, drifted):
-        x = found.fit.loops.points(ends, found.values, found.fit.loops.start(ends)).x
-        sizes.append(np.linalg.norm(x[1] - x[0]))
-    assert abs(sizes[1] - sizes[0]) == pytest.approx(1.2e-3, abs=0.2e-3)
-    noisy = deltaid.calibrate(kossel_335(), probe=bed_335(robot, 1e-5, rng), **NINE_FACTORS)
-    assert number(noisy, "limb1.strut")[1] == pytest.approx(2.7e-3, rel=0.2)
-    assert noisy.verdict.startswith("doubtful: ")
-    (only,) = noisy.open  # in one sentence
-    assert re.match(r"sizes stay uncertain by 0\.\d+ %, positions by .* mm: ", only.words)
-    assert "strut +2." in only.words
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_diagonal_drifts_until_one_distance_is_measured(seed: int) -> None:
-    robot, rng = printer_335(seed), np.random.default_rng(seed)
-    truth = robot.numbers()["limb1.strut"]
-    alone, both = [], []
-    for _ in range(4):
-        bed, part = bed_335(robot, 1e-5, rng), part_335(robot, rng)
-        alone.append(deltaid.calibrate(kossel_335(), probe=bed, **NINE_FACTORS))
-        both.append(deltaid.calibrate(kossel_335(), probe=bed, distances=part, **NINE_FACTORS))
-    drift, still = (
-        np.ptp([number(found, "limb1.strut")[0] for found in several]) for several in (alone, both)
-    )
-    assert max(found.sessions[0].residual for found in alone) < 1.5e-5
-    assert drift > 1e-3
-    assert still < 0.1 * drift + 5e-4
-    for found in both:
-        assert not any("sizes" in direction.words for direction in found.open)
-        assert found.after.size < 5e-4
-        value, std = number(found, "limb1.strut")
-        assert abs(value - truth) < 4 * std < 2e-3
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_outliers_and_rows_given_twice_are_named(seed: int) -> None:
     robot, rng = machine(CLAVEL, 5 + seed)
@@ -320,20 +166,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return measured(tmp_path_factory.mktemp("measured"), 2)
 
 
-def measured(folder: Path, seed: int) -> Path:
-    """A tracker's points, a bed, the same with a block, and distances of one machine."""
-    robot, rng = machine(CLAVEL, seed)
-    x = DRAWINGS[CLAVEL].poses(rng, 40)
-    pl.DataFrame(tracked(CLAVEL, x, real(robot, CLAVEL, x), rng)).write_csv(folder / "points.csv")
-    places = rng.uniform([-0.3, -0.3, -1.05], [0.3, 0.3, -1.05], (30, 3))
-    pl.DataFrame(touched(robot, CLAVEL, places, 1e-5, rng)).write_csv(folder / "bed.csv")
-    places[15:, 2] += 0.1
-    pl.DataFrame(touched(robot, CLAVEL, places, 1e-5, rng)).write_csv(folder / "gauge.csv")
-    a, b = DRAWINGS[CLAVEL].poses(rng, 18), DRAWINGS[CLAVEL].poses(rng, 18)
-    pl.DataFrame(spans(robot, CLAVEL, a, b, rng)).write_csv(folder / "parts.csv")
-    return folder
-
-
 def test_the_command_says_the_verdict_first_on_one_screen(files: Path, tmp_path: Path) -> None:
     out, page = tmp_path / "robot.yaml", tmp_path / "page.html"
     done = run("calibrate", CLAVEL, "--points", files / "points.csv", "-o", out, "--report", page)
@@ -370,131 +202,6 @@ def test_instruments_mix_and_what_none_knows_is_said(files: Path) -> None:
     assert mixed["after"]["position"] < 0.5 * alone["after"]["position"]
     assert mixed["rank"] > alone["rank"]
     assert {x["decided_by"] for x in mixed["numbers"]} <= {"description", "probe", "distances"}
-
-
-def thousandfold(*names: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    return lambda frame: frame.with_columns(pl.col(*names) * 1e3)
-
-
-def changed(**columns: pl.Expr) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    return lambda frame: frame.with_columns(**columns)
-
-
-def exchanged(a: str, b: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    return lambda frame: frame.rename({a: b, b: a})
-
-
-ALONE = {name: pl.col(name).first() for name in POINT}
-MISTAKES = {
-    "mm": ("points", thousandfold(*POINT), "likely they are in mm"),
-    "parts in mm": ("parts", thousandfold("distance"), "likely they are in mm"),
-    "block in mm": ("gauge", thousandfold("block"), "likely they are in mm"),
-    "poses in mm": ("bed", thousandfold("x", "y", "z"), "likely they are in mm"),
-    "mirrored": ("points", changed(px=-pl.col("px")), "the frame is left-handed"),
-    "order": ("points", changed(**{name: pl.col(name).reverse() for name in POINT}),
-              "points stand in another order"),
-    "shuffled": ("points", changed(**{name: pl.col(name).shuffle(seed=1) for name in POINT}),
-                 "points stand in another order"),
-    "limbs": ("points", exchanged("q1", "q2"), "or two drives are exchanged"),
-}  # fmt: skip
-DAMAGE = {
-    "degrees": ("points", changed(q1=57.3 * pl.col("q1")), "likely degrees"),
-    "hole": ("points", changed(px=pl.when(pl.int_range(pl.len()) != 9).then(pl.col("px"))),
-             "is empty"),
-    "column": ("points", lambda frame: frame.drop("pz"), "has no column pz"),
-    "many": (
-        "points",
-        lambda frame: frame.sample(30_000, with_replacement=True),
-        "has 30000 readings; at most 20000",
-    ),
-    "few": ("points", lambda frame: frame.head(2), "too few"),
-    "nothing": ("points", lambda frame: frame.head(0), "has no rows"),
-    "one place": ("points", changed(**ALONE), "in one place"),
-    "line": ("bed", changed(x=pl.lit(0.0)), "lie on a line"),
-    "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
-    "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
-    "negative": ("parts", changed(distance=-pl.col("distance")), "not positive"),
-    "huge": ("points", changed(py=1e300 * pl.col("py")), "times those of the robot's poses"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_mistakes_are_named(
-    seed: int, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = measured(tmp_path_factory.mktemp("measured"), seed)
-    for mistake in MISTAKES.values():
-        require_refused(*mistake, folder, tmp_path)
-
-
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_tables_that_cannot_be_used_are_refused(damage: str, files: Path, tmp_path: Path) -> None:
-    require_refused(*DAMAGE[damage], files, tmp_path)
-
-
-def require_refused(
-    name: str, change: Callable[[pl.DataFrame], pl.DataFrame], said: str, files: Path, own: Path
-) -> None:
-    wrong = own / "wrong.csv"
-    option = {"points": "--points", "parts": "--distances"}.get(name, "--probe")
-    change(pl.read_csv(files / f"{name}.csv")).write_csv(wrong)
-    message = refused("calibrate", CLAVEL, option, wrong, "-o", own / "new.yaml", folder=own)
-    assert said in " ".join(message.split())
-    assert "wrong.csv" in message
-    assert "Warning" not in message
-
-
-BYTES = {
-    "empty": lambda text: b"",
-    "cut": lambda text: text[: text.rindex(b",")],
-    "binary": lambda text: bytes(range(256)) * 4,
-    "text": lambda text: text.replace(text.split(b"\n")[3].split(b",")[4], b"abc"),
-    "short": lambda text: text.replace(text.split(b"\n")[3], b"0.1,0.2"),
-    "long": lambda text: text.replace(text.split(b"\n")[3], text.split(b"\n")[3] + b",9"),
-    "headless": lambda text: text.split(b"\n", 1)[1],
-}
-
-
-@pytest.mark.parametrize("damage", BYTES)
-def test_damaged_files_are_refused_with_one_message(
-    damage: str, files: Path, tmp_path: Path
-) -> None:
-    wrong = tmp_path / "wrong.csv"
-    wrong.write_bytes(BYTES[damage]((files / "points.csv").read_bytes()))
-    message = refused("calibrate", CLAVEL, "--points", wrong, folder=tmp_path)
-    assert "wrong.csv" in message
-
-
-def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
-    own = tmp_path / "columns.yaml"
-    own.write_text("points: {noize: 1}\n", encoding="utf-8")
-    bed = ("--probe", files / "bed.csv")
-    for arguments, said in {
-        (): "nothing was measured",
-        (*bed, "--hold", "strutt"): "did you mean strut?",
-        (*bed, "--lengths", "5"): "must lie between",
-        (*bed, "--struts-apart"): "strut_spacing",
-        (*bed, "--tool", "1"): "must be three numbers",
-        (*bed, "--columns", own): "did you mean noise?",
-    }.items():
-        assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
-
-
-def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:
-    frame = pl.read_csv(files / "points.csv")
-    frame.select(
-        (pl.col("q1", "q2", "q3") * 180 / np.pi).name.prefix("motor "),
-        pl.col("px", "py", "pz") * 1e3,
-    ).write_csv(tmp_path / "mm.csv")
-    own = tmp_path / "columns.yaml"
-    own.write_text(
-        "points:\n  unit: mm\n  noise: 0.02\n  drive_unit: deg\n"
-        "  columns: {q1: motor q1, q2: motor q2, q3: motor q3}\n",
-        encoding="utf-8",
-    )
-    plain = deltaid.calibrate(CLAVEL, points=files / "points.csv")
-    mapped = deltaid.calibrate(CLAVEL, points=tmp_path / "mm.csv", columns=own)
-    assert mapped.values == pytest.approx(plain.values, abs=1e-8)
 
 
 def sphere_point(towers: Array, rods: Array) -> Array:

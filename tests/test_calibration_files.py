@@ -1,0 +1,148 @@
+"""Mistakes of those who measure, and damaged files: each is named in one message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from command import refused
+from measured_poses import (
+    CLAVEL,
+    POINT,
+    measured,
+)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return measured(tmp_path_factory.mktemp("measured"), 2)
+
+
+def thousandfold(*names: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    return lambda frame: frame.with_columns(pl.col(*names) * 1e3)
+
+
+def changed(**columns: pl.Expr) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    return lambda frame: frame.with_columns(**columns)
+
+
+def exchanged(a: str, b: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    return lambda frame: frame.rename({a: b, b: a})
+
+
+ALONE = {name: pl.col(name).first() for name in POINT}
+MISTAKES = {
+    "mm": ("points", thousandfold(*POINT), "likely they are in mm"),
+    "parts in mm": ("parts", thousandfold("distance"), "likely they are in mm"),
+    "block in mm": ("gauge", thousandfold("block"), "likely they are in mm"),
+    "poses in mm": ("bed", thousandfold("x", "y", "z"), "likely they are in mm"),
+    "mirrored": ("points", changed(px=-pl.col("px")), "the frame is left-handed"),
+    "order": ("points", changed(**{name: pl.col(name).reverse() for name in POINT}),
+              "points stand in another order"),
+    "shuffled": ("points", changed(**{name: pl.col(name).shuffle(seed=1) for name in POINT}),
+                 "points stand in another order"),
+    "limbs": ("points", exchanged("q1", "q2"), "or two drives are exchanged"),
+}  # fmt: skip
+DAMAGE = {
+    "degrees": ("points", changed(q1=57.3 * pl.col("q1")), "likely degrees"),
+    "hole": ("points", changed(px=pl.when(pl.int_range(pl.len()) != 9).then(pl.col("px"))),
+             "is empty"),
+    "column": ("points", lambda frame: frame.drop("pz"), "has no column pz"),
+    "many": (
+        "points",
+        lambda frame: frame.sample(30_000, with_replacement=True),
+        "has 30000 readings; at most 20000",
+    ),
+    "few": ("points", lambda frame: frame.head(2), "too few"),
+    "nothing": ("points", lambda frame: frame.head(0), "has no rows"),
+    "one place": ("points", changed(**ALONE), "in one place"),
+    "line": ("bed", changed(x=pl.lit(0.0)), "lie on a line"),
+    "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
+    "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
+    "negative": ("parts", changed(distance=-pl.col("distance")), "not positive"),
+    "huge": ("points", changed(py=1e300 * pl.col("py")), "times those of the robot's poses"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mistakes_are_named(
+    seed: int, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = measured(tmp_path_factory.mktemp("measured"), seed)
+    for mistake in MISTAKES.values():
+        require_refused(*mistake, folder, tmp_path)
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_tables_that_cannot_be_used_are_refused(damage: str, files: Path, tmp_path: Path) -> None:
+    require_refused(*DAMAGE[damage], files, tmp_path)
+
+
+def require_refused(
+    name: str, change: Callable[[pl.DataFrame], pl.DataFrame], said: str, files: Path, own: Path
+) -> None:
+    wrong = own / "wrong.csv"
+    option = {"points": "--points", "parts": "--distances"}.get(name, "--probe")
+    change(pl.read_csv(files / f"{name}.csv")).write_csv(wrong)
+    message = refused("calibrate", CLAVEL, option, wrong, "-o", own / "new.yaml", folder=own)
+    assert said in " ".join(message.split())
+    assert "wrong.csv" in message
+    assert "Warning" not in message
+
+
+BYTES = {
+    "empty": lambda text: b"",
+    "cut": lambda text: text[: text.rindex(b",")],
+    "binary": lambda text: bytes(range(256)) * 4,
+    "text": lambda text: text.replace(text.split(b"\n")[3].split(b",")[4], b"abc"),
+    "short": lambda text: text.replace(text.split(b"\n")[3], b"0.1,0.2"),
+    "long": lambda text: text.replace(text.split(b"\n")[3], text.split(b"\n")[3] + b",9"),
+    "headless": lambda text: text.split(b"\n", 1)[1],
+}
+
+
+@pytest.mark.parametrize("damage", BYTES)
+def test_damaged_files_are_refused_with_one_message(
+    damage: str, files: Path, tmp_path: Path
+) -> None:
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_bytes(BYTES[damage]((files / "points.csv").read_bytes()))
+    message = refused("calibrate", CLAVEL, "--points", wrong, folder=tmp_path)
+    assert "wrong.csv" in message
+
+
+def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
+    own = tmp_path / "columns.yaml"
+    own.write_text("points: {noize: 1}\n", encoding="utf-8")
+    bed = ("--probe", files / "bed.csv")
+    for arguments, said in {
+        (): "nothing was measured",
+        (*bed, "--hold", "strutt"): "did you mean strut?",
+        (*bed, "--lengths", "5"): "must lie between",
+        (*bed, "--struts-apart"): "strut_spacing",
+        (*bed, "--tool", "1"): "must be three numbers",
+        (*bed, "--columns", own): "did you mean noise?",
+    }.items():
+        assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
+
+
+def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:
+    frame = pl.read_csv(files / "points.csv")
+    frame.select(
+        (pl.col("q1", "q2", "q3") * 180 / np.pi).name.prefix("motor "),
+        pl.col("px", "py", "pz") * 1e3,
+    ).write_csv(tmp_path / "mm.csv")
+    own = tmp_path / "columns.yaml"
+    own.write_text(
+        "points:\n  unit: mm\n  noise: 0.02\n  drive_unit: deg\n"
+        "  columns: {q1: motor q1, q2: motor q2, q3: motor q3}\n",
+        encoding="utf-8",
+    )
+    plain = deltaid.calibrate(CLAVEL, points=files / "points.csv")
+    mapped = deltaid.calibrate(CLAVEL, points=tmp_path / "mm.csv", columns=own)
+    assert mapped.values == pytest.approx(plain.values, abs=1e-8)
