@@ -16,7 +16,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from deltaid.errors import RecordingError
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 
 START = 1_700_000_000_000_000_000
@@ -226,7 +226,7 @@ NAMES = [f"{short}{i + 1}" for short in ("q", "qd", "tau") for i in range(3)]
 ALL = np.hstack([TIME[:, None], *COLUMNS.values()])
 
 
-def read(table: Table, columns: list[str]) -> np.ndarray:
+def read(table: LogTable, columns: list[str]) -> np.ndarray:
     return np.vstack([np.column_stack(rows.numbers) for rows in table.rows(columns)])
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.estimation.additions import Addition, Own, Values
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class Courses(Addition):
     rate: float
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return tuple(
-            Parameter("constant", f"course{k}", "torque", "", -np.inf, np.inf, 0.0, 1.0)
+            PriorParameter("constant", f"course{k}", "torque", "", -np.inf, np.inf, 0.0, 1.0)
             for k in range(len(self.torques))
         )
 
@@ -35,6 +35,6 @@ class Courses(Addition):
         courses, dof, _ = self.torques.shape
         return np.tile(np.arange(dof), courses), np.repeat(np.arange(courses), dof)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         rows = np.rint(w.time * self.rate).astype(int)
         return self.torques[:, :, rows].reshape(-1, len(rows))

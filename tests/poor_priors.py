@@ -85,7 +85,7 @@ def poorly_described(
         else:
             off = np.where(rng.random(4) < 0.6, _signed(rng, 2, 20, 4), _signed(rng, 1, 2, 4))
         G = np.diag(np.exp(0.5 * off))
-        prior = ExplicitInertia.of(inertia_parameters(G @ shape @ G))
+        prior = ExplicitInertia.from_parameters(inertia_parameters(G @ shape @ G))
         bodies[body] = robot.bodies[body].changed(prior=prior)
     return robot.changed(bodies=bodies, sources={})
 

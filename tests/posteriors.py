@@ -131,7 +131,7 @@ def stout() -> RobotDescription:
     bodies = {}
     for name, (m, centre, radii) in shapes.items():
         M = m * np.outer([*centre, 1.0], [*centre, 1.0]) + np.diag([*(m * np.square(radii)), 0.0])
-        bodies[name] = robot.bodies[name].changed(prior=ExplicitInertia.of(ten(M)))
+        bodies[name] = robot.bodies[name].changed(prior=ExplicitInertia.from_parameters(ten(M)))
     return robot.changed(bodies=bodies)
 
 

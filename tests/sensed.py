@@ -191,7 +191,7 @@ def identified(
     robot = weighed(of, p, rng)
     dynamics = compiled(robot)
     recordings = open_recordings([recorded(name, of, p, rng)], dynamics.kinematics)
-    sensors = [SensorAddition.of(dynamics, each, spread) for each in robot.sensors]
+    sensors = [SensorAddition.for_sensor(dynamics, each, spread) for each in robot.sensors]
     settings = Settings(prior_spread=spread)
     problem = fit(dynamics, recordings, settings, additions=sensors)
     problem = with_geometry(problem, recordings)

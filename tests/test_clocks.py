@@ -13,8 +13,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.log import Log
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import Recording as Filtered
-from deltaid.recording.recording import with_filter
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.segments import longest_hole, segments
 from deltaid.recording.time.study import study
@@ -281,7 +280,7 @@ def test_a_whole_recording_takes_no_notice(clavel: Dynamics) -> None:
     rows = even(1000.0)
     log = opened(rows, clavel)
     assert log.clock.steady
-    recording: Filtered = with_filter(log)
+    recording: PreparedRecording = with_filter(log)
     assert not recording.log.warnings
     assert recording.log.laid.steady
     ((values,),) = [list(segment) for segment in recording.log.segments(30.0)]

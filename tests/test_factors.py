@@ -22,7 +22,7 @@ from deltaid.identification.validation import validate
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.load import load_robot
 
 ROBOT = "clavel-delta3"
@@ -98,11 +98,13 @@ def _apart(robot) -> float:
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     Y = dynamics.sparse_regressor(z, qd, qdd)
     own = columns.dynamics.sparse_regressor(z, qd, qdd).values
-    from deltaid.recording.windows import Samples
+    from deltaid.recording.windows import SampleBlock
 
     none = np.zeros((len(z), 0))
-    w = Samples(np.arange(len(z)) * 1.0, z, qd, qdd, none, none, none, np.zeros_like(qd))
-    G = np.vstack([own, *(one.entries(w, own, Mock(spec=Recording)) for one in columns.additions)])
+    w = SampleBlock(np.arange(len(z)) * 1.0, z, qd, qdd, none, none, none, np.zeros_like(qd))
+    G = np.vstack(
+        [own, *(one.entries(w, own, Mock(spec=PreparedRecording)) for one in columns.additions)]
+    )
     rows, at = extended(columns.dynamics, columns.additions).regressor_pattern
     T, worst = map_to(columns, dynamics), 0.0
     for i in range(dynamics.dof):

@@ -16,7 +16,7 @@ from deltaid.recording import windows as windowing
 from deltaid.recording.filter import design_low_pass
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.windows import Window
 from deltaid.robot.load import load_robot
 from logs import names, recorded, write
@@ -24,7 +24,7 @@ from logs import names, recorded, write
 RATE = 1000.0
 
 
-def together(recording: Recording, dynamics: Dynamics) -> list[np.ndarray]:
+def together(recording: PreparedRecording, dynamics: Dynamics) -> list[np.ndarray]:
     """Time, motion, torques and decimated torques of all windows."""
 
     def parts(w: Window) -> list[np.ndarray]:
@@ -47,9 +47,9 @@ def test_windows_equal_the_whole(
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
     for low_pass in [design_low_pass(60.0, RATE)] + [None] * log.has_derivatives:
         monkeypatch.setattr(windowing, "WINDOW", 10**6)
-        whole = together(Recording(log, low_pass), clavel)
+        whole = together(PreparedRecording(log, low_pass), clavel)
         monkeypatch.setattr(windowing, "WINDOW", window)
-        pieces = together(Recording(log, low_pass), clavel)
+        pieces = together(PreparedRecording(log, low_pass), clavel)
         lost = 2 * (low_pass.margin + low_pass.half) if low_pass else 0
         kept = len(whole[0])
         assert kept == samples - lost
@@ -65,7 +65,7 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
     columns = names("t", "q", *recorded_rates.split(), "tau")
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
     low_pass = design_low_pass(60.0, RATE)
-    (window,) = Recording(log, low_pass).windows(clavel.kinematics)
+    (window,) = PreparedRecording(log, low_pass).windows(clavel.kinematics)
     lost = low_pass.margin + low_pass.half
     inner, found = slice(lost, len(frame) - lost), window.own
     z = clavel.kinematics.forward(frame.select(names("q")).to_numpy())
@@ -96,7 +96,9 @@ def test_two_stages_are_the_same_low_pass(
     frame, _ = at_high_rate()
     columns = names("t", "q", *recorded_rates.split(), "tau")
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
-    two, one = (Recording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True))
+    two, one = (
+        PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
+    )
     assert (two.stride, one.stride) == (5, 1)
     found, expected = together(two, clavel), together(one, clavel)
     time = frame["t"].to_numpy()
@@ -119,7 +121,9 @@ def test_two_stages_judge_as_one(tmp_path, clavel: Dynamics) -> None:
     """Torque errors of the true parameters and of others, and what the regressor says of them."""
     frame, truth = at_high_rate()
     log = open_log(write(tmp_path / "log.parquet", frame), clavel.kinematics)
-    two, one = (Recording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True))
+    two, one = (
+        PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
+    )
     for p in (truth, prior_parameters(clavel.robot)):
         a, b = (torque_error(clavel, p, recording) for recording in (two, one))
         np.testing.assert_allclose(a.rms, b.rms, rtol=0.05)

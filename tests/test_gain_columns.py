@@ -12,13 +12,13 @@ from deltaid.effects.point import TracePoint
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.gains import SPREAD, Gains
 from deltaid.identification.study import studied_trace
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter
 from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.readings import Readings
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from drives import case
 from drives.judge import judge
 from drives.told import identified
@@ -31,14 +31,14 @@ class Push(Addition):
     """A torque of the second drive, determined by a load that is known."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("load", "push", "m", "N m", -np.inf, np.inf, 0.0, 1.0),)
+    def parameters(self) -> tuple[PriorParameter, ...]:
+        return (PriorParameter("load", "push", "m", "N m", -np.inf, np.inf, 0.0, 1.0),)
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([1]), np.array([0])
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return np.ones((1, len(w.time)))
 
     @property
@@ -85,19 +85,19 @@ def test_torques_that_gains_multiply_are_all_that_drives_bear() -> None:
     z = dynamics.kinematics.home + 0.02 * rng.standard_normal((n, 3))
     qd, qdd, carried = rng.standard_normal((3, n, 3))
     none = np.zeros((n, 0))
-    w = Samples(np.arange(n) * 0.1, z, qd, qdd, none, none, none, carried)
+    w = SampleBlock(np.arange(n) * 0.1, z, qd, qdd, none, none, none, carried)
     own = dynamics.sparse_regressor(z, qd, qdd, np.zeros_like(qd)).values
     torque = dynamics.torque(z, qd, qdd) + carried + [0.0, 3.0, 0.0]
-    recording = object.__new__(Recording)  # no addition here asks whose samples they are
+    recording = object.__new__(PreparedRecording)  # no addition here asks whose samples they are
     np.testing.assert_allclose(found.entries(w, own, recording), -torque.T, rtol=1e-9)
     drives, columns = found.pattern
     np.testing.assert_array_equal(drives, columns)
 
 
-def judged(std: float) -> list[Judged]:
+def judged(std: float) -> list[Parameter]:
     """What a fit leaves of each drive's gain: 2 %."""
     return [
-        Judged(
+        Parameter(
             name=f"gain.drive{i}", value=0.02, std=std, low=0.02 - 2 * std, high=0.02 + 2 * std,
             unit="", prior=0.0, determined_by="data",
         )

@@ -23,11 +23,11 @@ from deltaid.model.model import load
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from sweeps import swept
 
 RATE, DURATION, NOISE, MASS = 500.0, 16.0, 0.02, 1.0
@@ -43,8 +43,8 @@ class Weight(Addition):
     log: str
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("load", "weight", "m", "kg", 0.0, np.inf, MASS, MASS),)
+    def parameters(self) -> tuple[PriorParameter, ...]:
+        return (PriorParameter("load", "weight", "m", "kg", 0.0, np.inf, MASS, MASS),)
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +52,7 @@ class Weight(Addition):
         mass = self.dynamics.layout.names.index("P.m")
         return drives[columns == mass], np.zeros(np.sum(columns == mass), dtype=int)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         _, columns = self.dynamics.regressor_pattern
         mass = self.dynamics.layout.names.index("P.m")
         return own[columns == mass] * (str(recording.path) == self.log)
@@ -201,22 +201,24 @@ class Hum(Addition):
     log: str
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return (
-            Parameter("lag", f"drive{self.drive + 1}", "hum", "N*m", -np.inf, np.inf, 0.0, 1.7),
+            PriorParameter(
+                "lag", f"drive{self.drive + 1}", "hum", "N*m", -np.inf, np.inf, 0.0, 1.7
+            ),
         )
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([self.drive]), np.array([0])
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         here = str(recording.path) == self.log
         return np.sin(HUM * w.time)[None] * here
 
 
 @cache
-def recordings() -> tuple[Recording, ...]:
+def recordings() -> tuple[PreparedRecording, ...]:
     dynamics, _ = moving()
     tables = [table(k, hum=hum, duration=8.0, noise=0.01) for k, hum in ((1, STRONG), (2, 0.0))]
     return tuple(open_recordings(tables, dynamics.kinematics))
@@ -246,7 +248,7 @@ def test_rows_that_are_left_out_by_time_do_not_count_and_no_others_do_less() -> 
     spans = (LeftSpan(2.0, 2.5, "contact"), LeftSpan(4.0, 4.1, "spike", (2,)))
     repaired = replace(one, repairs=Repairs(left_out=spans))
 
-    def weights(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    def weights(recording: PreparedRecording) -> tuple[np.ndarray, np.ndarray]:
         parts = [window.own for window in recording.windows(dynamics.kinematics)]
         time = np.concatenate([w.time for w in parts])
         return time, np.concatenate([w.weights for w in parts])

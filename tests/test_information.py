@@ -22,7 +22,7 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.robot.load import load_robot
 
 ROBOT = "irb360-6-1600"
@@ -208,7 +208,7 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
     recording = simulate_recording(dynamics, p, motion, rng, duration=20.3, rate=997.0)
     write_recording(recording, tmp_path / "log.csv")
     log = open_log(tmp_path / "log.csv", dynamics.kinematics, None, keep_all=True)
-    blocks = gather(dynamics, Recording(log, None))
+    blocks = gather(dynamics, PreparedRecording(log, None))
     length = -(-log.samples // BLOCKS)
     assert [b.mean_samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
     assert sum(b.mean_samples for b in blocks) == log.samples

@@ -277,7 +277,7 @@ def test_a_heavy_strut_described_as_light_is_corrected_by_its_body() -> None:
     noise = SensorNoise(torque=0.01)
     log = simulate_recording(dynamics, p, motion, rng, rate=500.0, noise=noise)
     part = dynamics.layout.body("S")
-    light = robot.bodies["S"].changed(prior=ExplicitInertia.of(p[part] / 20))
+    light = robot.bodies["S"].changed(prior=ExplicitInertia.from_parameters(p[part] / 20))
     model = identify(
         robot.changed(bodies={**robot.bodies, "S": light}, sources={}), log, settings=PLAIN
     ).model

@@ -18,7 +18,7 @@ from deltaid.recording.mapping import ColumnMapping, load_mapping, mapping_each
 from deltaid.recording.memory import Recording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 
 CLAVEL = load_robot("clavel-delta3")
@@ -225,7 +225,7 @@ def test_columns_are_slopes_of_the_torques_and_their_sum_is_these() -> None:
     z, zd, zdd = motion.evaluate(np.linspace(0.3, motion.period, n))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     x = dynamics.carried(z, qd, qdd, p)
-    w = Samples(np.arange(n) / n, z, qd, qdd, 0 * qd, 1 + 0 * qd, np.zeros((n, 0)), 0 * qd)
+    w = SampleBlock(np.arange(n) / n, z, qd, qdd, 0 * qd, 1 + 0 * qd, np.zeros((n, 0)), 0 * qd)
     slope = LoadSlope.about(dynamics, p)
     np.testing.assert_array_equal(slope.shares, [0.05, 0, 0, 0.08])
     factor = slope.factor(w, x)

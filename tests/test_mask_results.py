@@ -9,10 +9,10 @@ from polars.testing import assert_frame_equal
 import deltaid
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
-from deltaid.model.sources import LeftOut, Span
+from deltaid.model.sources import LeftOut, TimeSpan
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import Recording, open_recordings, with_filter
+from deltaid.recording.recording import PreparedRecording, open_recordings, with_filter
 from deltaid.view.corrections import left_out_table, reversals
 from interrupted import CLAVEL, IRB, Interrupted, cost_of_masks, interrupted, mass_error, opened
 from sweeps import swept
@@ -79,11 +79,13 @@ def test_brakes_set_in_with_a_jump_of_acceleration() -> None:
     taken = open_recordings(one.frame, one.dynamics.kinematics, keep_all=True)[0]
     assert taken.motion_cutoff > 2 * recording.motion_cutoff
     late = replace(recording.log, masks=tuple(stops))
-    felt = [_error_at(one, Recording(log, recording.low_pass)) for log in (late, recording.log)]
+    felt = [
+        _error_at(one, PreparedRecording(log, recording.low_pass)) for log in (late, recording.log)
+    ]
     assert felt[1] < 0.5 * felt[0]
 
 
-def _error_at(one: Interrupted, recording: Recording) -> float:
+def _error_at(one: Interrupted, recording: PreparedRecording) -> float:
     """Torque error of the true robot, at its worst."""
     (window,) = recording.windows(one.dynamics.kinematics)
     drives = np.arange(one.dynamics.dof)
@@ -111,7 +113,7 @@ def test_a_direction_that_is_not_known_does_not_count(tmp_path) -> None:
         assert out[:, i].sum() <= 4 * len(own_and_slide)
     assert passive.moved_by.tolist() == [[True, True, True, False]]
     np.testing.assert_array_equal(window.turning, out.sum(axis=0))
-    everything = Recording(replace(recording.log, keep_all=True), recording.low_pass)
+    everything = PreparedRecording(replace(recording.log, keep_all=True), recording.low_pass)
     (window,) = everything.windows(one.dynamics.kinematics)
     assert np.all(window.own.weights == 1)
 
@@ -145,7 +147,7 @@ def test_nothing_left_is_refused(tmp_path) -> None:
 
 
 def test_table_names_reason_drives_share_and_times() -> None:
-    spans = tuple(Span(start=float(k), end=k + 0.25) for k in range(4))
+    spans = tuple(TimeSpan(start=float(k), end=k + 0.25) for k in range(4))
     clipped = LeftOut(
         reason="saturated torque",
         why="the channel ends",

@@ -24,7 +24,7 @@ def test_a_span_finds_its_rank_and_leaves_dependent_columns_the_shortest() -> No
     rng = np.random.default_rng(0)
     A = rng.standard_normal((50, 4)) * [1.0, 1e-4, 1e5, 1.0]
     A = np.column_stack([A, A[:, 0] + A[:, 2], np.zeros(50)])
-    span, b = Span.of(A), rng.standard_normal(50)
+    span, b = Span.of_columns(A), rng.standard_normal(50)
     assert span.rank == 4
     norms = np.linalg.norm(A, axis=0)
     norms[-1] = 1.0
@@ -36,7 +36,7 @@ def test_a_span_finds_its_rank_and_leaves_dependent_columns_the_shortest() -> No
 def test_further_columns_widen_a_span_as_far_as_they_are_new() -> None:
     rng = np.random.default_rng(1)
     A, B = rng.standard_normal((30, 3)), rng.standard_normal((30, 2))
-    wide = Span.of(A).with_columns(np.column_stack([B, A[:, 0] - B[:, 1]]))
+    wide = Span.of_columns(A).with_columns(np.column_stack([B, A[:, 0] - B[:, 1]]))
     assert wide.rank == 5
     np.testing.assert_allclose(wide.without(np.column_stack([A, B])), 0.0, atol=1e-12)
     b = rng.standard_normal(30)

@@ -192,9 +192,9 @@ def test_a_model_brings_its_parameters_to_all_that_computes() -> None:
     p = 1.5 * deltaid.prior_parameters(NAME)
     model = deltaid.load(deltaid.load_robot(NAME))
     for own, call, arguments in (
-        (DYNAMICS.at(p), "torque", (Z, RATE, RATE)),
-        (FORWARD.at(p), "acceleration", (Z, RATE, TORQUE)),
-        (FORCES.at(p), "evaluate", (Z, RATE, RATE)),
+        (DYNAMICS.with_parameters(p), "torque", (Z, RATE, RATE)),
+        (FORWARD.with_parameters(p), "acceleration", (Z, RATE, TORQUE)),
+        (FORCES.with_parameters(p), "evaluate", (Z, RATE, RATE)),
     ):
         found = getattr(own, call)(*arguments)
         np.testing.assert_array_equal(found, getattr(own, call)(*arguments, p))

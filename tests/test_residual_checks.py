@@ -14,7 +14,7 @@ from deltaid.checks.residual import checked_residual
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.load import load_robot
 from sweeps import swept
 from test_lag import DURATION, RATE, frame, moving
@@ -80,7 +80,7 @@ def test_a_lag_that_is_not_corrected_says_why_and_what_it_costs(hidden: bool, wh
     robot, settings = load_robot("clavel-delta3"), Settings(lag="estimate" if hidden else "none")
     record = evidence(robot, frame(np.full(3, 3e-3), noise=0.01), settings=settings)
     assert isinstance(record.fitted, FittedProblem)
-    assert isinstance(record.surveyed, Recording)
+    assert isinstance(record.surveyed, PreparedRecording)
     assert record.study is not None
     study = replace(record.study, hidden=hidden)
     (lag, *_) = checked_residual(with_fit(record, record.fitted, record.surveyed, study))

@@ -14,7 +14,7 @@ from deltaid.errors import DescriptionError
 from deltaid.recording.mapped_columns import SensorColumns
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
 from deltaid.robot.load import load_robot, parse
 from deltaid.robot.sensors import BaseWrench, StrutForce
@@ -48,12 +48,12 @@ def table(samples: int = 1500) -> pl.DataFrame:
     )
 
 
-def opened(source: RecordingLike, mapping: ColumnMapping | None = None) -> Recording:
+def opened(source: RecordingLike, mapping: ColumnMapping | None = None) -> PreparedRecording:
     (recording,) = open_recordings(source, dynamics().kinematics, mapping, keep_all=True)
     return recording
 
 
-def shown(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def shown(recording: PreparedRecording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times, and what each sensor shows."""
     windows = list(recording.windows(dynamics().kinematics))
     columns = recording.log.columns
@@ -62,7 +62,7 @@ def shown(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return time, {name: np.hstack([part[name] for part in parts]) for name in parts[0]}
 
 
-def assert_true(recording: Recording, atol: float = 1e-9) -> None:
+def assert_true(recording: PreparedRecording, atol: float = 1e-9) -> None:
     time, found = shown(recording)
     assert len(time) > 500
     np.testing.assert_allclose(found["plate"], truth(time)[:, :6].T, atol=atol)

@@ -283,7 +283,7 @@ def test_torques_that_do_not_count_leave_a_sensor_its_rows() -> None:
     log = recorded("clavel-delta3", of, of.reduction.p_reg, np.random.default_rng(3))
     (recording,) = open_recordings([log], dynamics.kinematics)
     window = next(iter(recording.windows(dynamics.kinematics)))
-    plate = SensorAddition.of(dynamics, "plate", SPREAD)
+    plate = SensorAddition.for_sensor(dynamics, "plate", SPREAD)
     (part,) = MeasuredRows(extended(dynamics, [plate])).sensors
     for weights, counted in (([0.0, 1.0, 1.0], 1.0), ([0.0, 0.0, 0.0], 0.0)):
         some = replace(window.wide, weights=np.tile(weights, (len(window.wide.time), 1)))

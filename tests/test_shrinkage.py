@@ -42,7 +42,7 @@ def problem(seed: int = 0, size: float = 1.0, mean: float = 0.0) -> Shrunk:
         CauseColumns("cause", np.array([2, 3, 4]), np.full(3, 0.5), np.full(3, mean)),
         CauseColumns("nothing", np.array([5, 6]), np.full(2, 0.5), np.zeros(2)),
     ]
-    return Shrunk.of(blocks, D, np.zeros(2), groups)
+    return Shrunk.fitted(blocks, D, np.zeros(2), groups)
 
 
 def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
@@ -113,7 +113,7 @@ def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
         CauseColumns("right", np.array([0]), np.array([0.1]), np.zeros(1)),
         CauseColumns("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
     ]
-    full = Shrunk.of([block], np.zeros((0, 4)), np.zeros(0), groups)
+    full = Shrunk.fitted([block], np.zeros((0, 4)), np.zeros(0), groups)
     assert reduced(full, LEAST).candidates == ("right",)
 
 
@@ -122,14 +122,14 @@ def test_slow_errors_count_as_noise() -> None:
     slow = np.repeat(rng.standard_normal(40), 20)
     block = NoiseBlock(rng.standard_normal((800, 1)), slow, np.repeat(np.arange(40), 20), 3.0)
     group = CauseColumns("nothing", np.array([0]), np.ones(1), np.zeros(1))
-    full = Shrunk.of([block], np.zeros((0, 1)), np.zeros(0), [group])
+    full = Shrunk.fitted([block], np.zeros((0, 1)), np.zeros(0), [group])
     assert full.sigma[0] > 2.0 * np.std(slow)
 
 
 def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
     full = problem(size=0.02)
     blocks = [replace(block, largest=1e4) for block in full.blocks]
-    assert reduced(Shrunk.of(blocks, full.D, full.d, full.groups), LEAST).candidates == ()
+    assert reduced(Shrunk.fitted(blocks, full.D, full.d, full.groups), LEAST).candidates == ()
 
 
 def test_what_physics_does_not_allow_stands_for_something_else() -> None:
@@ -141,12 +141,12 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
         return bool(values.sum() > 0.0)
 
     impossible = replace(full.groups[0], is_possible=grows)
-    barred = Shrunk.of(full.blocks, full.D, full.d, [impossible, full.groups[1]])
+    barred = Shrunk.fitted(full.blocks, full.D, full.d, [impossible, full.groups[1]])
     assert reduced(full, LEAST).candidates == ("cause",)
     assert reduced(barred, LEAST).candidates == ()
     assert applied[0] == pytest.approx(full.x[2:5] - 0.5)  # of all that is applied
     allowed = replace(impossible, is_possible=lambda values: not grows(values))
-    kept = Shrunk.of(full.blocks, full.D, full.d, [allowed, full.groups[1]])
+    kept = Shrunk.fitted(full.blocks, full.D, full.d, [allowed, full.groups[1]])
     assert reduced(kept, LEAST).candidates == ("cause",)
 
 
@@ -158,14 +158,14 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
     (dropped,) = {"cause", "double"} - set(kept.candidates)
     never = {dropped: lambda _: False}
     groups = [replace(g, is_possible=never.get(g.name, g.is_possible)) for g in both.groups]
-    barred = Shrunk.of(both.blocks, both.D, both.d, groups)
+    barred = Shrunk.fitted(both.blocks, both.D, both.d, groups)
     assert rivals(both, kept, LEAST)
     assert not rivals(barred, kept, LEAST)
 
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:
     free = problem()
-    bounded = Shrunk.of(
+    bounded = Shrunk.fitted(
         free.blocks, free.D, free.d, [replace(free.groups[0], is_positive=True), free.groups[1]]
     )
     assert free.x[3] == pytest.approx(-0.5, abs=0.03)

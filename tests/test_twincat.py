@@ -12,7 +12,7 @@ from deltaid.errors import RecordingError
 from deltaid.recording.formats.twincat_table import ScopeTable
 from deltaid.recording.opening import open_log
 from deltaid.recording.resolution import resolve_columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table, read_batches
 from scopes import Curve, scope
 
@@ -43,11 +43,11 @@ OPTIONS = {
 }
 
 
-def read(table: Table, columns: list[str]) -> np.ndarray:
+def read(table: LogTable, columns: list[str]) -> np.ndarray:
     return np.vstack([np.column_stack(rows.numbers) for rows in table.rows(columns)])
 
 
-def opened(folder: Path, text: str) -> Table:
+def opened(folder: Path, text: str) -> LogTable:
     path = folder / "scope.csv"
     path.write_bytes(text.encode())
     table = open_table(path)

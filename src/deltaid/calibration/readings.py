@@ -18,7 +18,7 @@ from deltaid.calibration.instruments import KINDS, Instrument, Kind
 from deltaid.calibration.loops import Loops
 from deltaid.errors import KinematicsError, RecordingError
 from deltaid.recording.memory import Recording, RecordingLike, as_source
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.recording.units import si_factor
 from deltaid.robot.part import Part
@@ -94,7 +94,7 @@ def read(kind: Kind, given: RecordingLike, columns: InstrumentColumns, loops: Lo
 
 
 def _drives(
-    table: Table, columns: InstrumentColumns, end: str, loops: Loops, length: float
+    table: LogTable, columns: InstrumentColumns, end: str, loops: Loops, length: float
 ) -> Float[np.ndarray, "rows drives"]:
     """Drive coordinates of one end of each row."""
     names = [f"{end}q{i + 1}" for i in range(loops.limbs)]
@@ -149,7 +149,7 @@ def _inverse(
 
 
 def _column(
-    table: Table, columns: InstrumentColumns, name: str, factor: float
+    table: LogTable, columns: InstrumentColumns, name: str, factor: float
 ) -> Float[np.ndarray, " rows"]:
     """One column in SI units."""
     column = columns.columns.get(name, name)

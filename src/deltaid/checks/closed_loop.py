@@ -21,7 +21,7 @@ from deltaid.checks.evidence import Evidence, RawRows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Fault, Grade, Verdict, percent
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # RawRows of a segment of the spectra, and segments at least.
 _LENGTH, _SEGMENTS = 512, 8
@@ -82,7 +82,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     yield _FEEDBACK.poor(seen, drive, number, grade=grade)
 
 
-def shaken(rows: RawRows, recording: Recording, fitted: FittedProblem) -> Shake | None:
+def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -> Shake | None:
     """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
     if len(rows.q) - 2 < _SEGMENTS * _LENGTH:

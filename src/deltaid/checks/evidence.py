@@ -21,9 +21,9 @@ from deltaid.recording.mapping import QUANTITIES, ColumnMapping, Quantity
 from deltaid.recording.memory import Recording as InMemory
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.resolution import si_unit
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.robot.description import RobotDescription
 
@@ -57,7 +57,7 @@ class Evidence:
     """
 
     dynamics: Dynamics
-    table: Table
+    table: LogTable
     columns: Columns
     source: Path | InMemory
     mapping: ColumnMapping
@@ -129,7 +129,7 @@ class Evidence:
             return error
 
     @cached_property
-    def surveyed(self) -> Recording | None:
+    def surveyed(self) -> PreparedRecording | None:
         """The recording as identification uses it; None where an error prevents it."""
         return None if isinstance(self.setup, RecordingError) else self.setup.recordings[0]
 
@@ -181,7 +181,7 @@ def forget(evidence: Evidence) -> None:
 
 
 def with_fit(
-    evidence: Evidence, problem: FittedProblem, recording: Recording, study: Study | None
+    evidence: Evidence, problem: FittedProblem, recording: PreparedRecording, study: Study | None
 ) -> Evidence:
     """The evidence with an existing survey, fit and study."""
     fitted = replace(evidence, dynamics=problem.dynamics, problem=problem)

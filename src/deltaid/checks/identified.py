@@ -25,7 +25,7 @@ from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
@@ -66,7 +66,7 @@ def identify(
         robot: the description with geometry, priors and reductions; or what has one, a catalogue
             name, a file of a robot or of a model.
         logs: one recording or a sequence of them: a log file, a table of polars or pandas, or
-            `Recording.from_arrays`.
+            `PreparedRecording.from_arrays`.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or a sequence with one each (None for the default
             names). Arrays with units of their own keep these.
@@ -180,7 +180,10 @@ def _after_fit(
 
 
 def _kept(
-    verdict: Verdict, recording: Recording, result: Identification, described: RobotDescription
+    verdict: Verdict,
+    recording: PreparedRecording,
+    result: Identification,
+    described: RobotDescription,
 ) -> Verdict | None:
     """A verdict on a recording's columns after the fit; None where that has made it needless."""
     fixes, doubtful = result.model.corrections, verdict.grade is Grade.DOUBTFUL

@@ -168,7 +168,7 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     """Rows of a recording with what it is declared to hold; None where they are too few."""
     log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
     rows = DriveRows(log.torque_max, trace.torques().shape[1])
-    span = Span.of(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
+    span = Span.of_columns(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
     p = parameters_of(dynamics, span, rows.stack(trace.torques()))
     motors = motors_of(dynamics.robot, p, low_pass.cutoff, low_pass.rate)
     winding = Windings.modelled(trace, motors, p)

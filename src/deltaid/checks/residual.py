@@ -20,7 +20,7 @@ from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
 from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
@@ -97,7 +97,7 @@ def detected_load(study: Study) -> Verdict:
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
 
 
-def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Verdict:
+def _verdict(effect: DescribedEffect, cause: Cause, recording: PreparedRecording) -> Verdict:
     share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
     subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
@@ -107,7 +107,7 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: Recording) -> Ver
     return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
 
 
-def _why_left(evidence: Evidence, study: Study, recording: Recording) -> str:
+def _why_left(evidence: Evidence, study: Study, recording: PreparedRecording) -> str:
     """Why an identification has not corrected a lag that is detected; empty before there is one."""
     chosen = evidence.settings.lag
     if evidence.problem is None:

@@ -18,7 +18,7 @@ from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import skew
-from deltaid.mechanism.speeds import Motion
+from deltaid.mechanism.speeds import SpeedMaps
 from deltaid.robot.description import RobotDescription
 
 # Generic states in which entries are looked at, and the share of the largest entry below which one
@@ -88,7 +88,7 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     )
 
 
-def _coriolis(forces: SpeedForces, motion: Motion, N: ca.SX) -> ca.SX:
+def _coriolis(forces: SpeedForces, motion: SpeedMaps, N: ca.SX) -> ca.SX:
     """C of (1) from Christoffel symbols.
 
     Accelerations at q̈ = 0 are quadratic in q̇. For the origin of a body, half their slope ∂a/∂q̇ is

@@ -26,7 +26,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.force_parts import Bar, Part, Strut, bar_forces, bearing_load, strut_forces
+from deltaid.dynamics.force_parts import (
+    Bar,
+    LoadedBody,
+    Strut,
+    bar_forces,
+    bearing_load,
+    strut_forces,
+)
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.platform import with_turned_half
@@ -37,7 +44,7 @@ from deltaid.robot.platform import H4Platform, RigidPlatform
 
 
 @dataclass(frozen=True)
-class Channel:
+class ForceChannel:
     """One number of the result, such as the force along a strut at the platform.
 
     Attributes:
@@ -65,7 +72,7 @@ class ForceEquations:
     qd: ca.SX
     qdd: ca.SX
     p: ca.SX
-    channels: tuple[Channel, ...]
+    channels: tuple[ForceChannel, ...]
     struts: tuple[str, ...]
 
 
@@ -86,7 +93,7 @@ def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquation
         qd=speeds.q.u,
         qdd=speeds.q.ud,
         p=forces.p,
-        channels=tuple(Channel(c.name, c.unit, values[k]) for k, c in enumerate(channels)),
+        channels=tuple(ForceChannel(c.name, c.unit, values[k]) for k, c in enumerate(channels)),
         struts=struts,
     )
 
@@ -97,7 +104,7 @@ class _Turn:
 
     axis: ca.SX
     centre: ca.SX
-    parts: tuple[Part, ...]
+    parts: tuple[LoadedBody, ...]
     limbs: tuple[int, ...]
 
     def moment(self, point: ca.SX, force: ca.SX) -> ca.SX:
@@ -124,10 +131,10 @@ class _Build:
             self._telescope = (upper, lower, tool)
             self._bar = bar_forces(length, upper, lower, tool, forces.effort("slide"))
 
-    def _part(self, body: MovingBody) -> Part:
-        return Part(body, self._forces.wrench(body))
+    def _part(self, body: MovingBody) -> LoadedBody:
+        return LoadedBody(body, self._forces.wrench(body))
 
-    def channels(self) -> tuple[list[Channel], tuple[str, ...]]:
+    def channels(self) -> tuple[list[ForceChannel], tuple[str, ...]]:
         """All results, and the names of the struts."""
         sums = self._sums()
         differences = self._differences(sums) if splits(self._robot) else None
@@ -210,15 +217,15 @@ def _half(geometry: LimbGeometry) -> float:
     return 0.5 * float(geometry.spacing or 0.0)
 
 
-def _vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[Channel]:
-    return [Channel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
+def _vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[ForceChannel]:
+    return [ForceChannel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
 
 
 def _strut_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, count: int
-) -> list[Channel]:
+) -> list[ForceChannel]:
     """What is transmitted through both ends, in the strut's frame; tension is positive."""
-    spin = [Channel(f"{name}.elbow.moment", "N m", count * strut.spin)]
+    spin = [ForceChannel(f"{name}.elbow.moment", "N m", count * strut.spin)]
     return [
         *_vector(f"{name}.platform", "N", inner),
         *_vector(f"{name}.elbow", "N", outer),
@@ -228,40 +235,44 @@ def _strut_channels(
 
 def _socket_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, side: float
-) -> list[Channel]:
+) -> list[ForceChannel]:
     """How hard the ball presses the strut away from its twin: a socket opens below −spring."""
     y_S = strut.R_LS[1, :].T
     return [
-        Channel(f"{name}.platform.out", "N", side * ca.dot(y_S, inner)),
-        Channel(f"{name}.elbow.out", "N", -side * ca.dot(y_S, outer)),
+        ForceChannel(f"{name}.platform.out", "N", side * ca.dot(y_S, inner)),
+        ForceChannel(f"{name}.elbow.out", "N", -side * ca.dot(y_S, outer)),
     ]
 
 
 def _bearing_channels(
     i: int,
     strut: Strut,
-    driven: Part,
+    driven: LoadedBody,
     at_elbow: list[tuple[float, ca.SX, int]],
     complete: bool,
-) -> list[Channel]:
+) -> list[ForceChannel]:
     """Loads of the bearing of arm or carriage; without moments where single struts are unknown."""
     force, moment = bearing_load(strut, driven, at_elbow)
     name = f"motor{i + 1}"
     if strut.geometry.drive == "rotary":
         found = _vector(f"{name}.force", "N", force)
         moments = _vector(f"{name}.moment", "N m", moment, "xz")
-        return [*found, *(moments if complete else []), Channel(f"{name}.drive", "N m", moment[1])]
+        return [
+            *found,
+            *(moments if complete else []),
+            ForceChannel(f"{name}.drive", "N m", moment[1]),
+        ]
     found = _vector(f"{name}.force", "N", force, "xy")
     moments = _vector(f"{name}.moment", "N m", moment)
-    return [*found, *(moments if complete else []), Channel(f"{name}.drive", "N", -force[2])]
+    return [*found, *(moments if complete else []), ForceChannel(f"{name}.drive", "N", -force[2])]
 
 
-def _bar_channels(bar: Bar) -> list[Channel]:
+def _bar_channels(bar: Bar) -> list[ForceChannel]:
     """Forces and torques that the universal joints exert on the bar, in its frame."""
     return [
         *_vector("telescope.base", "N", bar.upper_force),
-        Channel("telescope.base.torque", "N m", bar.upper_torque),
+        ForceChannel("telescope.base.torque", "N m", bar.upper_torque),
         *_vector("telescope.platform", "N", bar.lower_force),
-        Channel("telescope.platform.torque", "N m", bar.lower_torque),
-        Channel("telescope.drive", "N m", bar.drive),
+        ForceChannel("telescope.platform.torque", "N m", bar.lower_torque),
+        ForceChannel("telescope.drive", "N m", bar.drive),
     ]

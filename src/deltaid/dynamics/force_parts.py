@@ -15,7 +15,7 @@ from deltaid.robot.limbs import LimbGeometry
 
 
 @dataclass(frozen=True)
-class Part:
+class LoadedBody:
     """One body and what its motion takes from its joints, gravity taken off.
 
     Attributes:
@@ -68,7 +68,7 @@ class Strut:
     """
 
     geometry: LimbGeometry
-    part: Part
+    part: LoadedBody
     R_LS: ca.SX
     r_E: ca.SX
     held: ca.SX
@@ -87,7 +87,7 @@ class Strut:
         return self.part.body.world_rotation @ self.across_S
 
 
-def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: Part) -> Strut:
+def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: LoadedBody) -> Strut:
     """Moments about the elbow, with the force f at the platform's end and the moment μ n of the
     elbow: l x × f + μ n = moment, n = y_L × z_S."""
     R_LS, l = limb.strut.rotation.R, limb.length
@@ -107,7 +107,7 @@ def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: Part) -> Strut:
 
 
 def bearing_load(
-    strut: Strut, driven: Part, at_elbow: list[tuple[float, ca.SX, int]]
+    strut: Strut, driven: LoadedBody, at_elbow: list[tuple[float, ca.SX, int]]
 ) -> tuple[ca.SX, ca.SX]:
     """Force and moment that arm or carriage takes from base and drive.
 
@@ -154,7 +154,9 @@ class Bar:
     drive: ca.SX
 
 
-def bar_forces(length: ca.SX, upper: Part, lower: Part, tool: Part, slide: ca.SX) -> Bar:
+def bar_forces(
+    length: ca.SX, upper: LoadedBody, lower: LoadedBody, tool: LoadedBody, slide: ca.SX
+) -> Bar:
     """Both crosses lie along x of the end effector and y of the bar, so torques go along
     n = x_E × y_T. The end effector's turn gives the lower one, moments about the upper joint the
     rest, and the slide the force along the bar.

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.grown import STEP, GrownTorques, Places, grown_torques
+from deltaid.dynamics.grown import STEP, GrownPoses, GrownTorques, grown_torques
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
@@ -43,7 +43,7 @@ class Error:
 
 
 @runtime_checkable
-class Slopes(Protocol):
+class GeometrySlopes(Protocol):
     """Slopes of torques, or of what a sensor shows, along a motion whose q has been measured."""
 
     @property
@@ -89,7 +89,7 @@ def geometric_errors(
 
 
 def errors_by(
-    robot: RobotDescription, slopes: Slopes, tolerances: Tolerances | None = None
+    robot: RobotDescription, slopes: GeometrySlopes, tolerances: Tolerances | None = None
 ) -> tuple[Error, ...]:
     """Each tolerance, by default of the description, with what it does if it does anything."""
     by = tolerances or robot.tolerances
@@ -131,8 +131,8 @@ class TorqueSlopes:
         return (self._torque(self._places.with_drives(q), rates=rates) - self._described) / STEP
 
     @cached_property
-    def _places(self) -> "Places":
-        return Places(self.grown.position, self.z, self.grown.symbols)
+    def _places(self) -> "GrownPoses":
+        return GrownPoses(self.grown.position, self.z, self.grown.symbols)
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
         """Change of torques as gravity turns about an axis [N m/rad]."""
@@ -152,7 +152,7 @@ class TorqueSlopes:
         return np.array(self.grown.torque(z.T, u.T, self.p, growth, g))
 
 
-def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
+def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
     """A number that all limbs share may be wrong, and each limb may differ from it."""
     found: dict[int, Shown] = {}  # base and platform share theirs
     for name, numbers in slopes.numbers.items():
@@ -169,7 +169,7 @@ def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iter
                 yield Error(f"{name} of limb {i + 1}", effect)
 
 
-def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
+def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
     for i, drive in enumerate(robot.drives):
         size = by.of_drive(drive)
         if size:
@@ -187,7 +187,7 @@ def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Ite
         yield Error(f"{CONSTANT_OF} {drive}", own)
 
 
-def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: Slopes) -> Iterator[Error]:
+def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
     size = by.mounting
     for axis in across(np.array(robot.gravity)) if size else ():
         yield Error(f"tilt about {np.round(axis, 3).tolist()}", size * slopes.of_gravity(axis))

@@ -24,7 +24,7 @@ STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class GrownPoses:
     """Where a robot is that has measured some q, if a length or a zero is `STEP` more.
 
     Attributes:

@@ -15,7 +15,7 @@ import numpy as np
 
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import FrictionTerm
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 Sign = Callable[[ca.SX], ca.SX]
 
@@ -48,7 +48,7 @@ class JointColumn(ABC):
     """
 
     joint: str
-    parameter: Parameter
+    parameter: PriorParameter
     inertia: ClassVar[float] = 0.0
 
     @abstractmethod
@@ -122,11 +122,11 @@ def friction_columns(terms: Iterable[FrictionTerm]) -> tuple[FrictionColumn, ...
 
 def _spring(robot: RobotDescription, joint: str) -> SpringColumn:
     value, unit = robot.springs[joint].stiffness, robot.units(joint).stiffness
-    parameter = Parameter("spring", joint, "spring", unit, 0.0, np.inf, value, value)
+    parameter = PriorParameter("spring", joint, "spring", unit, 0.0, np.inf, value, value)
     return SpringColumn(joint, parameter, robot.spring_rest(joint))
 
 
 def _rotor(robot: RobotDescription, drive: str) -> RotorColumn:
     value, unit = robot.rotor_inertia[drive], robot.units(drive).inertia
-    parameter = Parameter("rotor", drive, "rotor", unit, 0.0, np.inf, value, value)
+    parameter = PriorParameter("rotor", drive, "rotor", unit, 0.0, np.inf, value, value)
     return RotorColumn(drive, parameter)

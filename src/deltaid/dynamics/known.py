@@ -27,13 +27,14 @@ class WithParameters:
         layout: names and places of its parameters.
     """
 
-    # Beside what instances of one robot share (`at`): their `__dict__`, with all compiled kernels.
+    # Beside what instances of one robot share (`with_parameters`): their `__dict__`, with all
+    # compiled kernels.
     __slots__ = ("_p",)
     _p: Parameters | None
     robot: RobotDescription
     layout: ParameterLayout
 
-    def at(self: _Self, p: Parameters) -> _Self:
+    def with_parameters(self: _Self, p: Parameters) -> _Self:
         """The same with other parameters to begin with; compiled kernels are shared."""
         other = object.__new__(type(self))
         other.__dict__ = self.__dict__

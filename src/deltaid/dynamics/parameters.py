@@ -12,7 +12,7 @@ from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency
 from deltaid.robot.load import RobotLike, described
-from deltaid.robot.parameter import ADDED, Parameter, ParameterKind
+from deltaid.robot.parameter import ADDED, ParameterKind, PriorParameter
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ParameterLayout:
         bodies: body names; body b has the ten entries from 10 b on.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[PriorParameter, ...]
     bodies: tuple[str, ...]
 
     @cached_property
@@ -120,18 +120,18 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     return layout
 
 
-def _body_parameters(robot: RobotDescription, name: str) -> tuple[Parameter, ...]:
+def _body_parameters(robot: RobotDescription, name: str) -> tuple[PriorParameter, ...]:
     body = robot.bodies[name]
     return _of_body(name, body.prior, body.free)  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=256)  # descriptions with other friction have the same bodies
-def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[Parameter, ...]:
+def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[PriorParameter, ...]:
     """The ten of one body; an entry that is zero has the scale m ℓ or m ℓ² with ℓ² = tr Σ / m."""
     prior = reduced_prior(given, free)
     scale = inertia_scale(prior)
     return tuple(
-        Parameter("inertia", name, symbol, unit, 0.0 if symbol in POSITIVE_NAMES else -np.inf,
+        PriorParameter("inertia", name, symbol, unit, 0.0 if symbol in POSITIVE_NAMES else -np.inf,
                   np.inf, float(prior[k]), float(scale[k]))
         for k, (symbol, unit) in enumerate(zip(INERTIA_NAMES, INERTIA_UNITS, strict=True))
     )  # fmt: skip
@@ -192,7 +192,9 @@ def with_prior(
     """
     layout, data = parameter_layout(robot), robot.model_dump()
     for name in layout.bodies:
-        data["bodies"][name]["prior"] = ExplicitInertia.of(p[layout.body(name)]).model_dump()
+        data["bodies"][name]["prior"] = ExplicitInertia.from_parameters(
+            p[layout.body(name)]
+        ).model_dump()
     for column, value in zip(joint_columns(robot), p[layout.coefficients].tolist(), strict=True):
         column.describe(data, value)
     return RobotDescription.model_validate(data | changes)

@@ -16,11 +16,11 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
 from deltaid.model.corrections import Correction, FittedEffect, Kind
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
+from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 WITHOUT = "the model is of the robot without it"
 
@@ -53,13 +53,13 @@ class AlongMotion(Addition):
         """The effect with its coefficients for a model file."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return tuple(
-            Parameter("effect", owner, symbol, unit, -np.inf, np.inf, 0.0, size / PRIOR_SPREAD)
+            PriorParameter("effect", owner, symbol, unit, -np.inf, np.inf, 0.0, size / PRIOR_SPREAD)
             for owner, symbol, unit, size in self.coefficients
         )
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return self.of_motion(w.z, w.qd)
 
     def on(self, dynamics: Dynamics) -> "AlongMotion":
@@ -119,7 +119,7 @@ class DriveSpring(AtDrives):
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
         return q[None]
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         text = f"a spring or balancer acts on the drive; {WITHOUT}"
         return tuple(
             Correction(kind=self.kind, subject=owner, value=entry.value, low=entry.low,
@@ -165,7 +165,7 @@ class RippleColumns(AtDrives):
     def record(self, values: tuple[float, ...]) -> FittedEffect:
         return super().record(values).changed(orders=self.orders)
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         corrections, waves = list[Correction](), zip(judged[::2], judged[1::2], strict=True)
         for owner, order, (a, b) in zip(self.owners, self.orders, waves, strict=True):
             half = max((x.high or x.value) - (x.low or x.value) for x in (a, b)) / 2
@@ -194,7 +194,7 @@ class FittedTorques:
 
 
 def fitted_effects(
-    additions: Iterable[Addition], judged: Sequence[Judged]
+    additions: Iterable[Addition], judged: Sequence[Parameter]
 ) -> tuple[FittedTorques, ...]:
     """Those among the additions of a fit, by what it judged of all their parameters."""
     return tuple(

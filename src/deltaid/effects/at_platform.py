@@ -24,7 +24,7 @@ from deltaid.effects.along_motion import (
 )
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction, FittedEffect
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter
 
 # Velocities below this share of the largest have no direction yet.
 _STILL = 0.01
@@ -69,7 +69,7 @@ class AtPlatform(AlongMotion):
         return FittedEffect(name=self.name, values=values, fastest=self.fastest)
 
     def correction(
-        self, value: float, judged: Sequence[Judged], unit: str, text: str
+        self, value: float, judged: Sequence[Parameter], unit: str, text: str
     ) -> tuple[Correction, ...]:
         """Its size, with the largest half width of an interval."""
         ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
@@ -90,7 +90,7 @@ class ConstantForce(AtPlatform):
     def forces(self, x: InWorld, v: InWorld) -> Forces:
         return np.eye(3)[:, None, :] * np.ones((len(x), 1))
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         f = np.array([entry.value for entry in judged])
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
         text = f"a constant force pulls at the platform along ({way}), as a hose or cable does"
@@ -107,7 +107,7 @@ class PlatformSpring(AtPlatform):
     def forces(self, x: InWorld, v: InWorld) -> Forces:
         return -np.einsum("ik,sj->ijsk", np.eye(3), x).reshape(9, len(x), 3)
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         K = np.array([entry.value for entry in judged]).reshape(3, 3)
         text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
         return self.correction(float(np.trace(K)) / 3, judged, "N/m", text)
@@ -124,7 +124,7 @@ class Drag(AtPlatform):
         speed = np.hypot(np.linalg.norm(v, axis=1), _STILL * self.fastest)
         return -np.stack([v / speed[:, None], v])
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         text = "something drags at the platform against its motion, as a hose or cable does"
         return self.correction(judged[0].value, judged[:1], "N", text)
 

@@ -18,7 +18,7 @@ from deltaid.estimation.drive_rows import POSITION_ERROR
 from deltaid.estimation.problem import Columns, Rows, Span
 from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # The share that a single drive explains of what all do, where it is about this one.
 _MOSTLY = 0.7
@@ -79,7 +79,7 @@ class Effect:
         """A search for columns in the residual torques."""
         return lambda residual: ()
 
-    def held(self, cause: Cause, recording: Recording) -> Load | None:
+    def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
         """The load that a cause is, and when it is held; None for no load, or where that is not
         known."""
         return None
@@ -125,7 +125,7 @@ class DescribedEffect(Effect):
         """The likeliest cause in words."""
         return self.likeliest
 
-    def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
+    def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
         """Lines of a file that would correct it."""
         return ()
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.traces import Trace
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.friction_terms import FrictionTerm
 
 Speeds = Float[np.ndarray, " *shape"]
@@ -55,7 +55,7 @@ class FrictionJoint:
         viscous, coulomb = np.abs(entries[self.viscous]), np.abs(entries[self.coulomb])
         return viscous.max(axis=0) / np.maximum(coulomb.max(axis=0), 1e-300)
 
-    def load(self, carried: np.ndarray, w: Samples) -> np.ndarray:
+    def load(self, carried: np.ndarray, w: SampleBlock) -> np.ndarray:
         """What its gear carries; zero for a passive joint."""
         if self.drive is None:
             return np.zeros(len(carried))
@@ -87,7 +87,7 @@ def joint_columns(
     columns = [np.full(len(own), k) for k, own in enumerate(drives)]
     none = np.zeros(0, dtype=int)
 
-    def values(w: Samples) -> np.ndarray:
+    def values(w: SampleBlock) -> np.ndarray:
         carried, entries = trace.dynamics.carried(w.z, w.qd, w.qdd, p), trace.entries(w)
         speeds = {joint.name: joint.speed(entries) for joint, _ in shapes}
         parts = [

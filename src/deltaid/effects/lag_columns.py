@@ -24,10 +24,10 @@ from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction, Kind
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 # What a lag may be about the one that has been applied already: a standard deviation of half [s].
 _SIZE = 0.02
@@ -39,7 +39,7 @@ NORMAL = 1.96
 
 Ends = tuple[float | None, float | None]
 # From samples, −τ̇ of every drive, and what gives any x its rate ẋ: what a coefficient of 1 changes.
-Change = Callable[[Samples, Values, Callable[[Values], Values]], Values]
+Change = Callable[[SampleBlock, Values, Callable[[Values], Values]], Values]
 
 
 class TimingColumn(NamedTuple):
@@ -57,7 +57,7 @@ class TimingColumn(NamedTuple):
 class TimingColumns(OfTorques):
     """How the torques of one recording are sampled, as columns of derivatives of the model's."""
 
-    recording: Recording  # which is sampled so
+    recording: PreparedRecording  # which is sampled so
     groups: tuple[LagGroup, ...]  # drives that are; others are not
     several: bool = False  # whether the fit has other recordings
 
@@ -67,11 +67,11 @@ class TimingColumns(OfTorques):
         """What is unknown of the sampling."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """Of each column, with the recording in its name where there are several."""
         of_recording = f"@{self.recording.path}" if self.several else ""
         return tuple(
-            Parameter("lag", column.owner + of_recording, "lag", column.unit, -np.inf, np.inf,
+            PriorParameter("lag", column.owner + of_recording, "lag", column.unit, -np.inf, np.inf,
                       column.mean, column.deviation / PRIOR_SPREAD)
             for column in self.columns
         )  # fmt: skip
@@ -82,7 +82,7 @@ class TimingColumns(OfTorques):
         drives, columns = np.array(entries, dtype=int).reshape(-1, 2).T
         return drives, columns
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         if not self.is_of(recording):
             return np.zeros((len(self.pattern[0]), own.shape[1]))
         turned = self.reversals(own)
@@ -94,7 +94,7 @@ class TimingColumns(OfTorques):
         parts = [column.change(w, late, rise)[list(column.drives)] for column in self.columns]
         return np.concatenate(parts or [late[:0]])
 
-    def is_of(self, recording: Recording) -> bool:
+    def is_of(self, recording: PreparedRecording) -> bool:
         return recording.log.sha256 == self.recording.log.sha256
 
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
@@ -130,7 +130,7 @@ class LagColumns(TimingColumns):
             for group, name, deviation in zip(free, names, deviations, strict=True)
         ]
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
         corrections, spread = list[Correction](), max(delays) - min(delays)
@@ -155,7 +155,7 @@ class UnknownLag(LagColumns):
 
     is_held = True
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """Nothing has been corrected."""
         return ()
 
@@ -186,7 +186,7 @@ def timing_slopes(
     columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, ())
     sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
 
-    def derivatives(w: Samples) -> Values:
+    def derivatives(w: SampleBlock) -> Values:
         own = by_p.entries(w)
         once = trace.behind(columns.torques(w, own, trace.recording), drives)
         twice = trace.behind(once.copy(), drives)
@@ -199,7 +199,7 @@ def timing_slopes(
     return late, longer, growing
 
 
-def _late(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+def _late(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
     return late
 
 

@@ -113,7 +113,7 @@ def estimate_lags(
         turning: of the same recordings with positions of motors, which have the friction; traces
             themselves if not given.
     """
-    rows = TraceRows.of(traces[0].dynamics, additions, spread)
+    rows = TraceRows.for_dynamics(traces[0].dynamics, additions, spread)
     nothing = np.zeros((len(traces), rows.dynamics.dof))
     start = nothing if start is None else start
     values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))

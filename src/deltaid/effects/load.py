@@ -10,7 +10,7 @@ from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # What may be missing of a completely inspected recording at once [s].
 _GONE = 1.0
@@ -63,7 +63,7 @@ class LoadChange(DescribedEffect):
         )
         return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
 
-    def held(self, cause: Cause, recording: Recording) -> Load | None:
+    def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
         """The load and when it is held; None where not all of the recording was inspected, or where
         a load is declared already."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
@@ -81,7 +81,7 @@ class LoadChange(DescribedEffect):
         )
         return Load(spans=spans, body=None if first.words in ("EE", "P") else first.words)
 
-    def proposals(self, cause: Cause, recording: Recording) -> tuple[Proposal, ...]:
+    def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare a load; none where it is not known when it is held."""
         load = self.held(cause, recording)
         if load is None:

@@ -17,10 +17,10 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.reduction import Free, free_body
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter
 from deltaid.recording.carried import Load, carrier
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.inertia import (
     INERTIA_NAMES,
     INERTIA_UNITS,
@@ -29,7 +29,7 @@ from deltaid.robot.inertia import (
     RigidBody,
     entry_map,
 )
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 Ten = Float[np.ndarray, " 10"]
 
@@ -80,7 +80,7 @@ class LoadColumns(Addition):
         return replace(self, dynamics=dynamics)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         if self.is_fixed:
             return ()
         mass, tolerance = float(self.prior[0]), self.load.mass_tolerance
@@ -91,7 +91,7 @@ class LoadColumns(Addition):
         low = np.where(np.isin(INERTIA_NAMES, POSITIVE_NAMES), -self.taken, -np.inf)
         known = np.stack([low, np.full(10, np.inf), self.prior - self.taken, sizes], axis=1)
         return tuple(
-            Parameter("load", self.load.name, symbol, unit, *numbers)
+            PriorParameter("load", self.load.name, symbol, unit, *numbers)
             for (symbol, unit), numbers in zip(names, known.tolist(), strict=True)
         )
 
@@ -99,7 +99,7 @@ class LoadColumns(Addition):
         """Which of the entries in some of the robot's columns are the carrier's."""
         return np.flatnonzero(np.isin(columns, self._places))
 
-    def held(self, w: Samples, recording: Recording) -> Bool[np.ndarray, " samples"]:
+    def held(self, w: SampleBlock, recording: PreparedRecording) -> Bool[np.ndarray, " samples"]:
         """Whether a recording holds it, sample by sample."""
         columns = recording.log.columns
         names = [load.name for load in columns.loads]
@@ -120,7 +120,7 @@ class LoadColumns(Addition):
         drives, columns = self.dynamics.regressor_pattern
         return drives[self._own], columns[self._own] - self._places[0]
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return own[self._own] * self.held(w, recording)
 
     @property
@@ -168,7 +168,7 @@ class LoadColumns(Addition):
     def witness(self) -> str:
         return "what the known load weighs and how it resists"
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         mass, body = self.whole(judged)[0], self.body
         known = self.load.mass is not None and not self.load.mass_tolerance
         low, high = (None, None) if known else (mass.low, mass.high)
@@ -188,12 +188,12 @@ class LoadColumns(Addition):
                        unit="kg", text=text),
         )  # fmt: skip
 
-    def whole(self, judged: Sequence[Judged]) -> tuple[Judged, ...]:
+    def whole(self, judged: Sequence[Parameter]) -> tuple[Parameter, ...]:
         """Its parameters with their intervals, what had been subtracted added again."""
         if self.is_fixed:
             pairs = zip(INERTIA_NAMES, INERTIA_UNITS, self.prior.tolist(), strict=True)
             return tuple(
-                Judged(name=f"{self.load.name}.{symbol}", value=value, std=0.0, low=value,
+                Parameter(name=f"{self.load.name}.{symbol}", value=value, std=0.0, low=value,
                        high=value, unit=unit, prior=value, determined_by="fixed")
                 for symbol, unit, value in pairs
             )  # fmt: skip

@@ -17,7 +17,7 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Rows, Span
 from deltaid.estimation.traces import Trace
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 
 # Sweeps of a fit with a factor for each drive; directions below this share are excluded.
 _SWEEPS, _SHOWN = 3, 0.05
@@ -62,7 +62,7 @@ class TracePoint:
         return self.dynamics.robot.drives
 
     @cached_property
-    def motion(self) -> Samples:
+    def motion(self) -> SampleBlock:
         return self.trace.motion()
 
     @cached_property
@@ -128,7 +128,7 @@ class TracePoint:
     def added(self, addition: Addition) -> ColumnsOfDrives:
         """Columns of an addition that does not need the robot's."""
 
-        def entries(w: Samples) -> Float[np.ndarray, "entries samples"]:
+        def entries(w: SampleBlock) -> Float[np.ndarray, "entries samples"]:
             return addition.entries(w, np.zeros((0, len(w.time))), self.trace.recording)
 
         return self.trace.columns(entries, addition.pattern, len(addition.parameters))

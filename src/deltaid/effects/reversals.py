@@ -32,7 +32,7 @@ from deltaid.effects.lag_columns import slope
 from deltaid.estimation.additions import Addition, torques_of
 from deltaid.estimation.problem import lengths
 from deltaid.estimation.traces import Delay, Trace
-from deltaid.recording.windows import WINDOW, Samples
+from deltaid.recording.windows import WINDOW, SampleBlock
 
 # Samples to either side of a reversal that are used beyond what may be lagged by; those nearer
 # than the second number may not count because the joint turns round.
@@ -116,7 +116,7 @@ def lags_of_reversals(
 
 
 def _modelled(
-    trace: Trace, additions: Sequence[Addition], p: Parameters, stretch: Samples
+    trace: Trace, additions: Sequence[Addition], p: Parameters, stretch: SampleBlock
 ) -> tuple[Torques, Torques]:
     """Torques of the model along a stretch, and what of them is friction of the drive itself."""
     layout, names = trace.dynamics.layout, trace.dynamics.robot.drives

@@ -19,9 +19,9 @@ from deltaid.estimation.additions import Values
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter
 from deltaid.recording.delay import LagGrowth
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 
 # Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
 _LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
@@ -127,7 +127,7 @@ class UnknownFilter(TimingColumns):
     def columns(self) -> Sequence[TimingColumn]:
         """By how much a response is wider than that of a delay, T², one a group."""
 
-        def wider(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        def wider(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
             return -0.5 * rise(late)
 
         names = [f"filter.{'+'.join(group.subjects(self.dynamics))}" for group in self.groups]
@@ -147,10 +147,10 @@ class RestOfTiming(TimingColumns):
     def columns(self) -> Sequence[TimingColumn]:
         timing, names = self.timing, self.dynamics.robot.drives
 
-        def longer(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        def longer(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
             return -timing.constants[:, None] * rise(late)
 
-        def growing(w: Samples, late: Values, rise: Callable[[Values], Values]) -> Values:
+        def growing(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
             return (w.time - timing.about) * late
 
         columns = [
@@ -167,7 +167,7 @@ class RestOfTiming(TimingColumns):
         """Drives whose time constants are not their lags."""
         return [] if self.timing.pure else np.flatnonzero(self.timing.constants).tolist()
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         corrections, names = list(self._pure_filters()), self.dynamics.robot.drives
         for i, rest in zip(self._filters, judged, strict=False):
             T = rest.moved(float(self.timing.constants[i]))

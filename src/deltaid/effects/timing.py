@@ -31,7 +31,7 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, 
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.masks.runs import least_about
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 
 # Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.
 _MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
@@ -155,7 +155,7 @@ def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     friction = [k for k, term in enumerate(parameters) if term.kind == "friction"]
     which = np.flatnonzero(np.isin(columns, friction))
 
-    def growing(w: Samples) -> OfDrives:
+    def growing(w: SampleBlock) -> OfDrives:
         return (w.time - timing.about) * trace.entries(w, rows.additions)[which]
 
     return trace.columns(growing, (drives[which], np.arange(len(which))), len(which), 1)

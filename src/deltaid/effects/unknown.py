@@ -16,7 +16,7 @@ from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.model.corrections import Correction, Kind
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 
 # What nobody described makes some such share of a drive's torque, before any recording [rms].
@@ -196,7 +196,7 @@ class WindUp(UnknownEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         dof, rate = point.dof, point.trace.low_pass.rate
 
-        def carried(w: Samples) -> Float[np.ndarray, "channels samples"]:
+        def carried(w: SampleBlock) -> Float[np.ndarray, "channels samples"]:
             """τ_g and two derivatives by time."""
             level = point.dynamics.carried(w.z, w.qd, w.qdd, point.p).T
             first = rate * slope(level)

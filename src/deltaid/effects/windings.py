@@ -21,7 +21,7 @@ from deltaid.estimation.drive_rows import (
 from deltaid.estimation.traces import Trace
 from deltaid.recording.filter import HIGHEST
 from deltaid.recording.gears import Gears, convolved
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 
 # The low-pass over what gears carry, as a multiple of that over rows.
@@ -78,7 +78,7 @@ class Windings:
 
     @classmethod
     def _along(
-        cls, trace: Trace, motors: Gears, torque: Callable[[Samples], np.ndarray]
+        cls, trace: Trace, motors: Gears, torque: Callable[[SampleBlock], np.ndarray]
     ) -> "Windings":
         """A torque that gears carry and its derivatives, without the ends that filters take."""
         low_pass = motors.low_pass(trace.low_pass.rate)
@@ -89,7 +89,7 @@ class Windings:
 
     @classmethod
     def _cut(
-        cls, trace: Trace, motors: Gears, pairs: Sequence[tuple[Samples, np.ndarray]], lost: int
+        cls, trace: Trace, motors: Gears, pairs: Sequence[tuple[SampleBlock, np.ndarray]], lost: int
     ) -> "Windings":
         """Stretches without ends that are lost, with what is carried in between; none for those
         that nothing is left of."""
@@ -114,7 +114,7 @@ class Windings:
 
     def turned(self, compliance: Compliance) -> Trace:
         """The motion of links behind gears that wind up."""
-        kinematics, stretches = self.trace.dynamics.kinematics, list[Samples]()
+        kinematics, stretches = self.trace.dynamics.kinematics, list[SampleBlock]()
         if not np.any(compliance):
             return self.trace
         for w, carried in zip(self.trace.stretches, self.carried, strict=True):
@@ -168,7 +168,7 @@ def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in trace.stretches], axis=0)
     first, last = trace.stretches[0].time[0], trace.stretches[-1].time[-1]
 
-    def shapes(w: Samples) -> np.ndarray:
+    def shapes(w: SampleBlock) -> np.ndarray:
         v, carried = w.qd / fastest, trace.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
         sign, later = np.sign(v), ((w.time - first) / (last - first))[:, None]
         sizes = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]

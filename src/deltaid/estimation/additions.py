@@ -20,10 +20,10 @@ from deltaid.estimation.information import Motion, entries_at
 from deltaid.estimation.reduction import Free, free_coefficients
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 
 Values = Float[np.ndarray, "entries samples"]
 Own = Float[np.ndarray, "own samples"]
@@ -44,7 +44,7 @@ class Addition(ABC):
 
     @property
     @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]: ...  # one a column
+    def parameters(self) -> tuple[PriorParameter, ...]: ...  # one a column
 
     @property
     @abstractmethod
@@ -52,7 +52,7 @@ class Addition(ABC):
         """Drive and column of each entry that is not always zero; its columns count from 0."""
 
     @abstractmethod
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """The entries along consecutive samples w of a recording, at the full rate; `own` are those
         of the robot's regressor there, in the order of its pattern."""
 
@@ -84,7 +84,7 @@ class Addition(ABC):
         """Its name where it determines the scale of torques."""
         return "what is known"
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """Corrections by its fitted parameters `judged`."""
         del judged
         return ()
@@ -98,7 +98,7 @@ class OfTorques(Addition):
     beside: tuple[Addition, ...]
     p: Parameters  # of both, in their order
 
-    def torques(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def torques(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """τ of each drive, with that of loads, which goes through the drives like the rest."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
         return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
@@ -173,7 +173,7 @@ def torques_of(
 
 
 def entries(
-    regressor: Regressor | Extended, w: Samples, load: Motion, recording: Recording
+    regressor: Regressor | Extended, w: SampleBlock, load: Motion, recording: PreparedRecording
 ) -> Values:
     """Entries of Y along some samples of a recording, in the order of the regressor's pattern;
     `load` is for friction that depends on it."""

@@ -104,7 +104,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     shown = norms > DEPENDENT * norms.max()
     columns, norms, scaled = information.columns[shown], norms[shown], Y[:, shown] / norms[shown]
     is_robots = columns < len(layout.names) - layout.added
-    rank = Span.of(scaled[:, is_robots]).rank
+    rank = Span.of_columns(scaled[:, is_robots]).rank
     chosen = _representatives(scaled, columns, layout)
     of_robot = int(np.sum(is_robots[chosen]))
     if of_robot != rank:

@@ -61,7 +61,7 @@ def _stacked(objective: Objective) -> Quadratic:
     rows = np.vstack(
         [np.column_stack([data.R, data.b]) / root, np.column_stack([prior.R, prior.b])]
     )
-    return Quadratic.of(rows, data.c / objective.gamma)
+    return Quadratic.from_rows(rows, data.c / objective.gamma)
 
 
 def _unconstrained(quadratic: Quadratic) -> Vector | None:

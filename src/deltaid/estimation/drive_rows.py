@@ -51,7 +51,7 @@ class DriveRows:
 
     def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over the RMS residual of each drive's b by the columns of all drives together."""
-        residual = self.of_drives(Span.of(self.stack(A)).without(self.stack(b)))
+        residual = self.of_drives(Span.of_columns(self.stack(A)).without(self.stack(b)))
         scale = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), _MISFIT_FLOOR * self.scale)
         return DriveRows(scale, self.samples)
 
@@ -130,7 +130,9 @@ class TraceRows:
     spread: float
 
     @classmethod
-    def of(cls, dynamics: Dynamics, additions: Sequence[Addition], spread: float) -> "TraceRows":
+    def for_dynamics(
+        cls, dynamics: Dynamics, additions: Sequence[Addition], spread: float
+    ) -> "TraceRows":
         added = [(addition.parameters, addition.free) for addition in additions]
         active = active_columns(extended(dynamics, additions))
         reduction = build_reduction(dynamics.robot, active, added)

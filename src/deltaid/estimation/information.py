@@ -28,7 +28,7 @@ _PANEL = 60_000
 
 
 @runtime_checkable
-class Columns(Protocol):
+class ExplainingColumns(Protocol):
     """Columns that explain torques, drive by drive (as of `Regressor`)."""
 
     @property
@@ -39,7 +39,7 @@ class Columns(Protocol):
 
 
 @runtime_checkable
-class Known(Protocol):
+class PriorColumns(Protocol):
     """Columns with information without any sample."""
 
     @property
@@ -149,7 +149,7 @@ def condense(chunks: Iterable[Chunk], tau: Rows, counted: Rows) -> Condensed:
 
 
 def collect(
-    regressor: Columns, parts: Iterable[Condensed], where: str, channels: int = 0
+    regressor: ExplainingColumns, parts: Iterable[Condensed], where: str, channels: int = 0
 ) -> Information:
     """The information of condensed samples, taken in one after the other; `channels` as there. An
     IdentificationError says in what the regressor is not finite somewhere, by `where`."""
@@ -195,14 +195,14 @@ def merge(parts: Iterable[Information]) -> Information:
     return Information(parts[0].columns, np.stack(factors), samples, torque_max, parts[0].channels)
 
 
-def active_columns(regressor: Columns) -> Int[np.ndarray, " columns"]:
+def active_columns(regressor: ExplainingColumns) -> Int[np.ndarray, " columns"]:
     """Parameters whose column of Y is not zero by structure, in the order of p."""
-    known = [regressor.known_columns] if isinstance(regressor, Known) else []
+    known = [regressor.known_columns] if isinstance(regressor, PriorColumns) else []
     return np.unique(np.concatenate([regressor.regressor_pattern[1], *known]))
 
 
 def chunks_of_drives(
-    regressor: Columns, values: Float[np.ndarray, "entries samples"], y: Rows
+    regressor: ExplainingColumns, values: Float[np.ndarray, "entries samples"], y: Rows
 ) -> list[Chunk]:
     """Rows of [Y, τ] of each drive and channel, without the columns that are zero by structure."""
     columns, (rows, entries) = active_columns(regressor), regressor.regressor_pattern

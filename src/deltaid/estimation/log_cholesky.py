@@ -21,7 +21,7 @@ from deltaid.estimation.objective import Objective, Solution
 from deltaid.estimation.reduction import INTERIOR, Reduction
 from deltaid.estimation.regularizer import Matrix, Vector
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 # γ where the relaxation starts; iterations of Newton's method for each of its steps and for the
 # last one; gradient of J/γ at which a step ends.
@@ -138,7 +138,7 @@ class LogCholeskyMap:
             pi[k] = inner[k] / variable.scale if variable.signed else np.log(inner[k])
         return pi
 
-    def _coefficients(self) -> list[tuple[int, Parameter]]:
+    def _coefficients(self) -> list[tuple[int, PriorParameter]]:
         """The free variables that are no entries of a body, with their positions."""
         return [(k, v) for k, v in enumerate(self.reduction.variables) if v.kind != "inertia"]
 

@@ -67,7 +67,9 @@ def data_term(information: Information, reduction: Reduction) -> Quadratic:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
     at = information.columns
     rows = information.problem.substituted(reduction.A[at], reduction.p_0[at])
-    return Quadratic.of(np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples))
+    return Quadratic.from_rows(
+        np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples)
+    )
 
 
 def noise_level(information: Information) -> float:

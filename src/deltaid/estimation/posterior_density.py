@@ -48,7 +48,7 @@ class Cones:
     groups: tuple[Int[np.ndarray, "_ _ _"], ...]
 
     @classmethod
-    def of(cls, reduction: Reduction, mean: Vector, root: Matrix) -> "Cones":
+    def in_prior_units(cls, reduction: Reduction, mean: Vector, root: Matrix) -> "Cones":
         """Those of x = mean + root·y, as the fit has them, each seen from its prior; coefficients
         have blocks for their upper bounds too."""
         blocks = [
@@ -153,7 +153,9 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
         for variable in reduction.variables
     ]
     fitted, prior = (np.linalg.solve(root, at - mean) for at in (np.array(x), reduction.prior))
-    return Density(reduction, mean, root, Cones.of(reduction, mean, root), fitted, prior, rest)
+    return Density(
+        reduction, mean, root, Cones.in_prior_units(reduction, mean, root), fitted, prior, rest
+    )
 
 
 def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:

@@ -38,7 +38,7 @@ class Span:
 
     @classmethod
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-    def of(cls, A: Columns) -> "Span":
+    def of_columns(cls, A: Columns) -> "Span":
         """That of some columns; one that is zero has the coefficient zero."""
         norms = lengths(A)
         Q, R = np.linalg.qr(A / norms)
@@ -134,7 +134,7 @@ class LinearProblem:
     @cached_property
     def span(self) -> Span:
         """Of instruments, or of the columns."""
-        return Span.of(self.A if self.Z is None else self.Z)
+        return Span.of_columns(self.A if self.Z is None else self.Z)
 
     @cached_property
     def inverse(self) -> Float[np.ndarray, "columns rank"]:

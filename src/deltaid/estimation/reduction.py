@@ -31,7 +31,7 @@ from deltaid.robot.inertia import (
     inertia_parameters,
     pseudo_inertia,
 )
-from deltaid.robot.parameter import PRIOR_SPREAD, Parameter, ParameterKind
+from deltaid.robot.parameter import PRIOR_SPREAD, ParameterKind, PriorParameter
 
 # ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
 # above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
@@ -77,13 +77,13 @@ class Free:
     """What a fit may change of some consecutive entries of p: p = A x + p_0, as of `Reduction`,
     blocks counting from 0."""
 
-    variables: tuple[Parameter, ...]
+    variables: tuple[PriorParameter, ...]
     A: Float[np.ndarray, "entries n"]
     p_0: Float[np.ndarray, " entries"]
     blocks: tuple[Block, ...]
 
 
-def free_coefficients(parameters: Sequence[Parameter]) -> Free:
+def free_coefficients(parameters: Sequence[PriorParameter]) -> Free:
     """Coefficients that are free one by one, positive unless they are signed."""
     blocks = tuple(
         Block(np.array([[k]]), np.zeros((1, 1)), entry.prior * np.eye(1))
@@ -103,14 +103,14 @@ def free_body(
     """What is free of ten parameters, of which torques show the visible ones, and rows of M̄ to
     complete; entries of M̄ that are not free keep the values of the consistent prior p_reg."""
     M, to_p = pseudo_inertia(p_reg), entry_map()
-    variables, columns, completed = list[Parameter](), list[np.ndarray](), list[int]()
+    variables, columns, completed = list[PriorParameter](), list[np.ndarray](), list[int]()
     index, p_0 = np.full((4, 4), -1), np.zeros(10)
     for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
         if entry in free:
             index[i, j] = index[j, i] = len(variables)
             low, scale = 0.0 if i == j else -np.inf, float(np.sqrt(M[i, i] * M[j, j]))
             prior, unit = float(M[i, j]), INERTIA_UNITS[k]
-            variables.append(Parameter(kind, body, entry, unit, low, np.inf, prior, scale))
+            variables.append(PriorParameter(kind, body, entry, unit, low, np.inf, prior, scale))
             columns.append(to_p[:, k])
         else:
             p_0 += to_p[:, k] * M[i, j]
@@ -145,7 +145,7 @@ class Reduction:
 
     layout: ParameterLayout
     # entries of a body's M̄, whose scale is √(M̄_ii M̄_jj), or coefficients of a joint
-    variables: tuple[Parameter, ...]
+    variables: tuple[PriorParameter, ...]
     A: Float[np.ndarray, "parameters n"]  # p = A x + p_0
     p_0: Float[np.ndarray, " parameters"]
     blocks: tuple[Block, ...]  # what must be positive definite
@@ -210,7 +210,7 @@ class Reduction:
 def build_reduction(
     robot: RobotDescription,
     visible: Int[np.ndarray, " columns"],
-    additions: Sequence[tuple[Sequence[Parameter], Free]] = (),
+    additions: Sequence[tuple[Sequence[PriorParameter], Free]] = (),
     spread: float = PRIOR_SPREAD,
 ) -> Reduction:
     """The reduction of a described robot, from the parameters whose regressor column is not zero,

@@ -29,7 +29,7 @@ class Quadratic:
     c: float = 0.0
 
     @classmethod
-    def of(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "Quadratic":
+    def from_rows(cls, rows: Float[np.ndarray, "rows augmented"], c: float = 0.0) -> "Quadratic":
         """‖A x − b‖² + c of rows [A b], with a triangle R."""
         factor, n = triangle(rows), rows.shape[1] - 1
         R = np.zeros((n + 1, n + 1))

@@ -51,7 +51,7 @@ Each = Float[np.ndarray, " combinations"]
 Sums = Float[np.ndarray, "groups augmented augmented"]
 
 
-class Places:
+class PlaceSums:
     """Running sums of [Y, τ]ᵀ[Y, τ] by place; `add` the `visits` of all samples, then read `sums`.
 
     An error that comes with the pose (torque ripple, a wrong length, friction that changes along

@@ -116,7 +116,7 @@ class Shrunk:
     given: Normal | None = None
 
     @classmethod
-    def of(
+    def fitted(
         cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
     ) -> "Shrunk":
         """The maximum of evidence, from scales of 1 and the noise of all columns free."""

@@ -17,8 +17,8 @@ from deltaid.recording.convolution import apply
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.runs import least_about
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import WINDOW, Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import WINDOW, SampleBlock
 
 # Windows that are kept at most: 256 s at 1 kHz.
 _MOST = 32
@@ -38,15 +38,15 @@ class Trace:
     dynamics: Dynamics
     load: Parameters  # parameters by which friction that depends on load knows what gears carry
     # runs of samples without a gap; motion filtered, torques as recorded
-    stretches: tuple[Samples, ...]
+    stretches: tuple[SampleBlock, ...]
     low_pass: LowPass
-    recording: Recording
+    recording: PreparedRecording
     # of first-order filters that torques of the model go through, as those of drives [s]
     constants: tuple[float, ...] = ()
 
     def filtered(
         self,
-        quantity: Callable[[Samples], Values],
+        quantity: Callable[[SampleBlock], Values],
         drives: Int[np.ndarray, " channels"],
         margin: int = 0,
     ) -> Values:
@@ -73,7 +73,7 @@ class Trace:
 
     def columns(
         self,
-        quantity: Callable[[Samples], Values],
+        quantity: Callable[[SampleBlock], Values],
         pattern: tuple[np.ndarray, np.ndarray],
         count: int,
         margin: int = 0,
@@ -103,7 +103,7 @@ class Trace:
     def pattern(self, additions: Sequence[Addition] = ()) -> tuple[np.ndarray, np.ndarray]:
         return extended(self.dynamics, additions).regressor_pattern
 
-    def entries(self, w: Samples, additions: Sequence[Addition] = ()) -> Values:
+    def entries(self, w: SampleBlock, additions: Sequence[Addition] = ()) -> Values:
         """Entries of Y along some samples, those of additions behind those of the robot."""
         load = None
         if self.dynamics.robot.load_drives:
@@ -147,7 +147,7 @@ class Trace:
             lambda w: dynamics.torque(w.z, w.qd, w.qdd, p).T, np.arange(dynamics.dof)
         )
 
-    def motion(self) -> Samples:
+    def motion(self) -> SampleBlock:
         """The motion at the filtered and thinned samples, with the weights that are left there."""
         low_pass, parts = self.low_pass, []
         middle = low_pass.lead_half + low_pass.stride * low_pass.half
@@ -160,7 +160,7 @@ class Trace:
 
 def trace(
     dynamics: Dynamics,
-    recording: Recording,
+    recording: PreparedRecording,
     load: Parameters,
     *,
     cutoff: float | None,
@@ -195,7 +195,7 @@ def trace(
     return Trace(dynamics, load, stretches, recording.low_pass, recording)
 
 
-def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
+def _shifted(stretch: SampleBlock, shift: Shift, rate: float) -> SampleBlock:
     """Samples with their torques later; weights exclude reversals near their old places."""
     before, after = shift.reach
     motion, dof = (stretch.z, stretch.qd, stretch.qdd, stretch.carried), stretch.z.shape[1]
@@ -214,9 +214,9 @@ def _shifted(stretch: Samples, shift: Shift, rate: float) -> Samples:
     return replace(kept, **values, tau=tau - carried, weights=weights)
 
 
-def _joined(parts: Sequence[Samples]) -> Samples:
-    return Samples(
-        *(np.concatenate([getattr(w, field.name) for w in parts]) for field in fields(Samples))
+def _joined(parts: Sequence[SampleBlock]) -> SampleBlock:
+    return SampleBlock(
+        *(np.concatenate([getattr(w, field.name) for w in parts]) for field in fields(SampleBlock))
     )
 
 

@@ -15,7 +15,7 @@ from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 U = Float[np.ndarray, " u"]
 Square = Float[np.ndarray, "u u"]
@@ -184,7 +184,7 @@ def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
     return float(np.sqrt(np.trace(M[np.ix_(rows, rows)]) / np.trace(before[np.ix_(rows, rows)])))
 
 
-def _kind(variable: Parameter) -> str:
+def _kind(variable: PriorParameter) -> str:
     """Which spread a variable has."""
     first = variable.symbol.split("_")[0]
     if variable.kind == "inertia":

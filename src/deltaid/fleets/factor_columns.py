@@ -30,11 +30,11 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import active_columns
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import FrictionTerm
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
@@ -66,7 +66,7 @@ class SpeedColumns(Addition):
         return next(joint for joint in joints_of(self.dynamics) if joint.name == self.name)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """One a spline; of a drive those of both directions alike behind them."""
         symbols = [f"speed{k}" for k in range(len(KNOTS))]
         symbols += [] if self.joint.drive is None else ["one_way", "one_way_speed"]
@@ -77,7 +77,7 @@ class SpeedColumns(Addition):
         rows, count = self.joint.drives, len(self.parameters)
         return np.tile(rows, count), np.repeat(np.arange(count), len(rows))
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """sign(v) s_k(|v|) ∂v/∂q̇; behind them 1 and |v|."""
         del w, recording
         C, v = own[self.joint.coulomb], self.joint.speed(own)
@@ -107,7 +107,7 @@ class CarriedColumns(Addition):
     p: Float[np.ndarray, " parameters"]
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         drives = self.dynamics.robot.drives
         return tuple(entry for drive in drives for entry in _constants(drive, ["carried"], "1"))
 
@@ -116,7 +116,7 @@ class CarriedColumns(Addition):
         drives = np.arange(self.dynamics.dof)
         return drives, drives
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         del own, recording
         x = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + w.carried
         return of_load(w.qd, np.sign(w.qd), x).T
@@ -125,9 +125,10 @@ class CarriedColumns(Addition):
         return replace(self, dynamics=dynamics)
 
 
-def _constants(joint: str, symbols: list[str], unit: str) -> tuple[Parameter, ...]:
+def _constants(joint: str, symbols: list[str], unit: str) -> tuple[PriorParameter, ...]:
     return tuple(
-        Parameter("constant", joint, symbol, unit, -np.inf, np.inf, 0.0, 1.0) for symbol in symbols
+        PriorParameter("constant", joint, symbol, unit, -np.inf, np.inf, 0.0, 1.0)
+        for symbol in symbols
     )
 
 

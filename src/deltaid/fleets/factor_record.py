@@ -18,7 +18,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade
 from deltaid.recording.carried import Load
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import Part
 
@@ -216,7 +216,7 @@ def record_of(
     )
 
 
-def _temperature(recording: Recording, kinematics: Kinematics) -> Temperature | None:
+def _temperature(recording: PreparedRecording, kinematics: Kinematics) -> Temperature | None:
     if recording.log.columns.temperature is None:
         return None
     windows = recording.spread(kinematics, _WINDOWS)

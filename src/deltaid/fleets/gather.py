@@ -16,7 +16,7 @@ from deltaid.effects.lag_groups import alone
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
-from deltaid.estimation.scatter import Places
+from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, safe, ways, write
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups, RecordingFactors, record_of
@@ -29,7 +29,7 @@ from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping, mapping_each
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_table
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
@@ -118,7 +118,7 @@ def gather_into(
             yield Gathering(log, path, "there" if is_there else "new")
 
 
-def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredColumns:
+def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> GatheredColumns:
     """The columns of a recording that has been fitted alone.
 
     Lags see the slope of the fitted model's torques.
@@ -132,11 +132,11 @@ def gathered_columns(problem: FittedProblem, recording: Recording) -> GatheredCo
     return replace(columns, additions=(*columns.additions, lags))
 
 
-def condensed(columns: GatheredColumns, recording: Recording) -> RecordingFactors:
+def condensed(columns: GatheredColumns, recording: PreparedRecording) -> RecordingFactors:
     """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
-    places = Places(box, rows.dof, len(rows.active) + 1, parts)
+    places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)
     drives, entries = rows.regressor_pattern
     felt = tuple(
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
@@ -166,7 +166,7 @@ def with_geometry(
     condensed: RecordingFactors,
     columns: GatheredColumns,
     problem: FittedProblem,
-    recording: Recording,
+    recording: PreparedRecording,
 ) -> tuple[RecordingFactors, tuple[str, ...]]:
     """The same with the effect of the description's tolerances on some rows, and their names."""
     if columns.dynamics.robot.tolerances.exact:

@@ -49,7 +49,7 @@ def gather_all(call: Call) -> tuple[list[GatherResult], int]:
             lost[_OTHERWISE] += before not in (None, job.how.digest)
         else:
             outcomes.append(known)
-    here, named = {recorded.path for recorded in call.fleet.recordings}, Named(call.fleet)
+    here, named = {recorded.path for recorded in call.fleet.recordings}, NamedRecordings(call.fleet)
     gone = [
         (outcome, _why_lost(call, outcome, named, listing)) for outcome in call.known.gone(here)
     ]
@@ -104,7 +104,9 @@ def _failed(job: GatherJob, why: str) -> GatherResult:
     return GatherResult(job.recorded, "", reason=why, how=job.how.digest)
 
 
-def _why_lost(call: Call, outcome: GatherResult, named: "Named", listing: Mapping[str, int]) -> str:
+def _why_lost(
+    call: Call, outcome: GatherResult, named: "NamedRecordings", listing: Mapping[str, int]
+) -> str:
     """Why what a recording that is away has said cannot be used; empty where it can."""
     if not named.names(outcome.recorded):
         return _UNNAMED
@@ -117,7 +119,7 @@ def _why_lost(call: Call, outcome: GatherResult, named: "Named", listing: Mappin
     return "" if listing.get(outcome.file) == outcome.size else _DAMAGED
 
 
-class Named:
+class NamedRecordings:
     """What a manifest names, also of recordings that are away."""
 
     def __init__(self, fleet: Fleet) -> None:

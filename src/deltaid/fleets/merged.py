@@ -75,7 +75,7 @@ class Merging:
             prior = np.zeros(view.shape[1])
             prior[-1] = weight * lag.beside
             span, A = (
-                Span.of(np.vstack([R[:, places], weight * is_lag])),
+                Span.of_columns(np.vstack([R[:, places], weight * is_lag])),
                 np.vstack([R @ view, prior]),
             )
             whole.append(span.without(A))

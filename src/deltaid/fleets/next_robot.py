@@ -93,7 +93,7 @@ def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
         body, _, symbol = fleet.layout.names[k].partition(".")
         part = fleet.layout.body(body)
         # A body's prior as the fit will have it.
-        prior = fleet.robot.bodies[body].changed(prior=ExplicitInertia.of(p[part]))
+        prior = fleet.robot.bodies[body].changed(prior=ExplicitInertia.from_parameters(p[part]))
         share = std[k] / inertia_scale(prior.reduced_prior())[k - part.start]
         result.setdefault(body, {})[symbol] = _short(share)
     return result

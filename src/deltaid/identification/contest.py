@@ -186,7 +186,7 @@ def contest(
         NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
         for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
     ]  # fmt: skip
-    shrunk = Shrunk.of(blocks, *rows.prior(first), groups)
+    shrunk = Shrunk.fitted(blocks, *rows.prior(first), groups)
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
 
 

@@ -76,7 +76,7 @@ def _swept(
 ) -> Contest:
     """All effects at the recordings as they have been corrected."""
     spread = _WIDER * now.settings.prior_spread
-    rows = TraceRows.of(now.dynamics, without_lags(now.additions), spread)
+    rows = TraceRows.for_dynamics(now.dynamics, without_lags(now.additions), spread)
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
     unknowns = _allowed(unknowns, before, sweep)

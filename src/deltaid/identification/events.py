@@ -19,7 +19,7 @@ from deltaid.identification.expectation import Expectation, expect
 from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.outstanding import (
     JoinedStretches,
-    Stretch,
+    OutlierStretch,
     outstanding,
     stands_out,
     without_recurring,
@@ -28,7 +28,7 @@ from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.masks.runs import joined_times
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 from deltaid.recording.windows import Window
 
@@ -88,7 +88,7 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     return setup.reported(corrections, "contact", "backlash").changed(glanced=tuple(glanced))
 
 
-def with_events(recording: Recording) -> Recording:
+def with_events(recording: PreparedRecording) -> PreparedRecording:
     """A recording with what has been excluded of it as an event."""
     kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
     return recording.repaired(left_out=kept)
@@ -140,7 +140,7 @@ def unwatched(setup: Setup) -> tuple[Setup, bool]:
 
 
 def _corrections(
-    spans: Sequence[LeftSpan], recording: Recording, drives: Sequence[str]
+    spans: Sequence[LeftSpan], recording: PreparedRecording, drives: Sequence[str]
 ) -> list[Correction]:
     """One correction for each kind of event of a recording, and for each gear with play."""
     corrections, kinds = list[Correction](), list(_TEXT)
@@ -219,7 +219,7 @@ def on_time(source: ExplainedRecording) -> Expectation | None:
     return expected if expected and np.all(expected.misfit < _MISFIT) else first
 
 
-def _is_friction(stretch: Stretch, expected: Expectation) -> bool:
+def _is_friction(stretch: OutlierStretch, expected: Expectation) -> bool:
     """Whether friction of one drive that hardly moves may be all there is."""
     i = int(np.argmax(stretch.sizes))
     alone = np.all(np.delete(stretch.sizes, i) < _ALONE * stretch.sizes[i])
@@ -227,7 +227,7 @@ def _is_friction(stretch: Stretch, expected: Expectation) -> bool:
     return bool(alone and stretch.speed[i] < _SLOW and within)
 
 
-def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
+def _brief(stretches: Sequence[OutlierStretch], duration: float) -> list[OutlierStretch]:
     """Those that are short, and not crowded; none where they fill much of a recording."""
     start, end = (np.array([getattr(x, name) for x in stretches]) for name in ("start", "end"))
     length, middle = end - start, 0.5 * (end + start)
@@ -240,7 +240,7 @@ def _brief(stretches: Sequence[Stretch], duration: float) -> list[Stretch]:
     return [stretch for stretch, good in zip(stretches, kept, strict=True) if good]
 
 
-def _push(stretch: Stretch, kinematics: Kinematics) -> Push:
+def _push(stretch: OutlierStretch, kinematics: Kinematics) -> Push:
     """The force that residual torques r at the drives stand for, F = −Jᵀ r with J = ∂q/∂z.
 
     Drives that hold against it do the work rᵀ δq = rᵀ J δz = −Fᵀ δz.

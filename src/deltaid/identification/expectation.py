@@ -24,7 +24,7 @@ from deltaid.identification.expectation_source import (
     of_torques,
 )
 from deltaid.recording.delay import around
-from deltaid.recording.windows import Samples
+from deltaid.recording.windows import SampleBlock
 
 # Time over which torques are averaged [s]; windows and blocks that are fitted to, at most.
 _MEAN, _MOST, _BLOCKS = 0.009, 32, 1500
@@ -95,7 +95,7 @@ class Expectation:
     def fits(self) -> bool:
         return bool(np.all(self.misfit <= NOISE))
 
-    def compared(self, w: Samples) -> tuple[Torques, Torques]:
+    def compared(self, w: SampleBlock) -> tuple[Torques, Torques]:
         """Recorded torques less expected ones at consecutive samples, NaN where they do not count;
         and what gears carry of the expected ones: those without friction and rotors."""
         values, motors = self.source.entries(w), ("friction", "rotor")
@@ -104,7 +104,7 @@ class Expectation:
         gear = self.source.torques(values, np.where(of_motors, 0.0, self.p))
         return np.where(self.source.counts(w), w.tau.T - tau, np.nan), gear
 
-    def rough_residual(self, w: Samples, stride: int) -> Torques:
+    def rough_residual(self, w: SampleBlock, stride: int) -> Torques:
         """Recorded torques less expected ones, as `compared` has it but for its errors.
 
         Expected ones are computed at each `stride`-th sample and interpolated from four; where one
@@ -120,7 +120,7 @@ class Expectation:
         tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
         return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, stride, len(w.time)), np.nan)
 
-    def scales(self, w: Samples) -> Float[np.ndarray, "dof samples"]:
+    def scales(self, w: SampleBlock) -> Float[np.ndarray, "dof samples"]:
         """Standard deviation of the residual's mean at some samples."""
         ranges = zip(self.speeds, np.abs(w.qd.T), self.scale, strict=True)
         return np.stack([scale[np.searchsorted(ends, size)] for ends, size, scale in ranges])
@@ -132,7 +132,7 @@ def expect(source: ExplainedRecording) -> Expectation | None:
     recording, size = source.recording, _length(source.recording.log.rate)
     parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, _MOST)]
     parts = [w for w in parts if len(w.time) >= size]
-    blocks = _Blocks.of(source, parts, size) if parts else None
+    blocks = _Blocks.cut(source, parts, size) if parts else None
     if blocks is None or not np.any(blocks.counts.sum(axis=1) >= _FEWEST * _SPEEDS):
         return None
     p, x, scale = _fitted(blocks, source)
@@ -167,7 +167,7 @@ class _Blocks:
     counts: Bool[np.ndarray, "dof blocks"]  # which of a drive's blocks do
 
     @classmethod
-    def of(cls, source: ExplainedRecording, parts: Sequence[Samples], size: int) -> "_Blocks":
+    def cut(cls, source: ExplainedRecording, parts: Sequence[SampleBlock], size: int) -> "_Blocks":
         """Blocks of so many samples from all parts."""
         kinematics = source.dynamics.kinematics
         large = (
@@ -182,7 +182,7 @@ class _Blocks:
 
     @staticmethod
     def _of_part(
-        source: ExplainedRecording, w: Samples, size: int, stride: int, nuisance: Nuisance
+        source: ExplainedRecording, w: SampleBlock, size: int, stride: int, nuisance: Nuisance
     ) -> tuple[np.ndarray, ...]:
         count = len(w.time) // size
         w = w.part(slice(0, count * size))

@@ -18,9 +18,9 @@ from deltaid.estimation.additions import Addition, Extended, entries, extended, 
 from deltaid.estimation.information import active_columns
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.masks.directions import Directions
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 
 # Largest unknown lag of torques [s]; friction's direction is unknown for so long.
 _APART = 5e-3
@@ -40,7 +40,7 @@ class ExplainedRecording:
 
     dynamics: Dynamics
     additions: tuple[Addition, ...]
-    recording: Recording
+    recording: PreparedRecording
 
     @cached_property
     def regressor(self) -> Regressor | Extended:
@@ -52,7 +52,7 @@ class ExplainedRecording:
         return active_columns(self.regressor)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """Those of the active columns."""
         more = (parameter for addition in self.additions for parameter in addition.parameters)
         parameters = (*self.dynamics.layout.parameters, *more)
@@ -64,7 +64,7 @@ class ExplainedRecording:
         rows, columns = self.regressor.regressor_pattern
         return rows, np.searchsorted(self.active, columns)
 
-    def entries(self, w: Samples) -> Float[np.ndarray, "entries samples"]:
+    def entries(self, w: SampleBlock) -> Float[np.ndarray, "entries samples"]:
         """Of the regressor, in the order of the pattern."""
         return entries(self.regressor, w, w.tau, self.recording)
 
@@ -74,7 +74,7 @@ class ExplainedRecording:
         """Y p from the entries of Y."""
         return torques_of(self.pattern, self.dynamics.dof, values, p)
 
-    def counts(self, w: Samples) -> Bool[np.ndarray, "dof samples"]:
+    def counts(self, w: SampleBlock) -> Bool[np.ndarray, "dof samples"]:
         """Whether a drive's torque counts, and all directions of friction in it are known."""
         known = Directions(np.inf, np.zeros(self.dynamics.dof)).known(
             self.dynamics.kinematics, w.z, w.qd, w.qdd, within=_APART
@@ -100,7 +100,7 @@ class Nuisance:
         of_torque = np.tile([_LAG, _SHARE, _SHARE], len(self.torque))
         return np.append(np.full(_OF_JOINT * len(self.speed), _FRICTION), of_torque)
 
-    def friction(self, w: Samples) -> Float[np.ndarray, "dof columns samples"]:
+    def friction(self, w: SampleBlock) -> Float[np.ndarray, "dof columns samples"]:
         """What offset and shapes of friction of each joint make at the drives."""
         speed, slope = joint_rates(self.kinematics, w)
         v = (speed / self.speed).T
@@ -114,7 +114,7 @@ class Nuisance:
         return np.einsum("jds,jks->djks", arms, shapes).reshape(len(self.torque), -1, len(w.time))
 
     def added(
-        self, w: Samples, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
+        self, w: SampleBlock, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
     ) -> Torques:
         """Torques of the model with those of these columns, at samples of some rate [Hz]."""
         of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
@@ -136,7 +136,7 @@ def of_torques(
 
 
 def joint_rates(
-    kinematics: Kinematics, w: Samples
+    kinematics: Kinematics, w: SampleBlock
 ) -> tuple[Float[np.ndarray, "samples joints"], Float[np.ndarray, "samples passive dof"]]:
     """Speeds of drives and passive joints with friction, and ∂ϑ/∂q of the latter."""
     passive = kinematics.passive_friction

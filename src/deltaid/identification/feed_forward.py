@@ -20,7 +20,7 @@ from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
 from deltaid.recording.planned import planned, still_speed
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Shown
 
@@ -44,7 +44,7 @@ class FeedForward(Shown):
     """
 
     model: Model
-    recording: Recording
+    recording: PreparedRecording
     without: tuple[int, int]
     warnings: tuple[str, ...]
 
@@ -149,7 +149,7 @@ def torque(
     return FeedForward(known, recording, without, tuple(warnings))
 
 
-def _note(recording: Recording, without: tuple[int, int]) -> str:
+def _note(recording: PreparedRecording, without: tuple[int, int]) -> str:
     first, last = without
     if not first and not last:
         return ""

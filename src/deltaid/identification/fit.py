@@ -22,7 +22,7 @@ from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.signs import CURE, against_motion, contradiction
 from deltaid.model.record import Settings
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.sensors.weighings import weighings
 
 Progress = Callable[[str], None]
@@ -98,7 +98,7 @@ class FittedProblem:
 
 def fit(
     dynamics: Dynamics,
-    recordings: Sequence[Recording],
+    recordings: Sequence[PreparedRecording],
     settings: Settings,
     progress: Progress = lambda _: None,
     additions: Sequence[Addition] = (),
@@ -131,7 +131,7 @@ def fit(
     return problem
 
 
-def with_geometry(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
+def with_geometry(problem: FittedProblem, recordings: Sequence[PreparedRecording]) -> FittedProblem:
     """A fit whose intervals take in what the tolerances of the robot's geometry do, by the
     recordings that it comes from."""
     base, information = problem.base, problem.information
@@ -165,7 +165,7 @@ def settled(
 
 def posed(
     dynamics: Dynamics,
-    recordings: Sequence[Recording],
+    recordings: Sequence[PreparedRecording],
     settings: Settings,
     additions: Sequence[Addition],
     load: Parameters | None,

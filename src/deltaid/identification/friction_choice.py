@@ -133,7 +133,7 @@ class _TermSearch:
     residual: Rows
 
     @classmethod
-    def of(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_TermSearch":
+    def begun(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_TermSearch":
         """Beside parameters, additions and lags."""
         columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
         ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
@@ -184,7 +184,7 @@ def choose_friction(
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add what chance explains least until nothing is significant; and the first round's trials."""
     left = [option for option in options(rows) if option[0].term not in barred]
-    search = _TermSearch.of(rows, [variant for option in left for variant in option])
+    search = _TermSearch.begun(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
         trials = [step for option in left if (step := search.step(option))]
@@ -261,7 +261,7 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step 
     for step in steps:
         shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)
         forms[step] = replace(step.variant, shapes=shapes, positive=False)
-    search, surprises = _TermSearch.of(rows, list(forms.values())), dict[_Step, float]()
+    search, surprises = _TermSearch.begun(rows, list(forms.values())), dict[_Step, float]()
     for step, form in forms.items():
         others = np.hstack([A * (variant is not form) for variant, A in search.bare.items()])
         now = search.without(others @ independent(others)).step([form])

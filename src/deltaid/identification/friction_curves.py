@@ -24,10 +24,10 @@ from deltaid.identification.doubts import constants
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.friction_record import FrictionCurve
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.friction_terms import FrictionTerm
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 # Speeds of a curve each way: so many, from this share of the fastest.
 _POINTS, _SLOWEST = 15, 0.02
@@ -49,10 +49,10 @@ class LawConstants(Addition):
         return tuple((term, name) for term in terms for name in term.constants)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """One logarithm each, whose prior is that of the law."""
         return tuple(
-            Parameter("constant", t.joint, f"{t.kind}_{name}", "1", -np.inf, np.inf, 0.0, 1.0)
+            PriorParameter("constant", t.joint, f"{t.kind}_{name}", "1", -np.inf, np.inf, 0.0, 1.0)
             for t, name in self.constants
         )
 
@@ -64,7 +64,7 @@ class LawConstants(Addition):
         columns = np.repeat(np.arange(len(drives)), [len(entries) for entries in drives])
         return np.concatenate(drives), columns
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
         joints, values = {joint.name: joint for joint in joints_of(self.dynamics)}, list[Values]()
         for term, name in self.constants:

@@ -35,7 +35,7 @@ from deltaid.estimation.problem import Columns, Rows, Span, level_along
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.friction_record import AdditionKind, JointTerm
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
@@ -104,7 +104,7 @@ class FrictionRows:
         """What lags, additions and all parameters but those of friction explain."""
         active, friction = active_columns(self.dynamics), self.dynamics.layout.friction
         Y = np.where((friction.start <= active) & (active < friction.stop), 0.0, self.Y)
-        return Span.of(self.drive_rows.stack(Y)).with_columns(self.extra)
+        return Span.of_columns(self.drive_rows.stack(Y)).with_columns(self.extra)
 
     @cached_property
     def friction(self) -> Float[np.ndarray, "dof samples"]:
@@ -159,7 +159,7 @@ class FrictionRows:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def friction_rows(
-    dynamics: Dynamics, recordings: Sequence[Recording], additions: Sequence[Addition] = ()
+    dynamics: Dynamics, recordings: Sequence[PreparedRecording], additions: Sequence[Addition] = ()
 ) -> FrictionRows:
     """The rows of some recordings, for a fit with additions of which none is a lag.
 
@@ -177,7 +177,7 @@ def friction_rows(
     torques = np.concatenate([trace.torques() for trace in traces], axis=1)
     largest = np.max([recording.log.torque_max for recording in recordings], axis=0)
     rows = DriveRows(largest, Y.shape[1]).by_misfit(Y, torques)
-    span, tau = Span.of(rows.stack(Y)), rows.stack(torques)
+    span, tau = Span.of_columns(rows.stack(Y)), rows.stack(torques)
     p = prior + parameters_of(dynamics, span, tau - rows.stack(Y @ prior[active_columns(dynamics)]))
     lags = [LagColumns(dynamics, (), p, record.recording, alone(dynamics.dof)) for record in traces]
     parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
@@ -187,7 +187,7 @@ def friction_rows(
     return FrictionRows(dynamics, points, largest, Y, extra, rows, span, tau, p)
 
 
-def cutoff_of(recording: Recording) -> float | None:
+def cutoff_of(recording: PreparedRecording) -> float | None:
     """Of the rows [Hz]; None for the recording's own."""
     held = recording.motion_cutoff
     return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))

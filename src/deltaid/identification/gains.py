@@ -29,10 +29,10 @@ from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 
 # Relative standard deviation of torque constants before any recording, and the share of it below
 # which a gain counts as identified.
@@ -55,13 +55,13 @@ class Gains(OfTorques):
     alike: tuple[int, ...] = ()
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return self._coefficients(self.dynamics.robot.drives, -np.log(self.gain))
 
-    def _coefficients(self, names: Iterable[str], priors: np.ndarray) -> tuple[Parameter, ...]:
+    def _coefficients(self, names: Iterable[str], priors: np.ndarray) -> tuple[PriorParameter, ...]:
         scale = SPREAD / self.prior_spread
         return tuple(
-            Parameter("gain", name, "gain", "", -np.inf, np.inf, prior, scale)
+            PriorParameter("gain", name, "gain", "", -np.inf, np.inf, prior, scale)
             for name, prior in zip(names, priors.tolist(), strict=True)
         )
 
@@ -95,10 +95,10 @@ class Gains(OfTorques):
         p = np.append(p, self.p[len(before) :])
         return replace(self, dynamics=dynamics, beside=beside, p=p)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return -self.torques(w, own, recording)
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
         absolute = [other.witness for other in self.beside if other.is_absolute]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
@@ -192,7 +192,7 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
     information = problem.information
     places = np.searchsorted(information.columns, problem.base.representatives)
     torques = information.of_drives.weighted()
-    inverse = Span.of(information.weighted()[:, places]).inverse
+    inverse = Span.of_columns(information.weighted()[:, places]).inverse
     slopes = inverse @ (inverse.T @ (torques[:, places].T @ torques[:, -1]))
     more = 0.01 * slopes @ errors.follows[:, :count]
     moved = np.abs(more) / np.where(errors.std[:count] > 0, errors.std[:count], np.inf)

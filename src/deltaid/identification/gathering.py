@@ -25,9 +25,9 @@ from deltaid.estimation.information import (
     merge,
 )
 from deltaid.estimation.objective import noise_level
-from deltaid.estimation.scatter import Places, Sums, Visits
+from deltaid.estimation.scatter import PlaceSums, Sums, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.sensors.weighings import Weighing
 
@@ -76,7 +76,7 @@ class Gathered:
 
 def gather_all(
     regressor: _Columns,
-    recordings: Sequence[Recording],
+    recordings: Sequence[PreparedRecording],
     load: Parameters | None = None,
     progress: Callable[[str], None] = lambda _: None,
     whitening: Float[np.ndarray, "dof dof"] | None = None,
@@ -90,17 +90,17 @@ def gather_all(
     return Gathered(tuple(parts), places.sums)
 
 
-def places_of(regressor: _Columns, recordings: Iterable[Recording]) -> Places:
+def places_of(regressor: _Columns, recordings: Iterable[PreparedRecording]) -> PlaceSums:
     """Empty places over the range that recordings cover together."""
     reaches = np.array([recording.log.reach for recording in recordings])
     box = np.stack([reaches[:, 0].min(axis=0), reaches[:, 1].max(axis=0)])
-    return Places(box, regressor.dof, len(active_columns(regressor)) + 1)
+    return PlaceSums(box, regressor.dof, len(active_columns(regressor)) + 1)
 
 
 def gather(
     regressor: _Columns,
-    recording: Recording,
-    places: Places | None = None,
+    recording: PreparedRecording,
+    places: PlaceSums | None = None,
     load: Parameters | None = None,
     count: int = BLOCKS,
     whitening: Float[np.ndarray, "dof dof"] | None = None,

@@ -9,7 +9,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import (
-    Columns,
+    ExplainingColumns,
     chunks_of_drives,
     collect,
     condense,
@@ -17,7 +17,7 @@ from deltaid.estimation.information import (
 )
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import RobotLike, described
-from deltaid.robot.parameter import PRIOR_SPREAD, Parameter
+from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
@@ -69,10 +69,10 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
 def _base(
     dynamics: Dynamics,
     seed: int,
-    rows: Columns,
+    rows: ExplainingColumns,
     sensors: Sequence[SensorRows] = (),
     known: Sequence[Weighing] = (),
-    added: Iterable[Parameter] = (),
+    added: Iterable[PriorParameter] = (),
 ) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, _SAMPLES))

@@ -23,7 +23,7 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, active_columns
 from deltaid.estimation.problem import lengths
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.geometry import sensor_errors
@@ -71,7 +71,7 @@ class GeometricRows:
 
 def geometry(
     dynamics: Dynamics,
-    recordings: Sequence[Recording],
+    recordings: Sequence[PreparedRecording],
     base: BaseParameters,
     information: Information,
     values: Float[np.ndarray, " parameters"],
@@ -119,7 +119,7 @@ def shifted(
 def geometric_rows(
     regressor: Dynamics | Extended,
     dynamics: Dynamics,
-    recording: Recording,
+    recording: PreparedRecording,
     values: Float[np.ndarray, " parameters"],
     weights: Float[np.ndarray, " rows"],
     tolerances: Tolerances | None = None,
@@ -156,7 +156,7 @@ def geometric_rows(
 
 
 def _beginning(
-    measured: MeasuredRows, dynamics: Dynamics, recording: Recording, p: Parameters
+    measured: MeasuredRows, dynamics: Dynamics, recording: PreparedRecording, p: Parameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Entries, y and what counts of it in the first windows of a recording, at samples spread
     evenly, and z, q̇, q̈ there."""

@@ -27,7 +27,7 @@ from deltaid.identification.widening import with_widened_prior
 from deltaid.model.record import IdentifiedModel, Settings, above
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -47,7 +47,7 @@ class Identification(Shown, Plotted, Tabled, Reported):
 
     model: IdentifiedModel
     problem: FittedProblem
-    recordings: tuple[Recording, ...]
+    recordings: tuple[PreparedRecording, ...]
     studies: tuple[Study | None, ...] = ()
     detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
 
@@ -104,7 +104,7 @@ def identify(
         robot: the description with geometry, priors and reductions; or what has one, a catalogue
             name, a file of a robot or of a model.
         logs: one recording or a sequence of them: a file of any kind that is read, a table of
-            polars or pandas, or `Recording.from_arrays`.
+            polars or pandas, or `PreparedRecording.from_arrays`.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or a sequence with one each (None for the default
             names). Arrays with units of their own keep these.

@@ -23,8 +23,8 @@ from deltaid.identification.gains import gains
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 
 # Lags known to no better than this (half a 95 % interval) are none that can be corrected [s].
@@ -54,7 +54,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     if not isinstance(lag, str):
         return _fixed(setup, lag)
     progress("looking for lags")
-    traces = list[tuple[Recording, Trace]]()
+    traces = list[tuple[PreparedRecording, Trace]]()
     for k, recording in enumerate(setup.recordings):
         as_it_came, record = recording.repaired(**_ON_TIME), None
         if not setup.is_disturbed(k):
@@ -66,7 +66,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     return _estimated(setup, traces) if traces else setup
 
 
-def _estimated(setup: Setup, traces: Sequence[tuple[Recording, Trace]]) -> Setup:
+def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) -> Setup:
     """With estimated lags corrected, filters and clocks as well where traces show these."""
     additions, spread = setup.additions, setup.settings.prior_spread
     every, several = tuple(range(setup.dynamics.dof)), len(setup.recordings) > 1
@@ -77,7 +77,7 @@ def _estimated(setup: Setup, traces: Sequence[tuple[Recording, Trace]]) -> Setup
         turning=[_of_motors(setup, record) for _, record in traces],
         start=np.array([recording.repairs.lag or np.zeros(len(every)) for recording, _ in traces]),
     )
-    rows = TraceRows.of(setup.dynamics, additions, spread)
+    rows = TraceRows.for_dynamics(setup.dynamics, additions, spread)
     for k, (recording, record) in enumerate(traces):
         timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
         which, repairs, columns = tuple(np.flatnonzero(unsure).tolist()), _ON_TIME, list[Addition]()
@@ -99,7 +99,11 @@ def _estimated(setup: Setup, traces: Sequence[tuple[Recording, Trace]]) -> Setup
 
 
 def _timed(
-    setup: Setup, recording: Recording, record: Trace, timing: Timing, beside: tuple[Addition, ...]
+    setup: Setup,
+    recording: PreparedRecording,
+    record: Trace,
+    timing: Timing,
+    beside: tuple[Addition, ...],
 ) -> tuple[dict[str, Any], list[Addition]]:
     """Repairs by filters and one clock, and columns for what remains of lags, filters and clock."""
     choice, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
@@ -120,7 +124,7 @@ def _timed(
     return repairs, columns
 
 
-def without_doubtful_lags(setup: Setup, judged: Sequence[Judged]) -> Setup:
+def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
     """The same without lags that the fit itself does not confirm: their intervals all hold zero, or
     are as wide as lags are. Something undeclared then looks like one.
 
@@ -156,7 +160,9 @@ def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     return tuple(addition for addition in additions if not isinstance(addition, TimingColumns))
 
 
-def traced(setup: Setup, recording: Recording, cutoff: float | None, least: int) -> Trace | None:
+def traced(
+    setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int
+) -> Trace | None:
     """At least `least` windows of a recording; None where it cannot be differentiated."""
     windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))
     load = prior_parameters(setup.robot)
@@ -226,7 +232,7 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
         return setup
     progress("looking for gears that wind up")
     narrow, wide = zip(*traces, strict=True)
-    rows = TraceRows.of(bare.dynamics, bare.additions, bare.settings.prior_spread)
+    rows = TraceRows.for_dynamics(bare.dynamics, bare.additions, bare.settings.prior_spread)
     gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated))
     if not gears.values.any():
         return setup

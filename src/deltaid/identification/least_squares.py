@@ -28,7 +28,7 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.sensors.weighings import weighings
 
 
@@ -140,7 +140,7 @@ def estimate_base(
 
 
 def _whitening(
-    dynamics: Dynamics, recordings: Sequence[Recording], p: Parameters
+    dynamics: Dynamics, recordings: Sequence[PreparedRecording], p: Parameters
 ) -> Float[np.ndarray, "dof dof"]:
     """Σ^-½ with the covariance Σ of the drives' torque residuals over all samples."""
     covariances = [torque_error(dynamics, p, recording).covariance for recording in recordings]

@@ -29,11 +29,10 @@ from deltaid.identification.lags_and_gears import estimated_anew
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study, studied
 from deltaid.model.model import Model
-from deltaid.model.parameter_record import HeldLoad
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import HeldLoad, Parameter
 from deltaid.recording.carried import Load
 from deltaid.recording.masks.masks import LOAD_CHANGES
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import LeftSpan
 
 # The longest recording whose rows are searched for a load's times [s]: they are held in memory.
@@ -43,7 +42,7 @@ _LONGEST = 600.0
 Held = Sequence[tuple[str, Sequence[Load]]]
 
 
-def held(recordings: Sequence[Recording]) -> Held:
+def held(recordings: Sequence[PreparedRecording]) -> Held:
     return [(str(recording.path), recording.log.columns.loads) for recording in recordings]
 
 
@@ -87,14 +86,14 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
     return setup.changed(recordings=recordings, additions=(*setup.additions, *additions))
 
 
-def unloaded(recording: Recording, loads: dict[str, Ten]) -> Recording:
+def unloaded(recording: PreparedRecording, loads: dict[str, Ten]) -> PreparedRecording:
     """A recording without the torques of the loads that it holds."""
     taken = tuple(tuple(loads[load.name].tolist()) for load in recording.log.columns.loads)
     return recording.repaired(loads=taken) if taken else recording
 
 
 def found_loads(
-    additions: Sequence[Addition], judged: Sequence[Judged], holding: Held
+    additions: Sequence[Addition], judged: Sequence[Parameter], holding: Held
 ) -> tuple[HeldLoad, ...]:
     """Loads of a fit's additions, with what it judged of all additions' parameters."""
     names = [(Path(where).name, {load.name for load in loads}) for where, loads in holding]
@@ -128,7 +127,7 @@ def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
     return known.get(name, columns.prior)
 
 
-def as_known(recording: Recording, model: Model) -> Recording:
+def as_known(recording: PreparedRecording, model: Model) -> PreparedRecording:
     """A recording without the torques of loads that a model knows, or that are declared in full.
 
     Raises:
@@ -178,7 +177,9 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     return estimated_anew(without_events(setup, progress).studied(), progress)
 
 
-def _detected(setup: Setup, study: Study, recording: Recording) -> tuple[Study, Load] | None:
+def _detected(
+    setup: Setup, study: Study, recording: PreparedRecording
+) -> tuple[Study, Load] | None:
     """What a recording holds and when, and the study of all of it that says so; None where no load
     is detected, or where the recording is too long."""
     if recording.log.columns.loads:
@@ -202,7 +203,7 @@ def load_change(study: Study) -> Cause | None:
     return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
 
 
-def _holding(recording: Recording, load: Load, about: float) -> Recording:
+def _holding(recording: PreparedRecording, load: Load, about: float) -> PreparedRecording:
     """A recording with a load, without what is closer to its changes than they are known [s]."""
     columns, kept = recording.log.columns, recording.repairs.left_out
     log = replace(recording.log, columns=replace(columns, loads=(*columns.loads, load)))

@@ -19,11 +19,11 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition, Extended, Own, Values, entries
 from deltaid.estimation.information import active_columns
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
+from deltaid.model.parameter_record import Parameter
 from deltaid.recording.carried import carrier
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples, Window
-from deltaid.robot.parameter import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock, Window
+from deltaid.robot.parameter import PriorParameter
 from deltaid.sensors.about import about, is_of_pose
 from deltaid.sensors.robot_sensors import sensor_rows
 from deltaid.sensors.rows import Pattern, SensorRows
@@ -46,7 +46,7 @@ class SensorAddition(Addition):
     known: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @classmethod
-    def of(
+    def for_sensor(
         cls,
         dynamics: Dynamics,
         name: str,
@@ -69,17 +69,17 @@ class SensorAddition(Addition):
 
     def on(self, dynamics: Dynamics) -> "SensorAddition":
         same, name = dynamics is self.dynamics, self.rows.name
-        return self if same else self.of(dynamics, name, self.prior_spread, self.known)
+        return self if same else self.for_sensor(dynamics, name, self.prior_spread, self.known)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return self.rows.parameters
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return np.zeros((0, len(w.time)))
 
     @property
@@ -90,7 +90,7 @@ class SensorAddition(Addition):
     def witness(self) -> str:
         return f"sensor {self.rows.name}"
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         own = f".{self.rows.name}"
         names = ", ".join(entry.name.removesuffix(own).replace("_", " ") for entry in judged)
         words = f"; unknown of itself and found with the robot: {names}" if names else ""
@@ -110,7 +110,7 @@ class SensorPart:
     loads: tuple[tuple[LoadColumns, Int[np.ndarray, " _"]], ...]
 
     @classmethod
-    def of(
+    def placed(
         cls, sensor: SensorAddition, row: int, first: int, loads: Sequence[tuple[LoadColumns, int]]
     ) -> "SensorPart":
         """A sensor whose channels are rows from `row` on, and its unknowns columns from `first` on,
@@ -126,7 +126,7 @@ class SensorPart:
         own = slice(row, row + len(sensor.rows.channels))
         return cls(sensor, own, first, pattern, tuple(carried))
 
-    def shown(self, w: Samples, recording: Recording) -> tuple[PerRow, PerRow]:
+    def shown(self, w: SampleBlock, recording: PreparedRecording) -> tuple[PerRow, PerRow]:
         """Its readings along samples, and weights; zero where there is no number."""
         signals = recording.log.columns.shown(w.extra).get(self.columns.rows.name)
         if signals is None:
@@ -137,7 +137,7 @@ class SensorPart:
         # reach a sensor; what makes all of them useless does.
         return np.where(counts, signals, 0.0), counts * w.weights.max(axis=1, initial=0.0)
 
-    def weighted(self, w: Samples, recording: Recording) -> tuple[Values, PerRow]:
+    def weighted(self, w: SampleBlock, recording: PreparedRecording) -> tuple[Values, PerRow]:
         """Entries and readings along samples, weighted."""
         rows, log, dynamics = self.columns.rows, recording.log, self.columns.dynamics
         y, weights = self.shown(w, recording)
@@ -189,7 +189,7 @@ class LoadSlope:
         shares = np.array([values.get(f"load.{drive}", 0.0) for drive in robot.drives])
         return cls(shares, drives, np.isin(columns, of_links))
 
-    def factor(self, w: Samples, x: Float[np.ndarray, "samples dof"]) -> PerRow:
+    def factor(self, w: SampleBlock, x: Float[np.ndarray, "samples dof"]) -> PerRow:
         """μ₀ s sign(x₀) of each drive, where gears carry x₀."""
         return (self.shares * np.sign(w.qd) * np.sign(x)).T
 
@@ -249,19 +249,19 @@ class MeasuredRows:
         row, sensors = self.drives, list[SensorPart]()
         for addition, first in placed:
             if isinstance(addition, SensorAddition):
-                sensors.append(SensorPart.of(addition, row, first, loads))
+                sensors.append(SensorPart.placed(addition, row, first, loads))
                 row = sensors[-1].rows.stop
         return tuple(sensors)
 
     def filtered(
-        self, window: Window, recording: Recording, load: Parameters | None = None
+        self, window: Window, recording: PreparedRecording, load: Parameters | None = None
     ) -> FilteredRows:
         """All rows in a window, weighted, filtered and thinned alike; `load` as of `gather`."""
         regressor, sensors = self.regressor, self.sensors
         drives, _ = regressor.regressor_pattern
         slope = LoadSlope.about(regressor, load) if load is not None else None
 
-        def weighted(w: Samples) -> Values:
+        def weighted(w: SampleBlock) -> Values:
             x, tau = w.tau + w.carried, w.tau.T
             carried = np.zeros_like(x)
             if load is not None:

@@ -51,7 +51,7 @@ Times = Float[np.ndarray, " _"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class OutlierStretch:
     """Consecutive samples that are outliers."""
 
     start: float  # when [s]
@@ -75,7 +75,7 @@ class Stretch:
 class Outstanding:
     """Outliers of a recording, and when drives might have caused them."""
 
-    stretches: tuple[Stretch, ...]  # in the order of time
+    stretches: tuple[OutlierStretch, ...]  # in the order of time
     spikes: tuple[LeftSpan, ...]  # single samples of a drive
     inspected: float  # duration of the inspected windows [s]
     # when in these the torque that a gear carries changes its sign, drive by drive [s]
@@ -96,10 +96,10 @@ class JoinedStretches:
     """
 
     gap: float
-    reaching: list[Stretch] = field(default_factory=list[Stretch])
+    reaching: list[OutlierStretch] = field(default_factory=list[OutlierStretch])
     nearly: int = 0
 
-    def join(self, stretches: Iterable[Stretch]) -> None:
+    def join(self, stretches: Iterable[OutlierStretch]) -> None:
         """Add stretches; the first may go on where the last one ended."""
         for stretch in stretches:
             if self.reaching and stretch.start - (last := self.reaching[-1]).end <= self.gap:
@@ -169,12 +169,12 @@ def _together(windows: Iterable[InspectedWindow]) -> Iterator[InspectedWindow]:
         yield InspectedWindow.joined([*ready, *waiting])
 
 
-def _stretches(w: InspectedWindow, limits: OfDrives) -> list[Stretch]:
+def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
     """Runs of samples without a gap in which any drive is beyond the weak threshold."""
     lasting = np.nan_to_num(np.abs(w.size)) / (STRONG * limits[:, None])
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
     taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
-    stretches = list[Stretch]()
+    stretches = list[OutlierStretch]()
     for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
@@ -186,13 +186,16 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[Stretch]:
         z, speed, residual = (values[:, k].copy() for values in (w.z, w.speed, mean))
         total = max(float(np.linalg.norm(mean[:, inside])), 1e-300)
         sharp = float(np.linalg.norm(taken[:, inside])) / total
-        stretches.append(Stretch(start, end, sizes, peak, z, speed, residual, sharp))
+        stretches.append(OutlierStretch(start, end, sizes, peak, z, speed, residual, sharp))
     return stretches
 
 
 def without_recurring(
-    outliers: Outstanding, stretches: Sequence[Stretch], low_pass: LowPass | None, margin: float
-) -> tuple[list[Stretch], list[LeftSpan]]:
+    outliers: Outstanding,
+    stretches: Sequence[OutlierStretch],
+    low_pass: LowPass | None,
+    margin: float,
+) -> tuple[list[OutlierStretch], list[LeftSpan]]:
     """Those of some stretches that have no reason in a drive, and all that play spoils.
 
     Args:

@@ -38,10 +38,10 @@ def sensors_included(setup: Setup, progress: Progress) -> Setup:
         return setup
     if names:
         progress(f"taking in {', '.join(names)}")
-    sensors = [SensorAddition.of(dynamics, name, spread) for name in names]
+    sensors = [SensorAddition.for_sensor(dynamics, name, spread) for name in names]
     shown = MeasuredRows(extended(dynamics, sensors), known).active
     setup = setup.changed(robot=with_new_entries(robot, shown, dynamics.regressor_pattern[1]))
-    sensors = tuple(SensorAddition.of(setup.dynamics, name, spread) for name in names)
+    sensors = tuple(SensorAddition.for_sensor(setup.dynamics, name, spread) for name in names)
     return setup.changed(additions=(*setup.additions, *sensors))
 
 
@@ -82,7 +82,7 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
                     for entry in addition.parameters
                 ]
                 name, spread = addition.rows.name, addition.prior_spread
-                addition = SensorAddition.of(setup.dynamics, name, spread, known)
+                addition = SensorAddition.for_sensor(setup.dynamics, name, spread, known)
             additions.append(addition)
         setup = setup.changed(additions=tuple(additions))
         if max(steps) < _SETTLED:

@@ -16,7 +16,7 @@ from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Inseparable, Kind
 from deltaid.model.friction_record import FrictionChoice, JointTerm
 from deltaid.model.record import Settings
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 
 Progress = Callable[[str], None]
@@ -80,7 +80,9 @@ class Setup:
     """A fit that is about to be posed."""
 
     robot: RobotDescription  # the description, with the friction laws that have been chosen so far
-    recordings: tuple[Recording, ...]  # each with its filter and what has been corrected in it
+    recordings: tuple[
+        PreparedRecording, ...
+    ]  # each with its filter and what has been corrected in it
     settings: Settings
     additions: tuple[Addition, ...] = ()  # extra columns
     corrections: tuple[Correction, ...] = ()  # in the order in which they were made
@@ -134,7 +136,7 @@ class Setup:
         additions = tuple(addition.on(compiled(robot)) for addition in self.additions)
         return self.changed(robot=robot, additions=additions)
 
-    def repaired(self, recording: Recording, **repairs: Any) -> "Setup":
+    def repaired(self, recording: PreparedRecording, **repairs: Any) -> "Setup":
         """The same with one more thing corrected in a recording, by fields of `Repairs`."""
         k = next(k for k, other in enumerate(self.recordings) if other is recording)
         return self.with_recording(k, recording.repaired(**repairs))
@@ -143,7 +145,7 @@ class Setup:
         """The same with one more thing corrected in all recordings alike."""
         return self.changed(recordings=tuple(r.repaired(**repairs) for r in self.recordings))
 
-    def with_recording(self, k: int, recording: Recording) -> "Setup":
+    def with_recording(self, k: int, recording: PreparedRecording) -> "Setup":
         before, after = self.recordings[:k], self.recordings[k + 1 :]
         return self.changed(recordings=(*before, recording, *after))
 

@@ -12,13 +12,13 @@ from deltaid.effects.at_platform import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.model.sources import Event, LeftOut, Source, Span
+from deltaid.model.sources import Event, LeftOut, Source, TimeSpan
 from deltaid.recording.delay import LagGrowth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask
 from deltaid.recording.masks.runs import joined_times
-from deltaid.recording.recording import Recording, with_filter
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.repairs import (
     CONTACT,
     JOLT,
@@ -38,7 +38,9 @@ _EVENTS = (CONTACT, STOP, SPIKE, JOLT)
 _LISTED = 100
 
 
-def source(recording: Recording, used: int, error: TorqueError, drives: tuple[str, ...]) -> Source:
+def source(
+    recording: PreparedRecording, used: int, error: TorqueError, drives: tuple[str, ...]
+) -> Source:
     """A recording that was compared with a model, and the samples `used` that its fit had of it."""
     log, repairs = recording.log, recording.repairs
     return Source(
@@ -58,8 +60,10 @@ def source(recording: Recording, used: int, error: TorqueError, drives: tuple[st
 
 
 def model_filtered(
-    model: ModelLike, log: Log, filtered: Callable[[Log, float | None], Recording] = with_filter
-) -> Recording:
+    model: ModelLike,
+    log: Log,
+    filtered: Callable[[Log, float | None], PreparedRecording] = with_filter,
+) -> PreparedRecording:
     """A log that a model is compared with, filtered and corrected as the model's own recordings.
 
     Gains and lags are those of the drives, so any recording of them has the same: a lag that is
@@ -149,7 +153,9 @@ def left_out(
                 why=_WHY[reason],
                 drives=_names(numbers, drives),
                 share=min(1.0, rows / log.samples),
-                spans=tuple(Span(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()),
+                spans=tuple(
+                    TimeSpan(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()
+                ),
                 more=max(0, len(times) - _LISTED),
             )
         )

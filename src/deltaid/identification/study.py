@@ -32,8 +32,8 @@ from deltaid.estimation.problem import Rows, Span, independent, lengths, level_a
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.spectra import white_noise
 from deltaid.estimation.traces import Trace, trace
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import WINDOW, Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import WINDOW, SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD
 
 # Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
@@ -78,7 +78,7 @@ class Study:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def studied(
     dynamics: Dynamics,
-    recording: Recording,
+    recording: PreparedRecording,
     p: Parameters | None = None,
     beside: Sequence[Addition] = (),
     seconds: float = _SECONDS,
@@ -123,7 +123,7 @@ def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
 
 
 def studied_trace(
-    dynamics: Dynamics, recording: Recording, load: Parameters, seconds: float = _SECONDS
+    dynamics: Dynamics, recording: PreparedRecording, load: Parameters, seconds: float = _SECONDS
 ) -> Trace | None:
     """So many seconds of a recording in memory, `load` as of `Trace`; None where nothing can be
     differentiated."""
@@ -162,7 +162,7 @@ def _accounted(
 def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
     """Least squares of a recording's parameters, with those of additions behind them in Y."""
     Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
-    span, tau = Span.of(rows.stack(Y_robot)), rows.stack(record.torques())
+    span, tau = Span.of_columns(rows.stack(Y_robot)), rows.stack(record.torques())
     if Y_extra.size:
         span = span.with_columns(rows.stack(Y_extra))
     return RigidFit(record, parameters_of(record.dynamics, span, tau), Y_robot, rows, span, tau)
@@ -237,7 +237,7 @@ def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
     return np.where(w.weights > 0, w.tau - dynamics.torque(w.z, w.qd, w.qdd, study.fit.p), 0.0)
 
 
-def longest(study: Study) -> Samples:
+def longest(study: Study) -> SampleBlock:
     """The longest stretch without a gap."""
     return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples, Window
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock, Window
 from deltaid.shown import Shown
 
 
@@ -40,8 +40,8 @@ class TorqueError(Shown):
 class PredictedTorques:
     """Measured and predicted torques of consecutive samples, and the drives' speeds there.
 
-    Those through the filter are of every `Recording.stride`-th sample, from the first one on, and
-    have been multiplied by the weights before.
+    Those through the filter are of every `PreparedRecording.stride`-th sample, from the first on,
+    and have been multiplied by the weights before.
 
     Attributes:
         weights: of the samples; no columns without torques.
@@ -62,7 +62,9 @@ class PredictedTorques:
     counted: Float[np.ndarray, "apart torques"]
 
 
-def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator[PredictedTorques]:
+def predict(
+    dynamics: Dynamics, p: Parameters, recording: PreparedRecording
+) -> Iterator[PredictedTorques]:
     """Predicted torques along a recording, window by window.
 
     With a filter, its length is lost at either end of the recording.
@@ -93,7 +95,7 @@ def predict(dynamics: Dynamics, p: Parameters, recording: Recording) -> Iterator
 
 
 def predicted_torques(
-    dynamics: Dynamics, p: Parameters, w: Samples
+    dynamics: Dynamics, p: Parameters, w: SampleBlock
 ) -> Float[np.ndarray, "samples dof"]:
     """Y p, and what held loads add to friction that depends on load, Σ μ sign(q̇)(|x + x_L| − |x|).
 
@@ -111,7 +113,7 @@ def predicted_torques(
     return tau
 
 
-def torque_error(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueError:
+def torque_error(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueError:
     """The torque errors of parameters p on a recording.
 
     Of what has been filtered, samples as far apart as the cut-off allows say as much as all.

@@ -25,7 +25,7 @@ from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.hold import holds
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # Windows of a recording that are compared, at most.
 _WINDOWS = 8
@@ -66,7 +66,7 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
     """Recordings without velocities and accelerations that lag behind their positions."""
     if setup.settings.lag == "none":
         return setup
-    corrections, recordings = list[Correction](), list[Recording]()
+    corrections, recordings = list[Correction](), list[PreparedRecording]()
     for recording in setup.recordings:
         if recording.log.columns.velocity or recording.log.columns.acceleration:
             progress(f"comparing velocities of {recording.path} with positions")
@@ -78,13 +78,13 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
     return setup.changed(recordings=tuple(recordings)).reported(corrections, "velocity")
 
 
-def _without_rates(recording: Recording, cutoff: float | None) -> Recording:
+def _without_rates(recording: PreparedRecording, cutoff: float | None) -> PreparedRecording:
     """The recording with its positions differentiated."""
     columns = replace(recording.log.columns, velocity=(), acceleration=())
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
 
-def late_rate(recording: Recording, kinematics: Kinematics) -> Lag | None:
+def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | None:
     """The lag of recorded velocities, or else of accelerations; None where none is harmful and
     significant."""
     columns, rate = recording.log.columns, recording.log.rate
@@ -130,7 +130,7 @@ def _lag(
     return Lag(values, np.sqrt(np.sum(residual**2, axis=0) * n / max(n - 1, 1)) / total)
 
 
-def _corrections(lag: Lag, recording: Recording, drives: Sequence[str]) -> list[Correction]:
+def _corrections(lag: Lag, recording: PreparedRecording, drives: Sequence[str]) -> list[Correction]:
     """One for all drives if their lags may be equal, or one a drive."""
     values, halves, subjects = lag.values, lag.interval, list(drives)
     if np.ptp(values) < max(_HARMLESS, 0.05 * np.abs(values).max(), halves.max()):

@@ -23,10 +23,10 @@ from deltaid.identification.friction_choice import rows_for_friction
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter as Judged
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
-from deltaid.robot.parameter import Parameter
+from deltaid.model.parameter_record import Parameter
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 
 # Time constants that are tried, as shares of the recording's time; the last is nearly a line.
 _CONSTANTS = np.geomspace(0.05, 2.0, 12)
@@ -44,14 +44,14 @@ _CHANGING = [("friction", term) for term in ("viscous", "coulomb", "viscous_back
 class Course:
     """g(t) of one recording."""
 
-    recording: Recording
+    recording: PreparedRecording
     start: float  # when it began [s]
     constant: float | None  # T [s]; None where a temperature is recorded
     mean: float  # of the temperature or of the exponential, which is taken off
     # from the first to the last, or of a temperature from the lowest to the highest
     span: float
 
-    def values(self, w: Samples) -> Float[np.ndarray, " samples"]:
+    def values(self, w: SampleBlock) -> Float[np.ndarray, " samples"]:
         if self.constant is None:
             return temperature(self.recording, w) - self.mean
         return np.exp(-(w.time - self.start) / self.constant) - self.mean
@@ -67,13 +67,13 @@ class Warmth(Addition):
     is_corrected = True
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """For each joint the change of viscous and that of Coulomb friction."""
         first, span = self.courses[0], max(abs(course.span) for course in self.courses)
         where = f"@{first.recording.path}" if self.several else ""
         per_kelvin = "/K" if first.constant is None else ""
         return tuple(
-            Parameter(
+            PriorParameter(
                 kind="temperature",
                 owner=f"{entry.owner}{where}",
                 symbol=f"{entry.symbol}_change",
@@ -92,7 +92,7 @@ class Warmth(Addition):
         rows, columns = (part[self._entries] for part in self.dynamics.regressor_pattern)
         return rows, np.searchsorted(self._changing, columns)
 
-    def entries(self, w: Samples, own: Own, recording: Recording) -> Values:
+    def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """Those of friction times g."""
         changing = own[self._entries]
         for course in self.courses:
@@ -103,7 +103,7 @@ class Warmth(Addition):
     def on(self, dynamics: Dynamics) -> "Warmth":
         return replace(self, dynamics=dynamics)
 
-    def to_corrections(self, judged: Sequence[Judged]) -> tuple[Correction, ...]:
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """How friction changes, in one sentence."""
         first, laws = self.courses[0], self.dynamics.robot.friction
         shares = []
@@ -172,7 +172,9 @@ def _changes(rows: FrictionRows) -> list[Warmth]:
 
 
 def _best(
-    rows: FrictionRows, motions: dict[Recording, Samples], tried: Sequence[tuple[Course, ...]]
+    rows: FrictionRows,
+    motions: dict[PreparedRecording, SampleBlock],
+    tried: Sequence[tuple[Course, ...]],
 ) -> int | None:
     """Number of the courses with which friction as a whole changes most; None if that is chance.
 
@@ -194,7 +196,7 @@ def _best(
 
 
 def _warming(
-    rows: FrictionRows, motions: dict[Recording, Samples], recording: Recording
+    rows: FrictionRows, motions: dict[PreparedRecording, SampleBlock], recording: PreparedRecording
 ) -> Course | None:
     """The time constant with which a recording's friction changes; None if it does not."""
     start, length = recording.log.clock.first, recording.log.samples / recording.log.rate
@@ -211,7 +213,7 @@ def _warming(
     return course
 
 
-def temperature(recording: Recording, w: Samples) -> Float[np.ndarray, " samples"]:
+def temperature(recording: PreparedRecording, w: SampleBlock) -> Float[np.ndarray, " samples"]:
     """Temperature as recorded [°C]."""
     columns = recording.log.columns
     channel = columns.temperature

@@ -37,7 +37,7 @@ from deltaid.estimation.regularizer import parameter_scale
 from deltaid.estimation.scatter import correlations, inverse, surprise
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.model.corrections import Correction
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less
 # than the best by so little explain a recording as well; and that a body is off as a whole is so
@@ -201,7 +201,9 @@ def evidence(problem: FittedProblem) -> PriorEvidence:
     )
 
 
-def with_widened_prior(problem: FittedProblem, recordings: Sequence[Recording]) -> FittedProblem:
+def with_widened_prior(
+    problem: FittedProblem, recordings: Sequence[PreparedRecording]
+) -> FittedProblem:
     """The same fit with priors that its recordings contradict as wide as their evidence asks for.
 
     A weight γ of the prior that the user has chosen stays. What gears carry follows, so that where

@@ -14,8 +14,8 @@ from deltaid.errors import DescriptionError, Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples as Motion
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.platform import H4Platform, RigidPlatform
@@ -109,7 +109,7 @@ class ConstraintForces(WithParameters, Shown):
         return ca.Function("C", [e.z, e.qd, e.qdd], [ca.densify(ca.jacobian(self._values, e.p))])
 
 
-def motion_of(recording: Recording, kinematics: Kinematics) -> Iterator[Motion]:
+def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[SampleBlock]:
     """A recording's motion, window by window; with a filter, its length is lost at both ends."""
     return recording.evaluate(kinematics, lambda window: window.own)
 

@@ -13,7 +13,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import DescriptionError, Doubt, RecordingError, positive
 from deltaid.files import written_whole
 from deltaid.identification.sources import model_filtered
-from deltaid.joint_forces.constraint_forces import ConstraintForces, Motion, motion_of
+from deltaid.joint_forces.constraint_forces import ConstraintForces, SampleBlock, motion_of
 from deltaid.joint_forces.ranges import (
     Openness,
     Range,
@@ -27,7 +27,7 @@ from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
@@ -96,7 +96,7 @@ class Extremes:
 def extremes(
     forces: ConstraintForces,
     p: Parameters,
-    motion: Iterable[Motion],
+    motion: Iterable[SampleBlock],
 ) -> Extremes:
     """The extremes of all channels along a motion.
 
@@ -181,12 +181,12 @@ class Forces(Shown, Plotted, Tabled, Reported):
 
     model: Model
     constraint_forces: ConstraintForces
-    recording: Recording
+    recording: PreparedRecording
     findings: tuple[ForceFinding, ...]
     extremes: Extremes
     warnings: tuple[str, ...] = ()
 
-    def over_time(self) -> Iterator[tuple[Motion, Float[np.ndarray, "samples channels"]]]:
+    def over_time(self) -> Iterator[tuple[SampleBlock, Float[np.ndarray, "samples channels"]]]:
         """Consecutive samples of the motion, each part with its forces."""
         forces = self.constraint_forces
         for part in motion_of(self.recording, forces.kinematics):

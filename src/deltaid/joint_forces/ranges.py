@@ -40,7 +40,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.sensors.weighings import weighings
 
 # A force of whose prior variance torques leave less than this share (squared) is determined.
@@ -170,7 +170,7 @@ def evidence(
     return ForceEvidence(information, estimate, shape), Determinacy(model, base)
 
 
-def _require_sources(model: IdentifiedModel, recordings: Sequence[Recording]) -> None:
+def _require_sources(model: IdentifiedModel, recordings: Sequence[PreparedRecording]) -> None:
     """Another recording may be of another robot: its range would hold neither truth nor model."""
     own = {source.sha256 for source in model.sources}
     for recording in recordings:

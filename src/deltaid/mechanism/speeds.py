@@ -53,7 +53,7 @@ class Speed:
 
 
 @dataclass(frozen=True)
-class Motion:
+class SpeedMaps:
     """All generalised speeds of a mechanism as functions of those of q or of z.
 
     Attributes:
@@ -98,7 +98,7 @@ class Speeds:
         """Symbols of their derivatives."""
         return ca.vertcat(self.q.ud, self.z.ud, self.w.ud)
 
-    def by_drives(self) -> Motion:
+    def by_drives(self) -> SpeedMaps:
         """Given q̇ and q̈: ż = T q̇, z̈ = A⁻¹ (B q̈ + c)."""
         inverse = self._inverse
         zd = inverse @ (self.B @ self.q.u)
@@ -106,7 +106,7 @@ class Speeds:
         zdd = inverse @ (self.B @ self.q.ud + c)
         return self._motion((self.q.u, self.q.ud), (zd, zdd))
 
-    def by_task(self) -> Motion:
+    def by_task(self) -> SpeedMaps:
         """Given ż and z̈: q̇ = J ż, q̈ = B⁻¹ (A z̈ − c)."""
         over_gain = self._over_gain
         qd = over_gain @ (self.A @ self.z.u)
@@ -114,11 +114,11 @@ class Speeds:
         qdd = over_gain @ (self.A @ self.z.ud - c)
         return self._motion((qd, qdd), (self.z.u, self.z.ud))
 
-    def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> Motion:
+    def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> SpeedMaps:
         known = ca.vertcat(self.q.u, self.z.u, self.q.ud, self.z.ud)
         values = ca.vertcat(q[0], z[0], q[1], z[1])
         w, wd = ca.substitute([self.w.value, self.w.rate], [known], [values])
-        return Motion(ca.vertcat(q[0], z[0], w), ca.vertcat(q[1], z[1], wd), self)
+        return SpeedMaps(ca.vertcat(q[0], z[0], w), ca.vertcat(q[1], z[1], wd), self)
 
     @property
     def jacobian(self) -> ca.SX:

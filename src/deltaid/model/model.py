@@ -102,12 +102,12 @@ class Model(Shown, Plotted, Tabled, Reported):
     @cached_property
     def dynamics(self) -> Dynamics:
         """The robot's dynamics with these parameters, compiled where it is needed."""
-        return compiled(self.robot).at(self.p)
+        return compiled(self.robot).with_parameters(self.p)
 
     @cached_property
     def forward(self) -> ForwardDynamics:
         """The robot's forward dynamics with these parameters, compiled where it is needed."""
-        return compiled_forward(self.robot).at(self.p)
+        return compiled_forward(self.robot).with_parameters(self.p)
 
     @property
     def prior_spread(self) -> float:

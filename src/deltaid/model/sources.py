@@ -9,7 +9,7 @@ from deltaid.robot.part import Part
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Span(Part):
+class TimeSpan(Part):
     """When rows were left out, by their first and their last time stamp [s]."""
 
     start: float
@@ -28,7 +28,7 @@ class LeftOut(Part):
     why: str
     drives: tuple[str, ...]
     share: Share
-    spans: tuple[Span, ...] = ()
+    spans: tuple[TimeSpan, ...] = ()
     more: Annotated[int, Field(ge=0)] = 0
 
 

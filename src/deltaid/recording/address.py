@@ -15,7 +15,7 @@ _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
 
 @dataclass(frozen=True)
-class Field:
+class RecordedField:
     """Something that a recording holds under a name.
 
     Attributes:
@@ -61,7 +61,7 @@ class Field:
 class Pick:
     """One column: a field, and where in it; None stands for the axis of the samples."""
 
-    field: Field
+    field: RecordedField
     at: tuple[int | None, ...]
 
     @property
@@ -80,7 +80,7 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def find(fields: Sequence[Field], address: str) -> tuple[Field, str] | None:
+def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, str] | None:
     """The field that an address names, and what stands in its last brackets; None if there is none.
 
     A name that has brackets itself goes before an element; `.` and `/` stand for each other, and
@@ -102,7 +102,7 @@ def find(fields: Sequence[Field], address: str) -> tuple[Field, str] | None:
 
 
 def locate(
-    fields: Sequence[Field], addresses: Sequence[str], where: str, cure: str = ""
+    fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str = ""
 ) -> list[Pick]:
     """The columns that addresses name, all of one length.
 
@@ -134,13 +134,13 @@ def locate(
     return picks
 
 
-def listing(fields: Sequence[Field]) -> str:
+def listing(fields: Sequence[RecordedField]) -> str:
     """What a recording holds, for a message, shortened where it is a lot."""
     more = f" and {len(fields) - 20} more" if len(fields) > 20 else ""
     return ", ".join(str(field) for field in fields[:20]) + more
 
 
-def near(fields: Sequence[Field], address: str) -> str:
+def near(fields: Sequence[RecordedField], address: str) -> str:
     """A name that an unknown address may be a slip of; empty if there is none."""
     match = _INDEXED.fullmatch(address)
     name = (match["base"] if match else address).lower()
@@ -159,8 +159,8 @@ def _key(name: str) -> str:
 
 
 def _found(
-    fields: Sequence[Field], addresses: Sequence[str], where: str, cure: str
-) -> list[tuple[Field, str]]:
+    fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str
+) -> list[tuple[RecordedField, str]]:
     found = [(address, find(fields, address)) for address in addresses]
     missing = [address for address, match in found if match is None]
     if missing:
@@ -185,7 +185,7 @@ def _found(
 
 
 def _index(
-    field: Field, inner: str, samples: int | None, address: str, where: str
+    field: RecordedField, inner: str, samples: int | None, address: str, where: str
 ) -> tuple[int | None, ...]:
     """Where in a field a column is."""
     if not field.shape:
@@ -209,7 +209,7 @@ def _index(
     )
 
 
-def _sample_axis(field: Field, samples: int | None) -> int:
+def _sample_axis(field: RecordedField, samples: int | None) -> int:
     """The axis that is as long as time; without time the longest one."""
     fitting = [a for a, size in enumerate(field.shape) if size in (None, samples)]
     if fitting:
@@ -218,7 +218,7 @@ def _sample_axis(field: Field, samples: int | None) -> int:
     return sizes.index(max(sizes))
 
 
-def _number(field: Field, inner: str, count: int, where: str) -> int:
+def _number(field: RecordedField, inner: str, count: int, where: str) -> int:
     """The number of a column among so many."""
     text = inner.strip(" '\"")
     if text in field.labels:
@@ -241,7 +241,7 @@ def _number(field: Field, inner: str, count: int, where: str) -> int:
     return number
 
 
-def _as_written(field: Field, inner: str, where: str) -> tuple[int | None, ...]:
+def _as_written(field: RecordedField, inner: str, where: str) -> tuple[int | None, ...]:
     """An index that names every axis, such as `:,0`."""
     parts = [part.strip() for part in inner.split(",")]
     numbers = [part[:9] for part in parts if part.isdecimal()]
@@ -253,7 +253,7 @@ def _as_written(field: Field, inner: str, where: str) -> tuple[int | None, ...]:
     return at
 
 
-def _refused(what: str, field: Field, where: str) -> RecordingError:
+def _refused(what: str, field: RecordedField, where: str) -> RecordingError:
     example = ",".join([":", *"0" * (max(len(field.shape), 2) - 1)])
     return RecordingError(
         what,

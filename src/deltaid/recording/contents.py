@@ -15,7 +15,7 @@ from deltaid.recording.proposed_mapping import (
     count_drives,
     proposed_mapping,
 )
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import RobotLike, described
 
@@ -109,7 +109,7 @@ def read_contents(
     return Contents(found, rows, proposed_mapping(found, linear, known), warnings)
 
 
-def proposal_for(table: Table, linear: Sequence[bool]) -> MappingProposal:
+def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
     """The mapping that is proposed for a table that is open, by its first rows; by names alone
     where these find no positions.
 
@@ -122,7 +122,7 @@ def proposal_for(table: Table, linear: Sequence[bool]) -> MappingProposal:
     return proposed_mapping(_columns_of(table, _DECIDING)[0], linear)
 
 
-def _columns_of(table: Table, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
+def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
     """All columns with the range of their numbers, and how many rows were read."""
     plain = addresses(table.fields, table.units)
     numbers, count = _with_ranges(table, [column for column in plain if not column.is_date], rows)
@@ -130,7 +130,7 @@ def _columns_of(table: Table, rows: int | None = None) -> tuple[tuple[Column, ..
     return tuple(read.get(column.address, column) for column in plain), count
 
 
-def _begins_with_numbers(table: Table, name: str) -> bool:
+def _begins_with_numbers(table: LogTable, name: str) -> bool:
     try:
         rows = next(iter(table.rows([name])), None)
     except DeltaidError:
@@ -139,7 +139,7 @@ def _begins_with_numbers(table: Table, name: str) -> bool:
 
 
 def _with_ranges(
-    table: Table, columns: Sequence[Column], most: int | None
+    table: LogTable, columns: Sequence[Column], most: int | None
 ) -> tuple[Sequence[Column], int]:
     """Columns with the range of their numbers, and the number of rows; of so many rows at most.
 
@@ -156,7 +156,7 @@ def _with_ranges(
 
 
 def _with_ranges_together(
-    table: Table, columns: Sequence[Column], most: int | None
+    table: LogTable, columns: Sequence[Column], most: int | None
 ) -> tuple[list[Column], int]:
     low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
     start: list[list[np.ndarray]] = [[] for _ in columns]

@@ -5,7 +5,7 @@ from typing import Any
 
 import polars as pl
 
-from deltaid.recording.address import Field, Pick
+from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.source import Rows
 from deltaid.recording.time.seconds import is_clock
 
@@ -15,7 +15,7 @@ _DataType = Any
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 
-def fields_of(frame: pl.LazyFrame) -> tuple[Field, ...]:
+def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
     """What a table holds; entries of structs under names of their own, such as `pose.x`.
 
     Reads one row, for the lengths of lists, and for text that is a time.
@@ -76,24 +76,24 @@ def _needs_a_look(kind: _DataType) -> bool:
     return isinstance(kind, pl.List | pl.String)
 
 
-def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Field]:
+def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[RecordedField]:
     if isinstance(kind, pl.Struct):
         for entry in kind.fields:
             inner = first.struct.field(entry.name) if first is not None else None
             yield from _fields(f"{name}.{entry.name}", entry.dtype, inner)
     elif isinstance(kind, pl.List) and _is_number(kind.inner):
         size = first.list.len().item() if first is not None and len(first) else 0
-        yield Field(name, (None, size or 0))
+        yield RecordedField(name, (None, size or 0))
     elif isinstance(kind, pl.Array) and _is_number(kind.inner):
-        yield Field(name, (None, *kind.shape))
+        yield RecordedField(name, (None, *kind.shape))
     elif isinstance(kind, pl.Datetime | pl.Time) or _is_clock(kind, first):
-        yield Field(name, is_clock=True)
+        yield RecordedField(name, is_clock=True)
     elif _is_number(kind):
-        yield Field(name, is_duration=isinstance(kind, pl.Duration))
+        yield RecordedField(name, is_duration=isinstance(kind, pl.Duration))
     elif isinstance(kind, pl.Boolean):
-        yield Field(name, is_truth=True)
+        yield RecordedField(name, is_truth=True)
     else:
-        yield Field(name, holds=str(kind))
+        yield RecordedField(name, holds=str(kind))
 
 
 def _is_clock(kind: _DataType, first: pl.Series | None) -> bool:

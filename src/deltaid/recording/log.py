@@ -13,7 +13,7 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.excerpt import Excerpt, Kept
 from deltaid.recording.masks.masks import Mask, Weights
 from deltaid.recording.masks.stale import bridged
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import Batch, read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.clock_doubts import doubts_about_holes
@@ -49,7 +49,7 @@ class Log(Shown):
         held: what is read in the place of its rows; None for these.
     """
 
-    table: Table
+    table: LogTable
     columns: Columns
     sha256: str
     samples: int

@@ -25,7 +25,7 @@ from deltaid.recording.arrays import (
 )
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Rows, Table, first_line
+from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line
 from deltaid.shown import Plotted, Shown, Tabled
 
 
@@ -45,7 +45,7 @@ class Recording(Shown, Plotted, Tabled):
 
     Made by `Recording.from_arrays`, or from a table to give it a name by `Recording.from_table`. It
     is the raw data: what `Identification.recordings` holds are logs that were checked, each with
-    its filter (`deltaid.recording.recording.Recording`).
+    its filter (`deltaid.recording.recording.PreparedRecording`).
 
     Attributes:
         table: the numbers.
@@ -53,7 +53,7 @@ class Recording(Shown, Plotted, Tabled):
         drives: how many drives the arrays are of; None for a table, which may have more columns.
     """
 
-    table: Table
+    table: LogTable
     mapping: ColumnMapping | None = None
     drives: int | None = None
 
@@ -191,20 +191,20 @@ def as_sources(given: object) -> list[Path | Recording]:
 
 
 @dataclass(frozen=True, eq=False)
-class FrameTable(Table):
+class FrameTable(LogTable):
     """A table in memory."""
 
     frame: pl.DataFrame = field(repr=False)
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `Table.rows`."""
+        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins = self.picks(columns), dict[str, int]()
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
             yield rows_of(part, picks, origins)
 
     @property
     def cure_of_missing(self) -> str:
-        """As in `Table`, for who is in Python."""
+        """As in `LogTable`, for who is in Python."""
         return (
             "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
             "q, tau, or say which is which: columns=deltaid.ColumnMapping(…)"

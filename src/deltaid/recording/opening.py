@@ -22,7 +22,7 @@ from deltaid.recording.masks.runs import runs_of
 from deltaid.recording.masks.search import timed
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.resolution import extra_drives, resolve_columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import open_table, read_batches
@@ -115,7 +115,7 @@ def open_log(
 
 def resolved_table(
     source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
-) -> tuple[Table, Columns, ColumnMapping]:
+) -> tuple[LogTable, Columns, ColumnMapping]:
     """A recording's table, which of its columns are what, and the mapping that decided it.
 
     Without a mapping and default names, columns that are found with certainty are used, and the
@@ -153,8 +153,8 @@ def resolved_table(
 
 
 def _found(
-    table: Table, linear: tuple[bool, ...], error: RecordingError
-) -> tuple[Table, ColumnMapping]:
+    table: LogTable, linear: tuple[bool, ...], error: RecordingError
+) -> tuple[LogTable, ColumnMapping]:
     """The table with a warning, and the mapping of columns that are found with certainty.
 
     Raises:

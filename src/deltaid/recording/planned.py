@@ -15,7 +15,7 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
-from deltaid.recording.recording import Beyond, Recording, with_filter
+from deltaid.recording.recording import Beyond, PreparedRecording, with_filter
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.windows import reach
 
@@ -129,7 +129,7 @@ class PlanEnds:
         )
 
 
-def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) -> Recording:
+def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) -> PreparedRecording:
     """A planned motion with its filter over positions, and with rows beyond its ends.
 
     Rows of torques are not filtered: of each row of the plan that the filter reaches there is one.
@@ -173,10 +173,10 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
     before = _before(ends, first, period) if periodic or rests[0] else None
     after = _after(ends, last, period) if periodic or rests[1] else None
-    return replace(Recording(log, low_pass), beyond=Beyond(before, after))
+    return replace(PreparedRecording(log, low_pass), beyond=Beyond(before, after))
 
 
-def still_speed(recording: Recording) -> Drives:
+def still_speed(recording: PreparedRecording) -> Drives:
     """The speed of each drive below which a plan of positions does not show that it moves.
 
     Friction of a drive at rest would follow the sign of what rounding and steps of positions leave
@@ -206,7 +206,7 @@ def _only_motion(low_pass: LowPass) -> LowPass:
     return replace(low_pass, smooth=np.ones(1), decimation=1)
 
 
-def _unfiltered_rows(recording: Recording) -> Recording:
+def _unfiltered_rows(recording: PreparedRecording) -> PreparedRecording:
     low_pass = recording.low_pass
     return recording if low_pass is None else replace(recording, low_pass=_only_motion(low_pass))
 

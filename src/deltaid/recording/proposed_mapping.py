@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from deltaid.recording.address import Field
+from deltaid.recording.address import RecordedField
 from deltaid.recording.column_names import Group, Reading, groups_of, kind_of, read_name, unit_of
 from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
 from deltaid.recording.column_words import QUANTITIES as WORDS
@@ -58,7 +58,7 @@ class Column:
         return self.low is not None and self.low == self.high
 
 
-def addresses(fields: Sequence[Field], units: Mapping[str, str]) -> list[Column]:
+def addresses(fields: Sequence[RecordedField], units: Mapping[str, str]) -> list[Column]:
     """All columns that a mapping may name; of a short array each one."""
     found: list[Column] = []
     for entry in fields:

@@ -14,7 +14,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
 from deltaid.recording.columns import Columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.table import Batch
 
@@ -83,7 +83,7 @@ class ReachCheck:
         nearest, farthest: lowest and highest of the platform's coordinates so far [m].
     """
 
-    def __init__(self, table: Table, columns: Columns, kinematics: Kinematics) -> None:
+    def __init__(self, table: LogTable, columns: Columns, kinematics: Kinematics) -> None:
         self.table, self.columns, self.kinematics = table, columns, kinematics
         self.nearest, self.farthest = np.full(3, np.inf), np.full(3, -np.inf)
         self.branch = BranchCheck(kinematics)

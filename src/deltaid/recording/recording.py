@@ -45,7 +45,7 @@ class Beyond:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording(Shown):
+class PreparedRecording(Shown):
     """A log that may be computed with.
 
     Attributes:
@@ -97,25 +97,25 @@ class Recording(Shown):
         shortest = reach(self.low_pass) + 1 if self.low_pass else 1
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), shortest)
 
-    def excerpted(self) -> "Recording":
+    def excerpted(self) -> "PreparedRecording":
         """The same with an excerpt, for which it is read once."""
         log = self.log
         segments = log.segments(self.motion_cutoff)
         found = excerpt(segments, log.columns, log.samples, log.rate, self.low_pass)
         return replace(self, excerpt=found)
 
-    def repaired(self, **repairs: Any) -> "Recording":
+    def repaired(self, **repairs: Any) -> "PreparedRecording":
         """The same with other fields of its repairs."""
         return replace(self, repairs=replace(self.repairs, **repairs))
 
     @property
-    def brief(self) -> "Recording":
+    def brief(self) -> "PreparedRecording":
         """Its excerpt as a recording; all of it, where it has none."""
         if self.excerpt is None:
             return self
         return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
 
-    def sparser(self, windows: int) -> "Recording":
+    def sparser(self, windows: int) -> "PreparedRecording":
         """The same with no fewer than so many of its windows, evenly spread, and few more."""
         return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
@@ -186,7 +186,7 @@ class Recording(Shown):
             noise = self.log.position_noise * self.low_pass.speed_gain
         return Directions(1 / self.log.rate, noise, self.repairs.smear(self.log.rate))
 
-    def changed(self, cutoff: float | None, **log: Any) -> "Recording":
+    def changed(self, cutoff: float | None, **log: Any) -> "PreparedRecording":
         """The same with another filter, repairs kept; fields of its log may change as well.
 
         Raises:
@@ -223,7 +223,7 @@ def open_recordings(
     progress: Callable[[str], None] = lambda _: None,
     *,
     keep_all: bool = False,
-) -> list[Recording]:
+) -> list[PreparedRecording]:
     """Survey one or several recordings and choose a filter for each.
 
     Args:
@@ -237,7 +237,7 @@ def open_recordings(
         raise RecordingError(
             "no log was given", where="logs", cure="give at least one recording: a file or a table"
         )
-    recordings: list[Recording] = []
+    recordings: list[PreparedRecording] = []
     for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
@@ -254,14 +254,14 @@ def open_recordings(
     return recordings
 
 
-def with_filter(log: Log, cutoff: float | None = None) -> Recording:
+def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     """A log with its filter: none if velocities and accelerations are recorded, unless asked for.
 
     Raises:
         RecordingError: the log is too short, or the cut-off does not go with its rate.
     """
     if cutoff is None and log.has_derivatives:
-        return Recording(log.cut_at(None, 1), None)
+        return PreparedRecording(log.cut_at(None, 1), None)
     cutoff = cutoff or log.suggested_cutoff
     # Before the design, because a tiny cut-off asks for an endless filter.
     needed = (
@@ -280,4 +280,4 @@ def with_filter(log: Log, cutoff: float | None = None) -> Recording:
     low_pass = design_low_pass(cutoff, log.rate, motion_cutoff=log.motion_cutoff or 0.0)
     masks = before_stops(log.masks, low_pass.motion_cutoff, log.rate)
     log = log if masks == log.masks else replace(log, masks=masks)
-    return Recording(log.cut_at(low_pass.motion_cutoff, reach(low_pass) + 1), low_pass)
+    return PreparedRecording(log.cut_at(low_pass.motion_cutoff, reach(low_pass) + 1), low_pass)

@@ -9,7 +9,7 @@ from deltaid.recording.columns import Channel, Columns, TimeChannel
 from deltaid.recording.mapped_columns import AllDrives, DriveColumn
 from deltaid.recording.mapping import DATES, QUANTITIES, SHORT_NAMES, TIMES, ColumnMapping, Quantity
 from deltaid.recording.sensor_resolution import Sensors, sensor_columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor
 
 # SI units of drives that turn and that slide.
@@ -20,7 +20,7 @@ _CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, 273.15), "degF": (5 / 9, 32.0)}
 
 
 def resolve_columns(
-    table: Table,
+    table: LogTable,
     linear: tuple[bool, ...],
     mapping: ColumnMapping | None = None,
     sensors: Sensors | None = None,
@@ -77,7 +77,7 @@ def si_unit(quantity: Quantity, *, linear: bool) -> str:
     return (_SLIDING if linear else _TURNING)[quantity]
 
 
-def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
+def extra_drives(table: LogTable, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of a drive that the robot does not have."""
     used = {channel.column for channel in columns.all}
     names = [f"{SHORT_NAMES[quantity]}{dof + 1}" for quantity in QUANTITIES]
@@ -86,7 +86,7 @@ def extra_drives(table: Table, columns: Columns, dof: int) -> list[str]:
     return found + [name for name in arrays if _is_there(table, columns.time.column, name)]
 
 
-def _is_there(table: Table, *names: str) -> bool:
+def _is_there(table: LogTable, *names: str) -> bool:
     try:
         table.picks(names)
     except RecordingError:
@@ -94,7 +94,7 @@ def _is_there(table: Table, *names: str) -> bool:
     return True
 
 
-def _time(table: Table, mapping: ColumnMapping) -> TimeChannel:
+def _time(table: LogTable, mapping: ColumnMapping) -> TimeChannel:
     name, unit, place = mapping.time.column, mapping.time.unit, f"{mapping.source}, time.unit"
     declared, rate = mapping.time.model_fields_set, mapping.time.rate
     if rate is not None and mapping.time.is_absent:
@@ -132,7 +132,7 @@ def _default_names(quantity: Quantity, dof: int) -> list[str]:
 
 
 def _under_default_names(
-    quantity: Quantity, table: Table, linear: tuple[bool, ...]
+    quantity: Quantity, table: LogTable, linear: tuple[bool, ...]
 ) -> tuple[Channel, ...]:
     names, short = _default_names(quantity, len(linear)), SHORT_NAMES[quantity]
     if not any(name in table.header for name in names):
@@ -218,7 +218,7 @@ def _require_numbers(picks: list[Pick], states: int, where: str) -> None:
             )
 
 
-def _require_once(names: list[str], table: Table, source: str) -> None:
+def _require_once(names: list[str], table: LogTable, source: str) -> None:
     for name in names:
         if table.header.count(name) > 1:
             raise RecordingError(

@@ -10,7 +10,7 @@ from deltaid.recording.address import find
 from deltaid.recording.columns import Channel, SensorChannels
 from deltaid.recording.mapped_columns import SensorColumns
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor
 from deltaid.robot.sensor_channels import SensorChannel
 
@@ -19,7 +19,7 @@ Sensors = Mapping[str, tuple[SensorChannel, ...]]
 
 
 def sensor_columns(
-    table: Table, sensors: Sensors, mapping: ColumnMapping
+    table: LogTable, sensors: Sensors, mapping: ColumnMapping
 ) -> tuple[SensorChannels, ...]:
     """The channels of the sensors that a log has, in the order of the description.
 
@@ -56,7 +56,9 @@ def sensor_columns(
     return tuple(found)
 
 
-def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tuple[Channel, ...]:
+def _by_default(
+    table: LogTable, name: str, shown: tuple[SensorChannel, ...]
+) -> tuple[Channel, ...]:
     names = [number.name for number in shown]
     there = [find(table.fields, column) is not None for column in names]
     if not any(there):
@@ -79,7 +81,7 @@ def _by_default(table: Table, name: str, shown: tuple[SensorChannel, ...]) -> tu
 
 
 def _declared(
-    table: Table, given: SensorColumns, shown: tuple[SensorChannel, ...], where: str
+    table: LogTable, given: SensorColumns, shown: tuple[SensorChannel, ...], where: str
 ) -> tuple[Channel, ...]:
     count = len(shown)
     names = given.names(count)
@@ -113,7 +115,9 @@ def _each(given: _Each | tuple[_Each, ...], count: int, where: str) -> tuple[_Ea
     return given
 
 
-def _scale(unit: str | None, column: str, shown: SensorChannel, table: Table, where: str) -> float:
+def _scale(
+    unit: str | None, column: str, shown: SensorChannel, table: LogTable, where: str
+) -> float:
     """What a column's numbers are to be multiplied by to become SI."""
     if unit is None:
         where = f"{table.header_place}, unit of {column}"

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.errors import Doubt, RecordingError, quoted
-from deltaid.recording.address import Field, Pick, locate, printable
+from deltaid.recording.address import Pick, RecordedField, locate, printable
 
 Column = pl.Series | np.ndarray
 # Rows that are read or looked at together, unless a file has pieces of its own.
@@ -40,7 +40,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Table(ABC):
+class LogTable(ABC):
     """A log that was opened: where it is, what it holds, and how to read it.
 
     Each kind of file has a class of its own, which may hold more about the layout.
@@ -55,7 +55,7 @@ class Table(ABC):
     """
 
     path: Path
-    fields: tuple[Field, ...]
+    fields: tuple[RecordedField, ...]
     first_row: int = field(default=1, kw_only=True)
     units: dict[str, str] = field(default_factory=dict[str, str], kw_only=True)
     warnings: tuple[Doubt, ...] = field(default=(), kw_only=True)

@@ -10,7 +10,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns
 from deltaid.recording.masks.search import Found, LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen, Stretch
-from deltaid.recording.source import BATCH_ROWS, Table
+from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import Batch, recut
@@ -27,7 +27,7 @@ _JUMP = 0.75 * 2 * np.pi
 class Survey:
     """Running state of the first pass. Add all batches in order, then `finish`."""
 
-    def __init__(self, table: Table, columns: Columns, kinematics: Kinematics) -> None:
+    def __init__(self, table: LogTable, columns: Columns, kinematics: Kinematics) -> None:
         self.table, self.columns, self.kinematics = table, columns, kinematics
         self.last_q: np.ndarray | None = None
         self.low, self.high = np.array(np.inf), np.array(-np.inf)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.drive_limits import DriveLimits
 
@@ -106,7 +106,7 @@ def _is_alike(scale: float) -> bool:
 class Bounds:
     """The largest magnitude of each channel but those beside the drives, as in `Columns.all`."""
 
-    def __init__(self, table: Table, columns: Columns, robot: RobotDescription) -> None:
+    def __init__(self, table: LogTable, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
         largest, units = [_LONGEST], ["s"]
         parts = (columns.position, columns.velocity, columns.acceleration, columns.torque)
@@ -145,7 +145,7 @@ class Bounds:
 class SensorCheck:
     """Running check; `add` all rows, then `require` and ask for `doubts`."""
 
-    def __init__(self, table: Table, columns: Columns) -> None:
+    def __init__(self, table: LogTable, columns: Columns) -> None:
         self._table, self._places = table, columns.sensor_places
         self._named = [(s.name, c.column) for s in columns.sensors for c in s.channels]
         self._empty = np.zeros(len(self._named), dtype=np.int64)

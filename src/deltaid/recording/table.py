@@ -16,7 +16,7 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.formats.stream import content, packed_by
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Column, Rows, Table
+from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows
 from deltaid.recording.time.seconds import Seconds
 from deltaid.recording.time.unwrap import Unwrapping
 
@@ -42,7 +42,7 @@ class Batch:
     values: Float[np.ndarray, "rows channels"]
 
 
-def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
+def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
     """Find out what kind of file a log is, by its signature or else by its name, and open it.
 
     Args:
@@ -77,7 +77,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> Table:
 
 
 def read_batches(
-    table: Table, columns: Columns, unwrapping: Unwrapping | None = None
+    table: LogTable, columns: Columns, unwrapping: Unwrapping | None = None
 ) -> Iterator[Batch]:
     """The rows of a log in SI units, batch by batch.
 
@@ -97,7 +97,7 @@ def read_batches(
 
 
 def _in_si(
-    table: Table, columns: Columns, unwrapping: Unwrapping
+    table: LogTable, columns: Columns, unwrapping: Unwrapping
 ) -> Iterator[Float[np.ndarray, "rows channels"]]:
     row, seconds, time = table.first_row, Seconds(), columns.time
     for rows in table.rows([channel.column for channel in columns.recorded]):
@@ -112,7 +112,7 @@ def _in_si(
         row += rows.size
 
 
-def _require_whole(table: Table, column: str, rows: Rows, row: int) -> None:
+def _require_whole(table: LogTable, column: str, rows: Rows, row: int) -> None:
     numbers = rows.numbers[0]
     values = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
     broken = np.flatnonzero(np.isfinite(values) & (values != np.round(values)))
@@ -126,7 +126,7 @@ def _require_whole(table: Table, column: str, rows: Rows, row: int) -> None:
 
 
 def to_si(
-    table: Table, columns: Columns, rows: Rows, row: int, unwrapping: Unwrapping
+    table: LogTable, columns: Columns, rows: Rows, row: int, unwrapping: Unwrapping
 ) -> Float[np.ndarray, "rows channels"]:
     """Consecutive rows in SI units.
 

@@ -26,7 +26,7 @@ Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class SampleBlock:
     """Consecutive samples in rows, evenly spaced.
 
     Attributes:
@@ -47,9 +47,9 @@ class Samples:
     extra: Float[np.ndarray, "samples extra"]
     carried: Float[np.ndarray, "samples dof"]
 
-    def part(self, which: slice) -> "Samples":
+    def part(self, which: slice) -> "SampleBlock":
         """Some of the samples."""
-        return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
+        return SampleBlock(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels (channels, samples) times the weights of the drives that they belong to.
@@ -81,13 +81,13 @@ class Window:
     """
 
     start: int
-    own: Samples
-    wide: Samples
+    own: SampleBlock
+    wide: SampleBlock
     low_pass: LowPass | None
     off: Float[np.ndarray, "wide dof"]
     turning: Int[np.ndarray, " torques"]
 
-    def filtered(self, of: Callable[[Samples], Values]) -> Values:
+    def filtered(self, of: Callable[[SampleBlock], Values]) -> Values:
         """The low-pass over something that follows from samples, thinned as the cut-off allows.
 
         Args:
@@ -146,7 +146,7 @@ class Window:
         """Every how many own samples `filtered` gives one, beginning with the first."""
         return self.low_pass.thinned if self.low_pass else 1
 
-    def _parts(self) -> Iterator[Samples]:
+    def _parts(self) -> Iterator[SampleBlock]:
         """`wide` in parts of which the first stage makes consecutive samples."""
         assert self.low_pass is not None
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
@@ -224,7 +224,7 @@ class Uncut:
         qd: np.ndarray,
         qdd: np.ndarray,
         weights: np.ndarray,
-    ) -> Samples:
+    ) -> SampleBlock:
         """Samples of some motion, which begins with a row of its own."""
         z, _ = self.kinematics.forward_unchecked(q)
         rows = slice(first, first + len(q))
@@ -237,11 +237,11 @@ class Uncut:
         if self.burden is not None:
             carried = self.burden.torques(time, z, qd, qdd, extra)
             tau = tau - carried if tau.size else tau
-        return Samples(time, z, qd, qdd, tau, weights, extra, carried)
+        return SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
 
 
 def _lost(
-    samples: Samples, weights: Float[np.ndarray, "rows torques"]
+    samples: SampleBlock, weights: Float[np.ndarray, "rows torques"]
 ) -> Int[np.ndarray, " torques"]:
     """How many samples have lost the weight that their rows have in the log."""
     before = weights[: len(samples.time)]

@@ -145,7 +145,7 @@ class Claim:
     words: str
     place: str
 
-    def of(self, found: Accuracy) -> float:
+    def value_of(self, found: Accuracy) -> float:
         """The same quantity of one of our results, the largest over all drives."""
         return _QUANTITIES[self.quantity](found)
 

@@ -25,7 +25,7 @@ from deltaid.motion.excitation.run import Run
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
-from deltaid.recording.recording import Recording, open_recordings
+from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.reproduce.irb360_result import (
     Candidate,
     Irb360,
@@ -172,7 +172,7 @@ def _retuned(candidate: Candidate) -> Parameters:
     return p
 
 
-def _verify(candidate: Candidate, recording: Recording) -> Verified:
+def _verify(candidate: Candidate, recording: PreparedRecording) -> Verified:
     parts = list(predict(compiled(candidate.robot), candidate.p, recording))
     error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
     predicted = np.vstack([part.filtered_predicted for part in parts])
@@ -180,7 +180,9 @@ def _verify(candidate: Candidate, recording: Recording) -> Verified:
     return Verified(np.sqrt(np.mean(error**2, axis=0)), predicted[rows])
 
 
-def _track(run: Run, settings: Irb360Settings, scene: _Scene, recording: Recording) -> Track:
+def _track(
+    run: Run, settings: Irb360Settings, scene: _Scene, recording: PreparedRecording
+) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
     parts, thinned = list(predict(scene.dynamics, scene.truth, recording)), recording.thinned
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))

@@ -35,14 +35,14 @@ from deltaid.reproduce.accuracy import (
     sweep,
 )
 from deltaid.reproduce.descent import Descents, descend
-from deltaid.reproduce.surrogate_result import Fit, Reproduction, SurrogateSettings, Sweep
+from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit, SurrogateSettings, Sweep
 from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
 
 @dataclass(frozen=True)
-class _Scene:
+class _SharedScene:
     """What all fits share."""
 
     dynamics: Dynamics
@@ -80,7 +80,7 @@ def reproduce_surrogate(
                 rate=settings.rate,
                 noise=SensorNoise(settings.torque_noise) if noisy else None,
             )
-    scene = _Scene(
+    scene = _SharedScene(
         dynamics=dynamics,
         truth=truth,
         identification=drive_motion(dynamics, run, _times(run, settings)),
@@ -135,12 +135,12 @@ def _period(dynamics: Dynamics, run: Run, points: int) -> DriveMotion:
 
 
 def _fits(
-    scene: _Scene,
+    scene: _SharedScene,
     priors: dict[str, RobotDescription],
     recordings: dict[str, pl.DataFrame],
     settings: SurrogateSettings,
     progress: Progress,
-) -> tuple[Fit, ...]:
+) -> tuple[SurrogateFit, ...]:
     fits = []
     with TemporaryDirectory() as folder:
         for noisy in (False, True):
@@ -155,15 +155,21 @@ def _fits(
 
 
 def _fit(
-    scene: _Scene, prior: str, robot: RobotDescription, log: Path, *, noisy: bool, method: Method
-) -> Fit:
+    scene: _SharedScene,
+    prior: str,
+    robot: RobotDescription,
+    log: Path,
+    *,
+    noisy: bool,
+    method: Method,
+) -> SurrogateFit:
     began = time.perf_counter()
     result = identify(
         robot, [log], settings=Settings(method=method, friction="described", effects="none")
     )
     seconds = time.perf_counter() - began
     p = result.model.p
-    return Fit(
+    return SurrogateFit(
         prior=prior,
         noisy=noisy,
         method=method,
@@ -176,7 +182,10 @@ def _fit(
 
 
 def _descents(
-    scene: _Scene, fits: tuple[Fit, ...], settings: SurrogateSettings, progress: Progress
+    scene: _SharedScene,
+    fits: tuple[SurrogateFit, ...],
+    settings: SurrogateSettings,
+    progress: Progress,
 ) -> dict[str, Descents]:
     """All minimisers on the recording without noise, from either prior."""
     descents = {}
@@ -190,12 +199,15 @@ def _descents(
     return descents
 
 
-def _judged(scene: _Scene, reduction: Reduction, x: np.ndarray) -> Accuracy:
+def _judged(scene: _SharedScene, reduction: Reduction, x: np.ndarray) -> Accuracy:
     return accuracy(scene.dynamics, scene.period, scene.truth, reduction.parameters(x))
 
 
 def _sweeps(
-    scene: _Scene, fits: tuple[Fit, ...], settings: SurrogateSettings, progress: Progress
+    scene: _SharedScene,
+    fits: tuple[SurrogateFit, ...],
+    settings: SurrogateSettings,
+    progress: Progress,
 ) -> tuple[Sweep, ...]:
     sweeps = []
     for fit in fits:

@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.identification.demo import mass_reference
 from deltaid.reproduce.accuracy import CLAIMS, MotionTerms
-from deltaid.reproduce.surrogate_result import Fit, Reproduction
+from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit
 from deltaid.view import style
 from deltaid.view.page import Figure
 
@@ -150,7 +150,7 @@ def sweep_figure(result: Reproduction) -> Figure:
             own = {"legendgroup": sweep.prior, "showlegend": row == 1 and not sweep.noisy}
             figure.add_scatter(
                 x=[point.gamma for point in sweep.points],
-                y=[100 * claim.of(point.accuracy) for point in sweep.points],
+                y=[100 * claim.value_of(point.accuracy) for point in sweep.points],
                 name=f"from {sweep.prior}",
                 mode="lines+markers",
                 line={"color": _COLOR[sweep.prior], "width": 1.6},
@@ -161,7 +161,7 @@ def sweep_figure(result: Reproduction) -> Figure:
             fit = result.fit(sweep.prior, noisy=sweep.noisy)
             figure.add_scatter(
                 x=[fit.identification.model.fit.gamma],
-                y=[100 * claim.of(fit.accuracy)],
+                y=[100 * claim.value_of(fit.accuracy)],
                 name=f"γ by the rule, {sweep.prior}",
                 mode="markers",
                 marker={"color": _COLOR[sweep.prior], "size": 12, "symbol": "star"},
@@ -184,7 +184,7 @@ def sweep_figure(result: Reproduction) -> Figure:
     )
 
 
-def _pictured(result: Reproduction) -> tuple[Fit, ...]:
+def _pictured(result: Reproduction) -> tuple[SurrogateFit, ...]:
     """The certified fits, those without noise first."""
     return tuple(fit for fit in result.fits if fit.certified)
 
@@ -192,7 +192,7 @@ def _pictured(result: Reproduction) -> tuple[Fit, ...]:
 def _line(
     figure: go.Figure,
     result: Reproduction,
-    fit: Fit,
+    fit: SurrogateFit,
     values: np.ndarray,
     row: int,
     col: int,

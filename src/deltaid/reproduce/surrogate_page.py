@@ -11,7 +11,7 @@ from deltaid.reproduce.surrogate_figures import (
     torque_figure,
 )
 from deltaid.reproduce.surrogate_minimisers import minimisers_section
-from deltaid.reproduce.surrogate_result import FILES, REPORT, Fit, Reproduction
+from deltaid.reproduce.surrogate_result import FILES, REPORT, Reproduction, SurrogateFit
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 
@@ -47,13 +47,13 @@ def comparison_rows(result: Reproduction) -> Rows:
     """The paper's numbers beside those of the certified fits, the largest of all drives."""
     fits = [f for f in result.fits if f.certified]
     rows = (
-        (claim.quantity, claim.words, *(percent(claim.of(fit.accuracy)) for fit in fits))
+        (claim.quantity, claim.words, *(percent(claim.value_of(fit.accuracy)) for fit in fits))
         for claim in CLAIMS
     )
     return tuple(rows)
 
 
-def _name(fit: Fit) -> str:
+def _name(fit: SurrogateFit) -> str:
     return f"{identified(fit.prior)} {'noise' if fit.noisy else 'clean'}"
 
 
@@ -61,7 +61,7 @@ def _facts(result: Reproduction) -> tuple[Fact, ...]:
     clean = [result.fit(prior, noisy=False) for prior in result.priors]
     noisy = [result.fit(prior, noisy=True) for prior in result.priors]
 
-    def worst(fits: list[Fit], of: str) -> str:
+    def worst(fits: list[SurrogateFit], of: str) -> str:
         return percent(max(getattr(fit.accuracy, of) for fit in fits))
 
     return (
@@ -157,7 +157,7 @@ def _shares(a: Accuracy) -> tuple[str, ...]:
     return tuple(percent(float(share)) for share in shares)
 
 
-def _effort(fit: Fit) -> tuple[str, ...]:
+def _effort(fit: SurrogateFit) -> tuple[str, ...]:
     reached = fit.identification.model.fit
     return (
         number(reached.objective),

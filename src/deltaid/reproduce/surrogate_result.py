@@ -84,7 +84,7 @@ QUICK = SurrogateSettings(
 
 
 @dataclass(frozen=True)
-class Fit:
+class SurrogateFit:
     """One identification and how far it is from the truth.
 
     Attributes:
@@ -149,12 +149,12 @@ class Reproduction:
     period: DriveMotion
     terms: MotionTerms
     recordings: dict[str, pl.DataFrame]
-    fits: tuple[Fit, ...]
+    fits: tuple[SurrogateFit, ...]
     descents: dict[str, Descents]
     sweeps: tuple[Sweep, ...]
     seconds: float
 
-    def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> Fit:
+    def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> SurrogateFit:
         """One of the fits."""
         wanted = (prior, noisy, method)
         return next(f for f in self.fits if (f.prior, f.noisy, f.method) == wanted)
@@ -217,7 +217,7 @@ def write_results(content: dict[str, Any], folder: Path) -> Path:
     return folder / RESULTS
 
 
-def model_name(fit: Fit) -> str:
+def model_name(fit: SurrogateFit) -> str:
     """File of an identified model: ID1 comes from RG1, ID2 from RG2."""
     return f"{fit.prior.replace('RG', 'ID')}{'-noisy' if fit.noisy else ''}.yaml"
 
@@ -264,7 +264,7 @@ def _motion(run: Run) -> dict[str, Any]:
     }
 
 
-def _fit(fit: Fit) -> dict[str, Any]:
+def _fit(fit: SurrogateFit) -> dict[str, Any]:
     reached = fit.identification.model.fit
     return {
         "prior": fit.prior,

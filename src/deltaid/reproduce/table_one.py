@@ -146,7 +146,7 @@ def _body(robot: RobotDescription, name: str, column: str) -> Body:
         p[4], p[6] = 2e-3, p[5]  # about x and z, which no torque shows
     if name == "P":
         p[4:7] *= p[0] / robot.bodies[name].reduced_prior()[0]
-    return robot.bodies[name].changed(prior=ExplicitInertia.of(p))
+    return robot.bodies[name].changed(prior=ExplicitInertia.from_parameters(p))
 
 
 # Mass [kg], first moment [kg m] and second moments ∫x², ∫y², ∫z² dm [kg m²] in the link frame.
@@ -175,7 +175,9 @@ def nominal_robot(robot: RobotDescription) -> RobotDescription:
     return robot.changed(
         name=f"{robot.name}-nominal",
         bodies={
-            name: robot.bodies[name].changed(prior=ExplicitInertia.of(_nominal(*values)))
+            name: robot.bodies[name].changed(
+                prior=ExplicitInertia.from_parameters(_nominal(*values))
+            )
             for name, values in _BODIES.items()
         },
         friction={j: Friction(viscous=v, coulomb=c) for j, (v, c) in _FRICTION.items()},
@@ -196,7 +198,7 @@ def regularisation(
     for body, given in nominal.bodies.items():
         G = np.diag(np.sqrt(rng.uniform(*share, 4)))
         prior = RigidBody(given.prior_parameters()).transformed(G).p
-        bodies[body] = given.changed(prior=ExplicitInertia.of(prior))
+        bodies[body] = given.changed(prior=ExplicitInertia.from_parameters(prior))
     friction = {
         joint: Friction(
             viscous=law.viscous * rng.uniform(*share), coulomb=law.coulomb * rng.uniform(*share)

@@ -65,7 +65,7 @@ class ExplicitInertia(Part):
         )
 
     @classmethod
-    def of(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
+    def from_parameters(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
         """A body from its ten inertia parameters."""
         m, x, y, z, *inertia = (float(value) for value in p)
         names = ("xx", "yy", "zz", "xy", "yz", "xz")

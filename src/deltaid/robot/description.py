@@ -46,7 +46,7 @@ class Spring(Part):
 
 
 @dataclass(frozen=True)
-class Turn:
+class TurnLimits:
     """Range of the tool's angle ψ [rad], largest speed [rad/s] and acceleration [rad/s²]."""
 
     low: float
@@ -205,16 +205,18 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return self.drives + platform + (("slide",) if self.telescope else ())
 
     @property
-    def turn(self) -> "Turn":
+    def turn(self) -> "TurnLimits":
         """Where the tool's angle ψ may go, and how fast."""
         p = self.mechanism or self.platform
         if self.platform_turns and not isinstance(p, RigidPlatform):
             low, high = np.deg2rad(p.angle_deg)
             speed, acceleration = np.deg2rad([p.speed_deg_s, p.acceleration_deg_s2])
-            return Turn(float(low), float(high), float(speed), float(acceleration))
+            return TurnLimits(float(low), float(high), float(speed), float(acceleration))
         limits = self.drive_limits.get("drive4") or DriveLimits()
         low, high = limits.range or (-np.pi, np.pi)
-        return Turn(low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf)
+        return TurnLimits(
+            low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf
+        )
 
     @property
     def task(self) -> Task:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from deltaid.robot.friction import Friction
 from deltaid.robot.joint_units import TURNING, JointUnits
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 
 # Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
 _REST = 1e-9
@@ -103,11 +103,13 @@ class FrictionTerm(ABC):
         return self.kind
 
     @property
-    def parameter(self) -> Parameter:
+    def parameter(self) -> PriorParameter:
         """Its coefficient as a parameter."""
         prior = 0.0 if self.low < 0 else self.size
         bounds = (self.low, self.high)
-        return Parameter("friction", self.joint, self.kind, self.unit, *bounds, prior, self.size)
+        return PriorParameter(
+            "friction", self.joint, self.kind, self.unit, *bounds, prior, self.size
+        )
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
         """What a law says of this term where its coefficient is another one."""

@@ -33,7 +33,7 @@ PRIOR_SPREAD = 0.5
 
 
 @dataclass(frozen=True)
-class Parameter:
+class PriorParameter:
     """One parameter of a robot and what is known of it before any recording.
 
     Attributes:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensor_channels import SensorChannel
 from deltaid.sensors.rows import Motion, SensorRows
 
@@ -54,7 +54,7 @@ class RowsAbout(SensorRows):
         return self.rows.channels
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return self.rows.parameters
 
     @property
@@ -113,7 +113,7 @@ class RowsAbout(SensorRows):
         return next((float(value) for unknown, value in own if unknown.symbol == "gain"), 0.0)
 
 
-def is_of_pose(parameter: Parameter) -> bool:
+def is_of_pose(parameter: PriorParameter) -> bool:
     """Whether a sensor's unknown is an error of its place or its axes."""
     return parameter.symbol.startswith(("position", "rotation"))
 

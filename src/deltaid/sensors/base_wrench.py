@@ -22,12 +22,12 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.force_parts import Part
+from deltaid.dynamics.force_parts import LoadedBody
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import fixed
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.rows import GraphRows, Shown, Unknown, wide_force, wide_moment
 from deltaid.sensors.weighings import rotation
@@ -77,7 +77,7 @@ class BaseWrenchRows(GraphRows):
         forces, origin = SpeedForces(robot, mechanism), ca.SX(ca.DM(self.sensor.position))
         force, moment = ca.SX(3, 1), ca.SX(3, 1)
         for body in mechanism.bodies:
-            part = Part(body, forces.wrench(body))
+            part = LoadedBody(body, forces.wrench(body))
             f = ca.densify(part.world_force)
             force += body.count * f
             moment += body.count * (part.world_moment + ca.cross(body.world_origin - origin, f))
@@ -91,9 +91,9 @@ class BaseWrenchRows(GraphRows):
         return mechanism.speeds.by_drives()(to_sensor @ ca.horzcat(columns, beside))
 
     @property
-    def moving(self) -> tuple[Parameter, ...]:
+    def moving(self) -> tuple[PriorParameter, ...]:
         """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
-        found, robot = list[Parameter](), self.dynamics.robot
+        found, robot = list[PriorParameter](), self.dynamics.robot
         for spin in self._spins:
             inertia, rail = robot.rotor_inertia[spin.drive], robot.is_linear(spin.drive)
             std = inertia / (2 * np.pi) if rail else inertia

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.geometry import Error, Shown, errors_by
-from deltaid.dynamics.grown import STEP, GrownDynamics, Places, grown_torques
+from deltaid.dynamics.grown import STEP, GrownDynamics, GrownPoses, grown_torques
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.rows import GraphRows
@@ -35,7 +35,7 @@ def sensor_errors(
     robot, own = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
     position, symbols = grown_torques(robot).position, grown_torques(robot).symbols
     rates = np.hstack([qd, qdd])
-    slopes = _SensorSlopes(rows, z, rates, values[:own], Places(position, z, symbols))
+    slopes = _SensorSlopes(rows, z, rates, values[:own], GrownPoses(position, z, symbols))
     return errors_by(robot, slopes)
 
 
@@ -47,7 +47,7 @@ class _SensorSlopes:
     z: Samples
     rates: Float[np.ndarray, "samples rates"]
     values: Float[np.ndarray, " columns"]
-    places: Places
+    places: GrownPoses
 
     @property
     def numbers(self) -> dict[str, tuple[int, ...]]:

@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensor_channels import SensorChannel, channels_of
 from deltaid.robot.sensors import Sensor
 
@@ -47,7 +47,7 @@ class SensorRows(ABC):
 
     @property
     @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         """Its unknowns u, of kind 'sensor'; `scale` · prior spread is what is known of each."""
 
     @property
@@ -83,7 +83,7 @@ class Unknown:
         column: its entries there, (channels, samples), from what was shown.
     """
 
-    parameter: Parameter
+    parameter: PriorParameter
     channels: tuple[int, ...]
     column: Callable[[Shown], np.ndarray]
 
@@ -114,7 +114,7 @@ class GraphRows(SensorRows):
         """[C, columns of `moving`] as a function of z, q̇ and q̈; one row a channel."""
 
     @property
-    def moving(self) -> tuple[Parameter, ...]:
+    def moving(self) -> tuple[PriorParameter, ...]:
         """Unknowns whose columns follow from the motion."""
         return ()
 
@@ -124,7 +124,7 @@ class GraphRows(SensorRows):
         """Unknowns whose columns do not follow from the motion alone."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[PriorParameter, ...]:
         return (*self.moving, *(unknown.parameter for unknown in self.still))
 
     @property
@@ -160,10 +160,10 @@ class GraphRows(SensorRows):
         kept = beyond_rounding(self.dynamics.kinematics, inputs, turned.nz[:])
         return BatchKernel(inputs, turned.nz[kept.tolist()]), (rows[kept], columns[kept])
 
-    def unknown(self, symbol: str, unit: str, std: float, prior: float = 0.0) -> Parameter:
+    def unknown(self, symbol: str, unit: str, std: float, prior: float = 0.0) -> PriorParameter:
         """A parameter of this sensor with the standard deviation of its prior."""
         scale, spread = std / self.prior_spread, self.prior_spread
-        return Parameter(
+        return PriorParameter(
             "sensor", self.name, symbol, unit, -np.inf, np.inf, prior, scale, spread=spread
         )
 

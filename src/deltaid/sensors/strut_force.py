@@ -18,7 +18,7 @@ from deltaid.dynamics.force_equations import ForceEquations, build_forces, split
 from deltaid.dynamics.rigid_body import wrench
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.errors import DescriptionError
-from deltaid.robot.parameter import Parameter
+from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import StrutForce
 from deltaid.sensors.rows import GraphRows, Unknown, wide_force
@@ -52,7 +52,7 @@ class StrutForceRows(GraphRows):
         return ca.horzcat(columns, self._beyond()) if self.sensor.at == "middle" else columns
 
     @property
-    def moving(self) -> tuple[Parameter, ...]:
+    def moving(self) -> tuple[PriorParameter, ...]:
         """Mass and first moment of one strut's part beyond the cut, half of a uniform strut's."""
         if self.sensor.at != "middle":
             return ()

@@ -21,7 +21,7 @@ from deltaid.errors import DeltaidError
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
 
@@ -163,7 +163,7 @@ def signals(
 
 
 def _thinned(
-    table: Table, time: str | None, names: Sequence[str], points: int, span: Any,
+    table: LogTable, time: str | None, names: Sequence[str], points: int, span: Any,
     channel: Channel | None = None,
 ) -> "MinMax":  # fmt: skip
     """Thinned curves of columns over a column of time, which a channel converts, or over rows."""

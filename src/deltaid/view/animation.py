@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.page import Figure
@@ -34,7 +34,7 @@ class ShownMotion:
     z: Float[np.ndarray, "samples dof"]
 
 
-def recorded_motion(kinematics: Kinematics, recording: Recording) -> ShownMotion:
+def recorded_motion(kinematics: Kinematics, recording: PreparedRecording) -> ShownMotion:
     """The first minute of a recording."""
     time, z = [], []
     for window in recording.windows(kinematics):

@@ -14,7 +14,7 @@ from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 
 # Points over time that a figure draws quickly and a file holds easily.
 _SHOWN = 20_000
@@ -52,7 +52,7 @@ class TorqueComparison:
     events: Float[np.ndarray, "events 2"]
 
 
-def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueComparison:
+def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
     log, thinned = recording.log, recording.thinned
     stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
@@ -83,7 +83,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: Recording) -> TorqueCo
 
 
 def _thinned(
-    dynamics: Dynamics, p: Parameters, recording: Recording, spectrum: "_Spectrum"
+    dynamics: Dynamics, p: Parameters, recording: PreparedRecording, spectrum: "_Spectrum"
 ) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
     """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
     step, apart = recording.thinned, recording.stride

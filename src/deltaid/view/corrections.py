@@ -9,7 +9,7 @@ import numpy as np
 from deltaid.model.corrections import NAMES, Correction, FittedSensor, Kind
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
-from deltaid.model.sources import Event, LeftOut, Span
+from deltaid.model.sources import Event, LeftOut, TimeSpan
 from deltaid.robot.body import body_in_words
 from deltaid.view.model_tables import MEASURED, value_and_width
 from deltaid.view.numbers import in_words, number, percent, with_uncertainty
@@ -256,7 +256,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     )
 
 
-def _when(spans: Sequence[Span], more: int) -> str:
+def _when(spans: Sequence[TimeSpan], more: int) -> str:
     shown = ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in spans[:_SPANS])
     rest = len(spans) + more - _SPANS
     return f"{shown} and {rest} more" if rest > 0 else shown

@@ -13,7 +13,7 @@ from deltaid.identification.validation import Validation
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.view.animation import animation, recorded_motion
 from deltaid.view.bodies import body_section
@@ -112,7 +112,7 @@ def torque_section(
     return Section(title, blocks(comparison, robot.drive_units), about)
 
 
-def motion_section(dynamics: Dynamics, recording: Recording) -> Section:
+def motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
     """The robot on a recorded motion."""
     figure = animation(
         dynamics.kinematics,
@@ -244,7 +244,7 @@ def validation_figure(value: Validation) -> go.Figure:
     return _torques(value.model, model_filtered(value.model, value.log))
 
 
-def _torques(model: Model, recording: Recording) -> go.Figure:
+def _torques(model: Model, recording: PreparedRecording) -> go.Figure:
     """A model's torques along a recording, and the residual, lower than in a report."""
     compared, drives = compare(model.dynamics, model.p, recording), model.robot.drive_units
     return over_time(compared, drives).figure.update_layout(height=_DRIVE * len(drives) + _AROUND)

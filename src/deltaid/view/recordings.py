@@ -118,7 +118,7 @@ def _ranges(table: pl.DataFrame) -> Table:
     return Table(("column", "least", "largest"), tuple(rows))
 
 
-def log_card(value: Log | recording.Recording) -> Card:
+def log_card(value: Log | recording.PreparedRecording) -> Card:
     """Size, rate, filter, and what is left out of it."""
     log, cutoff = (value, None) if isinstance(value, Log) else (value.log, value.cutoff)
     facts = [

@@ -11,8 +11,8 @@ from deltaid.dynamics.parameters import stated_spreads
 from deltaid.estimation.information import Information, entries_at, triangle
 from deltaid.estimation.problem import LinearProblem
 from deltaid.recording.columns import SensorChannels
-from deltaid.recording.recording import Recording
-from deltaid.recording.windows import Samples
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -86,7 +86,7 @@ class SensedRows:
         return weighted()
 
 
-def sensed_rows(dynamics: Dynamics, recording: Recording) -> SensedRows | None:
+def sensed_rows(dynamics: Dynamics, recording: PreparedRecording) -> SensedRows | None:
     """The rows of a recording; None where it has no sensor, or too little of one."""
     columns, drives = recording.log.columns, np.arange(dynamics.dof)
     sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
@@ -95,7 +95,7 @@ def sensed_rows(dynamics: Dynamics, recording: Recording) -> SensedRows | None:
     sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in sensor_columns]
     row_of, entries = dynamics.regressor_pattern
 
-    def measured(w: Samples) -> np.ndarray:
+    def measured(w: SampleBlock) -> np.ndarray:
         shown, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
         Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
         parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]

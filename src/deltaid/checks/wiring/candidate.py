@@ -229,7 +229,7 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
     # A large gain must add no weight; else an unexplained drive is only weighted less.
     by = np.repeat(np.abs(gains), residual.rows.samples)
     better = _share(residual.span, as_is.columns @ np.sign(gains))
-    better /= _share(Span.of(residual.Y / by[:, None]), as_is.columns @ gains / by)
+    better /= _share(Span.of_columns(residual.Y / by[:, None]), as_is.columns @ gains / by)
     if better < _SHOWN_FAR:
         return None
     evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))

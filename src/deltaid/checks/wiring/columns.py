@@ -8,7 +8,7 @@ from deltaid.checks.wiring.explained import (
     DOUBTFUL_SCALE,
     INERTIA,
     WRONG_SCALE,
-    ExplainedRecording,
+    RemappedRecording,
     Values,
     in_unit,
     overall,
@@ -28,19 +28,19 @@ _MILLI = "mN m", "mN"
 _MIRRORED = 0.3
 
 
-def _follow(case: ExplainedRecording, drives: list[int]) -> tuple[Quantity, ...]:
+def _follow(case: RemappedRecording, drives: list[int]) -> tuple[Quantity, ...]:
     """Positions, and velocities that are their derivatives as mapped."""
     as_mapped = rates(case.motion, Map.identity(len(case.names)))
     unscaled = all(0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
     return ("position", "velocity") if as_mapped and unscaled else ("position",)
 
 
-def column_verdicts(case: ExplainedRecording) -> tuple[Verdict, ...]:
+def column_verdicts(case: RemappedRecording) -> tuple[Verdict, ...]:
     """Those on positions and torques, in the order of what rests on what."""
     return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
 
 
-def _positions(case: ExplainedRecording) -> Iterator[Verdict]:
+def _positions(case: RemappedRecording) -> Iterator[Verdict]:
     """Units and gears of positions."""
     scale = np.abs(case.best.map.scale).tolist()
     for factor in dict.fromkeys(scale):
@@ -51,7 +51,7 @@ def _positions(case: ExplainedRecording) -> Iterator[Verdict]:
             yield _scaled(case, [i], unit)
 
 
-def _scaled(case: ExplainedRecording, drives: list[int], factor: float) -> Verdict:
+def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
     entries, best, whose = case.entries, case.best, case.all_or(drives)
     name, ratio = case.named(drives[0]).get(factor), 1 / factor
@@ -84,7 +84,7 @@ def _scaled(case: ExplainedRecording, drives: list[int], factor: float) -> Verdi
     )
 
 
-def _signs(case: ExplainedRecording) -> Iterator[Verdict]:
+def _signs(case: RemappedRecording) -> Iterator[Verdict]:
     """Columns that count the other way."""
     best, n = case.best, len(case.names)
     angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
@@ -104,7 +104,7 @@ def _signs(case: ExplainedRecording) -> Iterator[Verdict]:
 
 
 def _angle_sign(
-    case: ExplainedRecording, i: int, *, both: bool = False, sure: bool = True
+    case: RemappedRecording, i: int, *, both: bool = False, sure: bool = True
 ) -> Verdict:
     """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
     name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
@@ -125,7 +125,7 @@ def _angle_sign(
     )
 
 
-def _torque_sign(case: ExplainedRecording, drives: list[int], *, sure: bool = True) -> Verdict:
+def _torque_sign(case: RemappedRecording, drives: list[int], *, sure: bool = True) -> Verdict:
     order, whose, entries = case.best.order, case.all_or(drives), case.entries
     against = float(-case.best.along[drives].min())
     changes: Values = {i: entries.turned("torque", order[i]) for i in drives} if sure else {}
@@ -143,7 +143,7 @@ def _torque_sign(case: ExplainedRecording, drives: list[int], *, sure: bool = Tr
     )
 
 
-def _order(case: ExplainedRecording) -> Iterator[Verdict]:
+def _order(case: RemappedRecording) -> Iterator[Verdict]:
     """Columns that belong to other drives."""
     n, torque, position = len(case.names), case.best.order, case.best.map.order
     in_order = tuple(range(n))
@@ -180,7 +180,7 @@ def _order(case: ExplainedRecording) -> Iterator[Verdict]:
     )
 
 
-def _torques(case: ExplainedRecording) -> Iterator[Verdict]:
+def _torques(case: RemappedRecording) -> Iterator[Verdict]:
     """The scale of torques: gears, units and currents, of one drive or of all."""
     best, ratios = case.best, case.ratios.copy()
     for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
@@ -199,7 +199,7 @@ def _torques(case: ExplainedRecording) -> Iterator[Verdict]:
             yield _one_torque(case, i, 1 / ratio, rough=True)
 
 
-def _one_torque(case: ExplainedRecording, i: int, gain: float, *, rough: bool = False) -> Verdict:
+def _one_torque(case: RemappedRecording, i: int, gain: float, *, rough: bool = False) -> Verdict:
     """A drive whose torques must be multiplied by `gain` relative to the others."""
     source, entries, whose = case.best.order[i], case.entries, f"the torque of {case.names[i]}"
     beside = "the prior says" if rough else "those of the other drives ask for"
@@ -228,7 +228,7 @@ def _one_torque(case: ExplainedRecording, i: int, gain: float, *, rough: bool = 
     )
 
 
-def _all_torques(case: ExplainedRecording, size: float) -> Verdict:
+def _all_torques(case: RemappedRecording, size: float) -> Verdict:
     """Torques of all drives that are `size` times those of the prior."""
     doubtful, linear, changes = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
     if size < 1:

@@ -115,7 +115,7 @@ class Entries:
 
 
 @dataclass(frozen=True, eq=False)
-class ExplainedRecording:
+class RemappedRecording:
     """A recording under the columns that explain it best."""
 
     evidence: Evidence

@@ -119,7 +119,7 @@ class MapResidual:
 
     @cached_property
     def span(self) -> Span:
-        return Span.of(self.Y)
+        return Span.of_columns(self.Y)
 
     @cached_property
     def along(self) -> Float[np.ndarray, "dof dof"]:
@@ -243,7 +243,7 @@ class Posed:
     @cached_property
     def highest(self) -> float:
         """No robot has a higher score: that of the least squares of any masses and constants."""
-        left = self._level(Quadratic.of(self._without_constant(1.0)).c)
+        left = self._level(Quadratic.from_rows(self._without_constant(1.0)).c)
         return -self._size * float(np.log(left))
 
     @cached_property
@@ -253,7 +253,7 @@ class Posed:
         for _ in range(_ROUNDS):
             # A constant torque costs what its prior says: one of usual size is as likely as noise.
             constant = 1 - 1 / np.sqrt(1 + self.rows.shape[1] * (_OFFSET / noise) ** 2)
-            data = Quadratic.of(self._without_constant(constant) / noise)
+            data = Quadratic.from_rows(self._without_constant(constant) / noise)
             try:
                 solution = _SOLVER.solve(Objective(self.reduction, data, self.regularizer, _GAMMA))
             except IdentificationError:

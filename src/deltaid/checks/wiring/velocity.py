@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.wiring.explained import ExplainedRecording, Values
+from deltaid.checks.wiring.explained import RemappedRecording, Values
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.model.verdict import Fault, Grade, Verdict
@@ -84,7 +84,7 @@ def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
     return out
 
 
-def velocity_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
+def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
     map, names = case.map, case.names
     identity, recorded = Map.identity(len(names)), rates(case.motion, map)
@@ -129,7 +129,7 @@ def velocity_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
         yield _LATE.good(seen, 1e3 * latest.lag)
 
 
-def _order(case: ExplainedRecording, swapped: list[Rate]) -> Verdict:
+def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
     entries, weakest = case.entries, min(rate.correlation for rate in swapped)
     columns = case.evidence.columns.velocity
     pairs = ", ".join(
@@ -146,7 +146,7 @@ def _order(case: ExplainedRecording, swapped: list[Rate]) -> Verdict:
     )
 
 
-def _scale(case: ExplainedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
+def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
     """Of drives whose velocities are in one unit, or in none that has a name."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
@@ -184,7 +184,7 @@ def _scale(case: ExplainedRecording, scaled: list[Rate], name: str, *, reversed_
     )
 
 
-def _late(case: ExplainedRecording, late: list[Rate]) -> Verdict:
+def _late(case: RemappedRecording, late: list[Rate]) -> Verdict:
     latest = max(late, key=lambda rate: abs(rate.lag))
     return _LATE.poor(
         f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "

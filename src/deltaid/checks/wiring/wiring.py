@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence, forget
 from deltaid.checks.wiring.columns import column_verdicts
-from deltaid.checks.wiring.explained import ExplainedRecording, overall
+from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.motion import motion
 from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
@@ -57,14 +57,14 @@ def checked_wirings(
     Recordings whose columns have one mapping are judged together: one verdict for all of them.
     Errors as of `checked_wiring`.
     """
-    cases = dict[int, ExplainedRecording]()
+    cases = dict[int, RemappedRecording]()
     for k, record in enumerate(records):
         _refuse_copies(record)
         fine = motion(record.rows)
         if fine is not None and len(fine.tau) >= _FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < _FEW else part
-            cases[k] = ExplainedRecording(record, fine, explained(record.dynamics, fine, coarse))
+            cases[k] = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
         if len(records) > 1:
             forget(record)
     shown = {k: case for k, case in cases.items() if case.good}
@@ -106,7 +106,7 @@ def _correlations(numbers: np.ndarray) -> np.ndarray:
 
 
 def _of_recording(
-    case: ExplainedRecording, common: tuple[Verdict, ...] | None
+    case: RemappedRecording, common: tuple[Verdict, ...] | None
 ) -> tuple[Verdict, ...]:
     """Those on its columns, unless they are common to several, on zeros and on velocities."""
     if not case.good:
@@ -128,7 +128,7 @@ def _of_recording(
     return tuple(verdicts if common is None else verdicts[len(common) :])
 
 
-def _senseless(case: ExplainedRecording) -> Verdict:
+def _senseless(case: RemappedRecording) -> Verdict:
     i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
     return Verdict(
         "drive-order",

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
-from deltaid.checks.wiring.explained import Entries, ExplainedRecording
+from deltaid.checks.wiring.explained import Entries, RemappedRecording
 from deltaid.checks.wiring.homing import Shifts, shifts
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import residual
@@ -26,7 +26,7 @@ from deltaid.estimation.problem import Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometry import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
-from deltaid.recording.recording import Recording
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
@@ -54,7 +54,7 @@ _LEVELLED = 0.05
 _FAR, _CERTAIN = 0.05, 25.0
 
 
-def zero_verdicts(case: ExplainedRecording) -> Iterator[Verdict]:
+def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     best, motion = case.best, case.motion
     shift = shifts(case.evidence.dynamics, motion, best)
@@ -236,7 +236,9 @@ def _open(best: WiringHypothesis) -> Verdict:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def still_seen(problem: FittedProblem, recording: Recording, described: RobotDescription) -> bool:
+def still_seen(
+    problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
+) -> bool:
     """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
     fitted = _after_fit(problem, recording, frozenset())
     if _seen(fitted):
@@ -255,7 +257,9 @@ def still_seen(problem: FittedProblem, recording: Recording, described: RobotDes
     return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
 
 
-def _after_fit(problem: FittedProblem, recording: Recording, without: frozenset[str]) -> Shifts:
+def _after_fit(
+    problem: FittedProblem, recording: PreparedRecording, without: frozenset[str]
+) -> Shifts:
     """Errors of zeros and gravity with the columns of a fit, some of them excluded; unobservable
     zeros and tilts have columns of zeros."""
     regressor = extended(problem.dynamics, problem.additions)
@@ -274,4 +278,4 @@ def _after_fit(problem: FittedProblem, recording: Recording, without: frozenset[
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
     Y = rows.Y[:, [name not in without for name in names]]
     D = rows.over((*zeros, *tilts)) / _SIZE
-    return Shifts.from_rows(Span.of(Y), D, rows.tau, len(zeros), len(tilts))
+    return Shifts.from_rows(Span.of_columns(Y), D, rows.tau, len(zeros), len(tilts))

@@ -13,7 +13,7 @@ from deltaid.recording.formats.parquet import open_parquet
 from deltaid.recording.formats.rosbag import open_bag
 from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Format:
 
     name: str
     claims: Callable[[bytes, Path], bool]
-    open: Callable[[Path, ColumnMapping], Table]
+    open: Callable[[Path, ColumnMapping], LogTable]
     suffixes: tuple[str, ...] = ()
     unpacks: bool = False
 

@@ -7,8 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from deltaid.recording.address import Field, Pick
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.address import Pick, RecordedField
+from deltaid.recording.source import LogTable, Rows
 
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
@@ -26,7 +26,7 @@ Arrays = tuple[Mapping[str, Sliceable], int]
 
 
 @dataclass(frozen=True)
-class ArrayTable(Table):
+class ArrayTable(LogTable):
     """A file of arrays, read in steps along the samples.
 
     Attributes:
@@ -37,7 +37,7 @@ class ArrayTable(Table):
     arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `Table.rows`."""
+        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins = self.picks(columns), dict[str, np.datetime64]()
         samples = picks[0].samples or 0
         with self.arrays(picks) as (arrays, step):
@@ -50,7 +50,7 @@ class ArrayTable(Table):
                 yield Rows(numbers, numbers)
 
 
-def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[Field]:
+def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[RecordedField]:
     """What an array holds; the entries of a structured one under names of their own."""
     if dtype.names:
         for entry, inner in entries_of_type(dtype).items():
@@ -59,11 +59,11 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
         base, inner = dtype.subdtype
         yield from fields_of(name, (*shape, *inner), base)
     elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _UNITS:
-        yield Field(name, shape, is_clock=True)
+        yield RecordedField(name, shape, is_clock=True)
     elif dtype.kind in "iufb":
-        yield Field(name, shape, is_truth=dtype.kind == "b")
+        yield RecordedField(name, shape, is_truth=dtype.kind == "b")
     else:
-        yield Field(name, shape, holds=_KINDS.get(dtype.kind, str(dtype)[:40]))
+        yield RecordedField(name, shape, holds=_KINDS.get(dtype.kind, str(dtype)[:40]))
 
 
 _KINDS = {

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.address import Field
+from deltaid.recording.address import RecordedField
 from deltaid.recording.column_names import unit_of
 from deltaid.recording.formats.csv_lines import (
     COMMENT,
@@ -29,7 +29,7 @@ from deltaid.recording.formats.csv_lines import (
 from deltaid.recording.formats.csv_table import CsvTable
 from deltaid.recording.formats.stream import content
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.units import is_unit
 
 # Lines in which the names are looked for, and comments that may stand together.
@@ -49,7 +49,7 @@ class _NameLine:
     holds_numbers: bool = False
 
 
-def open_csv(path: Path, mapping: ColumnMapping) -> Table:
+def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
     """Find out how a CSV file is laid out.
 
     Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines
@@ -94,7 +94,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> Table:
         )
     return CsvTable(
         path,
-        tuple(Field(name) for name in header.names),
+        tuple(RecordedField(name) for name in header.names),
         header.separator,
         header.row,
         data_start,

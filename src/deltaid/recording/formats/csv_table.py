@@ -22,11 +22,11 @@ from deltaid.recording.formats.csv_lines import (
     per_line,
     whole_lines,
 )
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.source import LogTable, Rows
 
 
 @dataclass(frozen=True)
-class CsvTable(Table):
+class CsvTable(LogTable):
     """An open CSV file, of which a block is in memory at a time; rows are lines of the file.
 
     Attributes:
@@ -48,7 +48,7 @@ class CsvTable(Table):
     comments: list[int] = field(default_factory=list[int])
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`.
+        """As in `LogTable.rows`.
 
         Raises:
             RecordingError: a line has not the header's fields, or the first one holds no numbers.

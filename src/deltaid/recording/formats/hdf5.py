@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from deltaid.errors import RecordingError
-from deltaid.recording.address import Field, Pick
+from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import (
     Arrays,
     ArrayTable,
@@ -20,7 +20,7 @@ from deltaid.recording.formats.arrays import (
 )
 from deltaid.recording.formats.mat5 import matlab_object
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Table, first_line, library, readable
+from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # A user block, such as that of MATLAB, may come first.
@@ -51,7 +51,7 @@ def is_hdf5(start: bytes, path: Path) -> bool:
     return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
 
 
-def open_hdf5(path: Path, mapping: ColumnMapping) -> Table:
+def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     """An HDF5 file: its groups and datasets."""
     with _opened(path) as file:
         by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
@@ -152,7 +152,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
 
 def _contents(
     group: Any, by_matlab: bool, name: str = "", depth: int = 0
-) -> Iterator[tuple[Field, _Place | None]]:
+) -> Iterator[tuple[RecordedField, _Place | None]]:
     """All that is in a group, by hard links only: others may lead to other files."""
     for key in group:
         hidden = by_matlab and not depth and key.startswith("#")
@@ -164,7 +164,7 @@ def _contents(
 
 def _held(
     name: str, item: Any, by_matlab: bool, depth: int
-) -> Iterator[tuple[Field, _Place | None]]:
+) -> Iterator[tuple[RecordedField, _Place | None]]:
     """What stands under a name: fields, with the places of those that are numbers."""
     kind = _matlab_class(item) if by_matlab else ""
     if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
@@ -175,7 +175,7 @@ def _held(
     elif item.dtype.kind == "O" and by_matlab:
         yield from _members(name, item, depth)
     elif item.is_virtual or item.external:
-        yield Field(name, item.shape, holds="numbers kept in other files"), None
+        yield RecordedField(name, item.shape, holds="numbers kept in other files"), None
     elif item.shape is not None:
         dtype = np.dtype(bool) if kind == "logical" else item.dtype  # kept as bytes
         for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, dtype):
@@ -183,7 +183,7 @@ def _held(
             yield field, (item.name or item.ref, entry)
 
 
-def _members(name: str, item: Any, depth: int) -> Iterator[tuple[Field, _Place | None]]:
+def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, _Place | None]]:
     """The members of a MATLAB cell or of a field of a struct array, by their numbers.
 
     The number stands before the field: `signals[0].values`.

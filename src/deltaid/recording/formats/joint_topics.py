@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.address import Field
+from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.bag_reader import Bag
 from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError, Number
 
@@ -45,13 +45,15 @@ class Topic:
     received: int
 
     @property
-    def fields(self) -> list[Field]:
+    def fields(self) -> list[RecordedField]:
         """One array a quantity, one column a joint."""
         full = [
-            Field(f"{self.name}.{quantity}", (None, len(joints)), joints)
+            RecordedField(f"{self.name}.{quantity}", (None, len(joints)), joints)
             for quantity, joints in self.joints.items()
         ]
-        return full + [Field(f"{self.name}.{key}", holds=why) for key, why in self.hollow.items()]
+        return full + [
+            RecordedField(f"{self.name}.{key}", holds=why) for key, why in self.hollow.items()
+        ]
 
     def __str__(self) -> str:
         joints = self.joints.get("position") or next(iter(self.joints.values()), ())

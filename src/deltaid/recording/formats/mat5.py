@@ -11,7 +11,7 @@ from itertools import islice
 
 import numpy as np
 
-from deltaid.recording.address import Field
+from deltaid.recording.address import RecordedField
 
 # Bytes before the first element, as the format has it; types of elements that are variables.
 _HEADER = 128
@@ -122,7 +122,9 @@ def variables(data: memoryview) -> Iterator[MatVariable]:
         at += 8 + size + (-size % 8 if kind == _MATRIX else 0)
 
 
-def contents(data: memoryview, variable: MatVariable) -> Iterator[tuple[str, Numbers | Field]]:
+def contents(
+    data: memoryview, variable: MatVariable
+) -> Iterator[tuple[str, Numbers | RecordedField]]:
     """What a variable holds, with the addresses: arrays, and what are none.
 
     Raises:
@@ -157,14 +159,14 @@ class _Reader:
         self._at = before
         return self._integers(flags, "u4", 1)[0] & 0xFF
 
-    def matrix(self, name: str, depth: int) -> Iterator[tuple[str, Numbers | Field]]:
+    def matrix(self, name: str, depth: int) -> Iterator[tuple[str, Numbers | RecordedField]]:
         """What the matrix that comes next holds; its own name if none is given."""
         whole = self._element()
         end = whole.start + whole.size
         if whole.kind != _MATRIX:
             raise DamagedMatError(f"{self._where} has no matrix at its byte {whole.start}")
         if not whole.size:
-            yield name, Field(name, (0, 0))
+            yield name, RecordedField(name, (0, 0))
             return
         self._at = whole.start
         flags = self._integers(self._element(), "u4", 1)[0]
@@ -181,7 +183,7 @@ class _Reader:
             raise DamagedMatError(f"{self._where} has the size {shape}")
         if kind in _HOLDS or flags & _COMPLEX:
             holds = _HOLDS.get(kind, "complex numbers")
-            yield name, Field(name, tuple(shape), holds=holds)
+            yield name, RecordedField(name, tuple(shape), holds=holds)
         elif kind in (_CELL, _STRUCT, _OBJECT):
             if kind == _OBJECT:
                 self._element()
@@ -194,7 +196,7 @@ class _Reader:
 
     def _entries(
         self, name: str, kind: int, count: int, end: int, depth: int
-    ) -> Iterator[tuple[str, Numbers | Field]]:
+    ) -> Iterator[tuple[str, Numbers | RecordedField]]:
         """The members of a cell, or the fields of so many structs."""
         tails = [""] if kind == _CELL else self._fields()
         entries = count * len(tails)
@@ -264,10 +266,10 @@ _CURES = {
 }
 
 
-def matlab_object(name: str, kind: str) -> Field:
+def matlab_object(name: str, kind: str) -> RecordedField:
     """An object of a class, of which only MATLAB knows how it is stored."""
     line = _CURES.get(kind, _CURES["timeseries"])
-    return Field(
+    return RecordedField(
         name,
         (),
         holds=f"a MATLAB object of class {kind[:40]}",

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from deltaid.errors import RecordingError
-from deltaid.recording.address import Field, Pick
+from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import Arrays, ArrayTable
 from deltaid.recording.formats.mat5 import (
     DamagedMatError,
@@ -21,7 +21,7 @@ from deltaid.recording.formats.mat5 import (
     variables,
 )
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Table, opened
+from deltaid.recording.source import BATCH_ROWS, LogTable, opened
 
 
 def is_matlab(start: bytes, path: Path) -> bool:
@@ -29,15 +29,15 @@ def is_matlab(start: bytes, path: Path) -> bool:
     return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
 
 
-def open_matlab(path: Path, mapping: ColumnMapping) -> Table:
+def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
     """A MATLAB file before 7.3: its variables, and what structs and cells hold."""
-    fields: list[Field] = []
+    fields: list[RecordedField] = []
     places: dict[str, tuple[MatVariable, Numbers]] = {}
     with _mapped(path) as data:
         for variable in variables(data):
             for name, held in contents(data, variable):
                 if isinstance(held, Numbers):
-                    fields.append(Field(name, held.shape, is_truth=held.dtype == "?"))
+                    fields.append(RecordedField(name, held.shape, is_truth=held.dtype == "?"))
                     places.setdefault(name, (variable, held))
                 else:
                     fields.append(held)

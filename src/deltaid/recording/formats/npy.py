@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from deltaid.errors import RecordingError
-from deltaid.recording.address import Field, Pick
+from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import Arrays, ArrayTable, Sliceable, entries_of, fields_of
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Table, first_line, opened
+from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, opened
 
 # The one array of a .npy file is called so.
 _ONLY = "array"
@@ -31,7 +31,7 @@ _DAMAGE = (
 )  # fmt: skip
 
 
-def open_npy(path: Path, mapping: ColumnMapping) -> Table:
+def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
     """A file of one array: it is called `array`; of a structured one, its columns."""
     with _damage(path), opened(path) as file:
         header = _header(file)
@@ -57,9 +57,9 @@ def is_npz(start: bytes, path: Path) -> bool:
     return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
 
 
-def open_npz(path: Path, mapping: ColumnMapping) -> Table:
+def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
     """A file of several arrays, by their headers."""
-    fields: list[Field] = []
+    fields: list[RecordedField] = []
     with _archive(path) as archive:
         for member in _arrays_of(archive):
             with archive.open(member) as file:
@@ -105,7 +105,7 @@ class _ArrayHeader:
         """How many bytes the numbers take."""
         return math.prod(self.shape) * self.dtype.itemsize
 
-    def fields(self, name: str) -> list[Field]:
+    def fields(self, name: str) -> list[RecordedField]:
         """What the array holds."""
         found = fields_of(name, self.shape, self.dtype)
         return [replace(field, name=field.name.removeprefix(".")) for field in found]

@@ -19,24 +19,24 @@ import polars as pl
 from deltaid.errors import RecordingError
 from deltaid.recording.frames import fields_of, rows_of, tops
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Rows, Table, first_line, readable
+from deltaid.recording.source import LogTable, Rows, first_line, readable
 
 # Several slices share a row group, of which each decodes more than its own rows.
 _SLICE_ROWS = 1 << 17
 
 
-def open_parquet(path: Path, mapping: ColumnMapping) -> Table:
+def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
     """A Parquet file: columns and types by its schema."""
     with _decoding(path):
         return ParquetTable(path, fields_of(_scan(path)))
 
 
 @dataclass(frozen=True)
-class ParquetTable(Table):
+class ParquetTable(LogTable):
     """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `Table.rows`."""
+        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins, row = self.picks(columns), dict[str, int](), 0
         with _decoding(self.path):
             frame = _scan(self.path)

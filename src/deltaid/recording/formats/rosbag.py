@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.address import Field, Pick, find, listing
+from deltaid.recording.address import Pick, RecordedField, find, listing
 from deltaid.recording.formats.bag_reader import opened_bag, storage
 from deltaid.recording.formats.joint_topics import (
     Topic,
@@ -19,14 +19,14 @@ from deltaid.recording.formats.joint_topics import (
 )
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Rows, Table, opened
+from deltaid.recording.source import LogTable, Rows, opened
 from deltaid.recording.time.resampling import Signal, fastest, merge
 
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"
 
 
-def open_bag(path: Path, mapping: ColumnMapping) -> Table:
+def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
     """A bag: the topics of joint states, as their first messages show them.
 
     Raises:
@@ -44,7 +44,7 @@ def open_bag(path: Path, mapping: ColumnMapping) -> Table:
     arrays = [array for topic in topics for array in topic.fields]
     return BagTable(
         path,
-        (Field(_STAMPED), *map(Field, names), *arrays, Field(_RECEIVED)),
+        (RecordedField(_STAMPED), *map(RecordedField, names), *arrays, RecordedField(_RECEIVED)),
         {topic.name: topic for topic in topics},
         names,
         warnings=(said,) if taken else (),
@@ -56,7 +56,7 @@ _Piece = tuple[str, Signal]
 
 
 @dataclass(frozen=True)
-class BagTable(Table):
+class BagTable(LogTable):
     """An open bag.
 
     Of one topic some thousand messages are in memory at a time. Topics that are used together have
@@ -97,7 +97,7 @@ class BagTable(Table):
         return self.cure_of_missing
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
-        """Columns by their addresses, as in `Table.picks`."""
+        """Columns by their addresses, as in `LogTable.picks`."""
         for column in columns:
             found = find(self.fields, column)
             if found and found[0].holds:
@@ -124,7 +124,7 @@ class BagTable(Table):
         return f"{self.path}, sample {row}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`; messages that do not have all columns are left out, and counted."""
+        """As in `LogTable.rows`; messages that lack a column are excluded, and counted."""
         places = [self._place(pick) for pick in self.picks(columns)]
         wanted: dict[str, list[Number]] = {}
         for place in places:

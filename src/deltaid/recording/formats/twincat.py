@@ -17,12 +17,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.address import Field
+from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.csv_lines import HeadLines, as_text, find_end, is_number
 from deltaid.recording.formats.stream import content
 from deltaid.recording.formats.twincat_table import TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 
 # Lines in which the first data is looked for, and of data that show how many columns there are.
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50
@@ -48,7 +48,7 @@ def is_scope(start: bytes, path: Path) -> bool:
     return bool(_MARKS.search(start)) or separator + b"Name" + separator in line
 
 
-def open_scope(path: Path, mapping: ColumnMapping) -> Table:
+def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
     """Find out how an export is laid out.
 
     Raises:
@@ -89,7 +89,7 @@ def open_scope(path: Path, mapping: ColumnMapping) -> Table:
     more = [name for name in traces if name not in named]
     return ScopeTable(
         path,
-        (Field(TIME), *map(Field, named), *map(Field, more)),
+        (RecordedField(TIME), *map(RecordedField, named), *map(RecordedField, more)),
         separator,
         len(names),
         ends_on_separator,

@@ -15,7 +15,7 @@ from deltaid.recording.formats.csv_lines import (
     per_line,
     whole_lines,
 )
-from deltaid.recording.source import Rows, Table
+from deltaid.recording.source import LogTable, Rows
 from deltaid.recording.time.resampling import Signal, fastest, merge
 
 # The name of the time, which the export has under none of its own.
@@ -43,7 +43,7 @@ class ScopeChannel:
 
 
 @dataclass(frozen=True)
-class ScopeTable(Table):
+class ScopeTable(LogTable):
     """An open export.
 
     Where all channels in use share their times, a block of lines is in memory at a time; otherwise
@@ -90,7 +90,7 @@ class ScopeTable(Table):
         return f"{self.path}, sample {row - self.first_row + 1}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `Table.rows`; the time is in s since the first sample."""
+        """As in `LogTable.rows`; the time is in s since the first sample."""
         names = [pick.field.name for pick in self.picks(columns)]
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))

@@ -15,7 +15,7 @@ from deltaid.recording.masks.rest import RestSearch
 from deltaid.recording.masks.runs import NONE, Runs, joined, without
 from deltaid.recording.masks.saturation import Extreme
 from deltaid.recording.masks.stale import StaleSearch
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
 # A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
@@ -98,7 +98,7 @@ class MaskSearch:
 class LoadSearch:
     """Running search; `add` consecutive rows, then ask for `runs` and `doubts`."""
 
-    def __init__(self, table: Table, columns: Columns) -> None:
+    def __init__(self, table: LogTable, columns: Columns) -> None:
         self._table, self._columns, self._rows = table, columns, 0
         self._changes = [np.zeros(0, dtype=np.int64)]
         self._last = np.zeros((len(columns.loads), 0), dtype=bool)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.masks.runs import Runs
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.table import Batch
 from deltaid.recording.time.grid import FASTEST, usual_step
 
@@ -197,7 +197,7 @@ class ClockCheck:
         uneven, backward, forward: steps that are uneven, negative, positive.
     """
 
-    def __init__(self, table: Table, column: str) -> None:
+    def __init__(self, table: LogTable, column: str) -> None:
         self.table, self.column = table, column
         self.samples = self.uneven = self.backward = self.forward = 0
         self.step = self.period = 0.0
@@ -278,7 +278,7 @@ class ClockCheck:
             )
 
 
-def require_rate(table: Table, column: str, rate: float, *, differentiated: bool) -> None:
+def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
     """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
 
     Raises:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
 # Jitter that is worth a word, as a share of a period.
@@ -15,7 +15,7 @@ _WORTH = 0.01
 _MOST_WILD = 0.2
 
 
-def doubts_about_stamps(clock: Clock, table: Table, column: str) -> Iterator[Doubt]:
+def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[Doubt]:
     """Stamps that are none, jitter, uneven sampling, rows that are left out.
 
     Raises:
@@ -75,7 +75,9 @@ def doubts_about_stamps(clock: Clock, table: Table, column: str) -> Iterator[Dou
         )
 
 
-def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) -> Iterator[Doubt]:
+def doubts_about_holes(
+    clock: Clock, table: LogTable, longest: int, shortest: int
+) -> Iterator[Doubt]:
     """Holes that are bridged, gaps that cut, and what is too short between them.
 
     Args:
@@ -142,7 +144,7 @@ def doubts_about_holes(clock: Clock, table: Table, longest: int, shortest: int) 
         )
 
 
-def _row(table: Table, rows: Int[np.ndarray, " rows"]) -> str:
+def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
     """The first of some rows, counted from 0, as a user counts it."""
     return table.row_name(table.first_row + int(rows[0]))
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
-from deltaid.recording.source import Table
+from deltaid.recording.source import LogTable
 
 # A step counts as a new round if it misses the period by less than this share, and so do its
 # neighbours from rest.
@@ -114,7 +114,7 @@ class Unwrapping:
         """What a channel of `Columns.all` takes; None if it never starts again."""
         return self._unwrappers[channel] if channel < len(self._unwrappers) else None
 
-    def doubts(self, table: Table) -> list[Doubt]:
+    def doubts(self, table: LogTable) -> list[Doubt]:
         """Columns that were made to go on."""
         return [
             Doubt(

@@ -80,7 +80,7 @@ _ZERO = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class PlanUnknowns:
     """The variables of a plan.
 
     Attributes:
@@ -119,7 +119,7 @@ class Unknowns:
 
 def unknowns(
     robot: RobotDescription, prior_spread: float = PRIOR_SPREAD, gain_spread: float = 0.0
-) -> Unknowns:
+) -> PlanUnknowns:
     """The variables of a robot.
 
     Args:
@@ -137,7 +137,7 @@ def unknowns(
     W[:-dof, : len(variables)] = reduction.A * (spread * sizes)
     W[-dof:, len(variables) :] = gain_spread * np.eye(dof)[:, : len(gains)]
     none = np.zeros(len(gains))
-    return Unknowns(
+    return PlanUnknowns(
         layout=reduction.layout,
         names=(*reduction.names, *(f"gain.{drive}" for drive in gains)),
         owners=(

@@ -20,7 +20,7 @@ from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.parameter import PRIOR_SPREAD
-from deltaid.sensors.planning.knowledge import Knowledge, Unknowns, unknowns
+from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns, unknowns
 from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
 from deltaid.sensors.planning.rows import (
@@ -30,7 +30,15 @@ from deltaid.sensors.planning.rows import (
     torque_rows,
     torques,
 )
-from deltaid.sensors.planning.shopping import BODIES, GAINS, Goal, Step, cost_of, enough, shopping
+from deltaid.sensors.planning.shopping import (
+    BODIES,
+    GAINS,
+    Goal,
+    PurchaseStep,
+    cost_of,
+    enough,
+    shopping,
+)
 from deltaid.sensors.planning.shopping import goal as goal_called
 from deltaid.sensors.planning.uses import Use, described_rows, uses
 from deltaid.sensors.weighings import weighings
@@ -114,15 +122,15 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
     offers: Offers
     goal: str
     goal_name: str
-    unknowns: Unknowns
+    unknowns: PlanUnknowns
     torques: Outlook
     described: Outlook
     uses: tuple[Outlook, ...]
     combinations: tuple[Outlook, ...]
-    steps: tuple[tuple[Step, Outlook], ...]
+    steps: tuple[tuple[PurchaseStep, Outlook], ...]
     openings: tuple[Opening, ...]
     notes: tuple[str, ...]
-    beyond: Step | None = None
+    beyond: PurchaseStep | None = None
 
     @property
     def has_described(self) -> bool:
@@ -275,14 +283,14 @@ def _outlook(
     known: Knowledge,
     before: Knowledge,
     aim: Goal,
-    entries: Unknowns,
+    entries: PlanUnknowns,
     cost: float = 0.0,
 ) -> Outlook:
     shares = known.std * entries.spread
     return Outlook(name, title, cost, shares, aim.std(known), aim.left(before) - aim.left(known))
 
 
-def _notes(entries: Unknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
+def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
     """What a plan takes for granted."""
     notes = [
         "a plan asks for the true bodies, so all ten entries of each are unknown, whatever the key "

@@ -19,8 +19,8 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
-from deltaid.recording.windows import Samples as Motion
-from deltaid.robot.parameter import Parameter
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.planning.knowledge import without
 from deltaid.sensors.robot_sensors import shown_by
@@ -79,7 +79,7 @@ def motion_of_file(
     log = open_log(given, dynamics.kinematics, columns, need_torque=False)
     recording = model_filtered(model, log)
     thin = slice(None, None, max(1, log.samples // _SAMPLES))
-    parts, samples = list[Motion](), 0
+    parts, samples = list[SampleBlock](), 0
     for part in recording.evaluate(dynamics.kinematics, lambda window: window.own):
         parts.append(part.part(thin))
         samples += len(part.z)
@@ -168,7 +168,7 @@ def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
     return SensorInformation(*parts)
 
 
-def _is_open(parameter: Parameter, sensor: SensorRows) -> bool:
+def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
     """Whether nothing is known of an unknown of a sensor but its likely size.
 
     Known are tolerances, and offsets whose standard deviation is stated.

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.sensors.planning.knowledge import Knowledge, Unknowns
+from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns
 from deltaid.sensors.planning.rows import Scene
 from deltaid.sensors.planning.uses import Use
 
@@ -56,7 +56,7 @@ class Goal:
         return float(np.exp(np.mean(np.log(std[std > 0])))) if std.any() else 0.0
 
 
-def goal(name: str, unknowns: Unknowns, scene: Scene, enough: float) -> Goal:
+def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal:
     """A goal by its name.
 
     Raises:
@@ -82,7 +82,7 @@ def goal(name: str, unknowns: Unknowns, scene: Scene, enough: float) -> Goal:
     )
 
 
-def _forces(unknowns: Unknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
+def _forces(unknowns: PlanUnknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
     """All forces in struts, joints and bearings at some instants, as shares of the largest one."""
     forces, motion = ConstraintForces(scene.dynamics.robot), scene.motion
     at = np.linspace(0, len(motion.z) - 1, _INSTANTS).astype(int)
@@ -101,7 +101,7 @@ _NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class PurchaseStep:
     """One thing that is bought or done.
 
     Attributes:
@@ -124,7 +124,7 @@ def shopping(
     W: Float[np.ndarray, "extended n"],
     budget: float | None,
     most: int,
-) -> tuple[Step, ...]:
+) -> tuple[PurchaseStep, ...]:
     """What to buy, in order; of equal ones the first in the list.
 
     Args:
@@ -132,7 +132,7 @@ def shopping(
         most: number of steps.
     """
     rows = [use.likely @ W for use in uses]
-    steps, spent, done = list[Step](), 0.0, set[int]()
+    steps, spent, done = list[PurchaseStep](), 0.0, set[int]()
     owned = dict[str, str]()  # by group
     least = _LEAST * len(goal.rows) * goal.weight
     while len(steps) < most:
@@ -151,13 +151,13 @@ def shopping(
         known, spent = known.and_rows(rows[k]), spent + cost
         owned[uses[k].group] = uses[k].offer
         done.add(k)
-        steps.append(Step(uses[k], cost, spent, gain))
+        steps.append(PurchaseStep(uses[k], cost, spent, gain))
     return tuple(steps)
 
 
 def enough(
-    known: Knowledge, goal: Goal, steps: Sequence[Step], W: Float[np.ndarray, "extended n"]
-) -> tuple[Step, ...]:
+    known: Knowledge, goal: Goal, steps: Sequence[PurchaseStep], W: Float[np.ndarray, "extended n"]
+) -> tuple[PurchaseStep, ...]:
     """What of greedy buying is enough, in order; nothing where `known` is already.
 
     Where ε is reached, what came before and is not needed for it is left out, the dearest first.
