@@ -146,7 +146,7 @@ LINES = [
         for manifest in ("fleet.yaml", "fleet.csv", "fleet.parquet")
         for line in _lines(manifest, ("fleet @ -o out --cutoff 40", 100))
     ),
-    *_lines("day-2026-01-05.parquet", ("fleet fleet.yaml -o out --cutoff 40", 50)),
+    *_lines("day-2026-01-05.parquet", ("fleet fleet.csv -o out --cutoff 40", 50)),
     *(
         Line("fleet fleet.yaml -o fleet --cutoff 40", f"fleet/{table}.parquet", 40)
         for table in ("recordings", "parameters", "friction", "drift", "members", "types")
@@ -205,7 +205,9 @@ def _gathered(folder: Path) -> None:
     (folder / "fleet.yaml").write_text(
         f"type: {ROBOT}\nrobots:\n"
         + "".join(
-            f"  - robot: R{k}\n    recordings:\n      - {{path: day-{day}.parquet, time: {day}}}\n"
+            # Where they lie for good: from other places they would be other recordings.
+            f"  - robot: R{k}\n    recordings:\n"
+            f"      - {{path: {folder.resolve()}/day-{day}.parquet, time: {day}}}\n"
             for k, day in enumerate(DAYS)
         ),
         encoding="utf-8",
@@ -293,7 +295,9 @@ def _wrong(outcome: Outcome) -> str:
 def _good(line: Line, inputs: Path, place: Path) -> Outcome:
     """The same line without any damage."""
     _laid_out(inputs, place)
-    return _run(line, place)
+    outcome = _run(line, place)
+    assert outcome.code != 2, f"{line.name}: {outcome.err}"
+    return outcome
 
 
 def _run(line: Line, place: Path) -> Outcome:
