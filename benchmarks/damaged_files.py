@@ -4,21 +4,27 @@ Rows are of three sorts: recordings of each kind, opened; a command line with on
 damaged; and single bits of files that carry a checksum. Cases run in other processes, so
 that one that crashes or takes no end is found and passed over (a case that computes for 30 s ends
 its process). `--row TEXT` runs rows with this text in their names, `--seed` other damage.
+
+A full run takes hours. With `--results FILE` it goes on behind the cases in that file, and a run
+that is killed loses none; so `--count 50` may run a tenth of each row first. `--table` makes the
+table of the cases that there are.
 """
 
 import argparse
 import faulthandler
-import io
 import random
 import signal
 import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from itertools import chain
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby, product
+from operator import itemgetter
 from pathlib import Path
 
 from _table import STATED, leave
@@ -53,31 +59,31 @@ def main() -> None:
     parser.add_argument("--row", default="", help="only rows with this text in their names")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--inputs", type=Path, help="good files; made here if there are none")
-    parser.add_argument("--from", dest="start", help=argparse.SUPPRESS)
+    parser.add_argument("--results", type=Path, help="cases that have ended, one a line")
+    parser.add_argument("--table", action="store_true", help="run no more cases")
+    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
     given = parser.parse_args()
     rows = {name: cases for name, cases in _rows(given.count).items() if given.row in name}
-    if given.start:
-        row, case, step = map(int, given.start.split(":"))
-        _run(list(rows.items())[row::step], case, given.inputs, given.seed)
+    if given.worker is not None:
+        _run(_share(rows, given.worker, given.workers), given.results, given.inputs, given.seed)
         return
-    ends, complaints = {name: Counter[str]() for name in rows}, list[str]()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
         inputs = given.inputs or Path(folder) / "inputs"
-        if not (inputs / "drawn.npz").exists():
-            _make(inputs)
-        command = [sys.executable, __file__, *sys.argv[1:], "--inputs", str(inputs)]
-        lines = chain.from_iterable(
-            pool.map(lambda k: _ended(rows, command, k, given.workers), range(given.workers))
-        )
-        for name, end, why in lines:
-            ends[name][end] += 1
-            complaints += [f"{name}: {why}"] if why else []
-    table = [[name, *(counted[end] for end in _ENDS)] for name, counted in ends.items()]
-    total = [sum(counted[end] for counted in ends.values()) for end in _ENDS]
-    bits = sum(cases for name, cases in rows.items() if name.startswith("one bit"))
-    note = _NOTE + "\n" * bool(complaints) + "".join(f"\n- {text}" for text in complaints)
-    size = {"files": given.count, "cases": sum(total) - bits, "bits": bits}
-    leave(["row", *_ENDS], [*table, ["all", *total]], note, **size)
+        results = given.results or Path(folder) / "results"
+        if not given.table:
+            if not (inputs / "drawn.npz").exists():
+                _make(inputs)
+            command = [sys.executable, __file__, *sys.argv[1:], "--inputs", str(inputs)]
+            command += ["--results", str(results), "--workers", str(given.workers)]
+            shares = [_share(rows, worker, given.workers) for worker in range(given.workers)]
+            work = partial(_supervise, command, results)
+            list(pool.map(work, range(given.workers), shares))
+        _leave_table(rows, _ended(results))
+
+
+def _share(rows: Rows, worker: int, workers: int) -> Rows:
+    """The rows of one of so many workers."""
+    return dict(list(rows.items())[worker::workers])
 
 
 def _rows(count: int) -> Rows:
@@ -89,7 +95,7 @@ def _rows(count: int) -> Rows:
     opened = {f"opened: {kind}": count for kind in KINDS}
     lines = {line.name: max(1, round(share * line.cases)) for line in LINES}
     bits = {f"one bit: {kind}": round(share * cases) for kind, cases in _BITS.items()}
-    return opened | lines | bits
+    return lines | opened | bits
 
 
 def _make(inputs: Path) -> None:
@@ -102,46 +108,78 @@ def _make(inputs: Path) -> None:
     assert drawn.code == 0, drawn
 
 
-def _ended(rows: Rows, command: list[str], first: int, step: int) -> list[tuple[str, ...]]:
-    """Row, end and complaint of all cases of every so many rows; a process that dies is replaced
-    by one that goes on behind the case that it died of."""
-    own, row, case, lines = list(rows.items())[first::step], 0, 0, list[tuple[str, ...]]()
-    while row < len(own):
+@dataclass(frozen=True)
+class Case:
+    """A case that has ended: refused, read … (`_ENDS`), and what is wrong with that."""
+
+    row: str
+    number: int
+    end: str
+    why: str = ""
+
+    def leave(self, results: Path) -> None:
+        """Add it to those that have ended."""
+        with results.open("a", encoding="utf-8") as file:
+            file.write("\t".join((self.row, str(self.number), self.end, self.why)) + "\n")
+        if self.why:
+            print(self.row, self.number, self.end, self.why, file=sys.stderr, flush=True)
+
+
+def _ended(results: Path) -> list[Case]:
+    """Cases that have ended; of those that were run again, the last."""
+    if not results.exists():
+        return []
+    lines = (line.split("\t") for line in results.read_text(encoding="utf-8").splitlines())
+    cases = (Case(row, int(number), end, why) for row, number, end, why in lines)
+    return list({(case.row, case.number): case for case in cases}.values())
+
+
+def _to_run(rows: Rows, results: Path) -> Iterator[tuple[str, int]]:
+    ended = {(case.row, case.number) for case in _ended(results)}
+    return (case for row in rows for case in product([row], range(rows[row])) if case not in ended)
+
+
+def _supervise(command: list[str], results: Path, worker: int, rows: Rows) -> None:
+    """Have rows run by a process; one that dies is replaced, and the case that it died of noted."""
+    while next(_to_run(rows, results), None):
         with tempfile.TemporaryFile() as said:
-            started = [*command, "--from", f"{first + row * step}:{case}:{step}"]
-            with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=said) as process:
-                for line in io.TextIOWrapper(process.stdout, encoding="utf-8"):
-                    if line.startswith("ended\t"):
-                        lines.append(tuple(line.rstrip("\n").split("\t")[1:]))
-                        row, case = (row, case + 1) if case + 1 < own[row][1] else (row + 1, 0)
-                        if lines[-1][-1] or case == 0:
-                            print(*lines[-1], sep="\t", file=sys.stderr, flush=True)
-            if row == len(own):
-                break
+            started = [*command, "--worker", str(worker)]
+            code = subprocess.run(started, stderr=said, check=False).returncode
+            case = next(_to_run(rows, results), None)
+            if case is None:
+                return
             said.seek(0)
-            words, code = said.read().decode(errors="replace"), process.returncode
+            words = said.read().decode(errors="replace")
         is_said = code == 2 and "error: " in words
         end = "ended" if is_said else "hang" if code == -signal.SIGPROF else "crash"
-        why = f"case {case}: {end} with {code}: {words[-300:]!r}"
-        lines.append((own[row][0], end, why))
-        print(*lines[-1], sep="\t", file=sys.stderr, flush=True)
-        row, case = (row, case + 1) if case + 1 < own[row][1] else (row + 1, 0)
-    return lines
+        Case(*case, end, f"{end} with {code}: {words[-300:]!r}").leave(results)
 
 
-def _run(rows: list[tuple[str, int]], start: int, inputs: Path, seed: int) -> None:
-    """Run the cases of rows, from one of the first row on; one line each."""
+def _run(rows: Rows, results: Path, inputs: Path, seed: int) -> None:
+    """Run the cases of rows that have not ended."""
     if hasattr(signal, "SIGPROF"):
         faulthandler.register(signal.SIGPROF, chain=True)
-    for name, cases in rows:
+    for name, cases in groupby(_to_run(rows, results), key=itemgetter(0)):
         with tempfile.TemporaryDirectory() as folder:
-            case = _case(name, inputs, Path(folder))
-            for i in range(start, cases):
+            judge = _judge(name, inputs, Path(folder))
+            for _, number in cases:
                 with _no_longer_than(_LONGEST):
-                    end, why = case(random.Random(f"{seed}/{name}/{i}"))
-                text = f"case {i}: {why!r}" if why else ""
-                print("ended", name, end, text, sep="\t", flush=True)
-        start = 0
+                    end, why = judge(random.Random(f"{seed}/{name}/{number}"))
+                Case(name, number, end, repr(why) if why else "").leave(results)
+
+
+def _leave_table(rows: Rows, cases: list[Case]) -> None:
+    ends, of_rows = {name: Counter[str]() for name in rows}, [c for c in cases if c.row in rows]
+    for case in of_rows:
+        ends[case.row][case.end] += 1
+    table = [[name, *(counted[end] for end in _ENDS)] for name, counted in ends.items()]
+    total = [sum(counted[end] for counted in ends.values()) for end in _ENDS]
+    bits = sum(case.row.startswith("one bit") for case in of_rows)
+    files = [ends[name].total() for name in rows if name.startswith("opened")]
+    complaints = "".join(f"\n- {c.row}: case {c.number}: {c.why}" for c in of_rows if c.why)
+    note = _NOTE + "\n" * bool(complaints) + complaints
+    size = {"files": min(files, default=0), "cases": len(of_rows) - bits, "bits": bits}
+    leave(["row", *_ENDS], [*table, ["all", *total]], note, **size)
 
 
 @contextmanager
@@ -156,10 +194,10 @@ def _no_longer_than(seconds: float) -> Generator[None]:
             signal.setitimer(signal.ITIMER_PROF, 0)
 
 
-Case = Callable[[random.Random], tuple[str, str]]
+Judge = Callable[[random.Random], tuple[str, str]]
 
 
-def _case(name: str, inputs: Path, folder: Path) -> Case:
+def _judge(name: str, inputs: Path, folder: Path) -> Judge:
     """What runs a case of a row and says how it ended, and what is wrong with that."""
     if name.startswith("opened: "):
         return _opening(name.removeprefix("opened: "), folder)
@@ -174,7 +212,7 @@ def _case(name: str, inputs: Path, folder: Path) -> Case:
     return run
 
 
-def _opening(kind: str, folder: Path) -> Case:
+def _opening(kind: str, folder: Path) -> Judge:
     """A recording, damaged and opened."""
     from damage import complaint, damaged, outcome
     from deltaid.dynamics.dynamics import compiled
@@ -198,7 +236,7 @@ def _opening(kind: str, folder: Path) -> Case:
     return run
 
 
-def _changing(kind: str, inputs: Path, folder: Path) -> Case:
+def _changing(kind: str, inputs: Path, folder: Path) -> Judge:
     """One bit of a file that carries a checksum, read by what reads it."""
     from damage import changed_bit, unclear
     from deltaid.errors import DeltaidError

@@ -4,11 +4,17 @@ import contextlib
 import io
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
+import typer.main
+
 from deltaid.cli import output
 from deltaid.cli.app import main
+
+# Of all commands and options, once: to build it takes longer than a short command.
+_parser = cache(typer.main.get_command)
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,7 @@ def run(*arguments: object, width: int = 80) -> Outcome:
     with contextlib.ExitStack() as stack:
         for console in (output.console, output.error_console):
             stack.enter_context(patch.object(console, "_width", width))
+        stack.enter_context(patch.object(typer.main, "get_command", _parser))
         stack.enter_context(patch.dict("os.environ", {"COLUMNS": str(width)}))
         stack.enter_context(patch.object(sys, "argv", ["deltaid", *map(str, arguments)]))
         stack.enter_context(contextlib.redirect_stdout(out))

@@ -8,6 +8,8 @@ import os
 import random
 import re
 import shutil
+import subprocess
+import sys
 import traceback
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -262,11 +264,10 @@ class Ended:
 def judged(line: Line, inputs: Path, place: Path, rng: random.Random) -> Ended:
     """Damage the file of a line, run it, and judge what comes of it."""
     good = _good(line, inputs, place)
-    _laid_out(inputs, place)
-    damage_input(next(place.glob(line.damaged)), rng)
+    lay_out(line, inputs, place, rng)
     before, memory = _listed(place), largest_memory()
     try:
-        outcome = _run(line, place)
+        outcome = run_line(line, place)
     except Exception:  # what it counts: whatever comes out beside a refusal
         last = traceback.format_exc().splitlines()[-3:]
         return Ended("else", f"traceback: {' | '.join(last)}")
@@ -294,18 +295,29 @@ def _wrong(outcome: Outcome) -> str:
 @cache
 def _good(line: Line, inputs: Path, place: Path) -> Outcome:
     """The same line without any damage."""
-    _laid_out(inputs, place)
-    outcome = _run(line, place)
+    _copy(inputs, place)
+    outcome = run_line(line, place)
     assert outcome.code != 2, f"{line.name}: {outcome.err}"
     return outcome
 
 
-def _run(line: Line, place: Path) -> Outcome:
+def run_line(line: Line, place: Path) -> Outcome:
+    """A line in this process."""
     with inside(place):
         if not line.text.startswith("studio"):
             with no_workers():
                 return run(*line.text.split())
         return _dropped(Path(line.damaged))
+
+
+def run_alone(line: Line, place: Path) -> Outcome:
+    """A line in a process of its own."""
+    program = [sys.executable, "-c", "from deltaid.cli import main; main()", *line.text.split()]
+    environment = os.environ | {"COLUMNS": "80"}
+    done = subprocess.run(
+        program, capture_output=True, check=False, cwd=place, encoding="utf-8", env=environment
+    )
+    return Outcome(done.returncode, done.stdout, done.stderr)
 
 
 def _dropped(path: Path) -> Outcome:
@@ -322,7 +334,13 @@ def _dropped(path: Path) -> Outcome:
     return Outcome(0, repr(said), "")
 
 
-def _laid_out(inputs: Path, place: Path) -> None:
+def lay_out(line: Line, inputs: Path, place: Path, rng: random.Random) -> None:
+    """A fresh copy of the good files, with that of a line damaged."""
+    _copy(inputs, place)
+    damage_input(next(place.glob(line.damaged)), rng)
+
+
+def _copy(inputs: Path, place: Path) -> None:
     """A fresh copy of the good files; links, since nothing writes into a file."""
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(inputs, place, copy_function=os.link)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from command import Outcome
 from damage import changed_bit
-from damaged_commands import LINES, judged, make_inputs
+from damaged_commands import LINES, Line, judged, lay_out, make_inputs, run_alone, run_line
 from deltaid.errors import DeltaidError
 from sealed_files import SEALED
 
@@ -30,6 +31,20 @@ def test_damaged_files_in_command_lines(inputs: Path, tmp_path: Path) -> None:
         assert not ended.why, f"{line.name}: {ended.why}"
         ends[ended.end] += 1
     assert ends["refused"] > len(QUICK) / 2
+
+
+@pytest.mark.slow
+def test_a_case_ends_as_in_a_process_of_its_own(inputs: Path, tmp_path: Path) -> None:
+    """Cases share a process, with all that it has loaded, compiled and kept; so 50 of them that
+    have run one after the other run once more, each alone."""
+    place, ends = tmp_path / "case", dict[Line, Outcome]()
+    lines = [line for line in LINES if not line.text.startswith("studio")]
+    for line in random.Random(1).sample(lines, 50):
+        lay_out(line, inputs, place, random.Random(line.name))
+        ends[line] = run_line(line, place)
+    for line, outcome in ends.items():
+        lay_out(line, inputs, place, random.Random(line.name))
+        assert run_alone(line, place) == outcome, line.name
 
 
 @pytest.mark.parametrize("kind", ["factor file", "fleet table", "fleet member"])

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from random import Random
 from time import monotonic, sleep
 from unittest.mock import Mock
 
@@ -23,10 +24,13 @@ import pytest
 import s3fs
 
 from command import run
+from damage import changed_bit
 from deltaid import libraries
 from deltaid.errors import DeltaidError
 from deltaid.fleets.cluster import require_shared, workers
 from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.known import EarlierCalls, recordings_table
+from deltaid.fleets.place import Place
 from deltaid.fleets.pool import LocalPool
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.mechanism import user_code
@@ -162,6 +166,13 @@ def test_nothing_that_was_gathered_is_lost(tmp_path: Path) -> None:
             with pytest.raises(DeltaidError, match=r"lose .* 2 recordings that (.|\n)*--drop"):
                 run_fleet(manifest, here.output, settings=settings)
             assert here.table("recordings.parquet").equals(kept)
+        factors = here.output / kept["file"][0]
+        whole = factors.read_bytes()
+        factors.write_bytes(changed_bit(whole, Random(1)))
+        with pytest.raises(DeltaidError, match=r"1 recording that .* files are damaged"):
+            run_fleet(here.manifest, here.output, settings=SETTINGS.changed(prior_spread=0.4))
+        assert here.table("recordings.parquet").equals(kept)
+        factors.write_bytes(whole)
         away.rename(here.path(FIRST[0]).parent)
         with pytest.raises(DeltaidError, match=r"2 recordings that are gathered otherwise"):
             run_fleet(here.manifest, here.output, settings=OTHER)
@@ -169,6 +180,16 @@ def test_nothing_that_was_gathered_is_lost(tmp_path: Path) -> None:
         assert set(here.table("recordings.parquet")["how"]).isdisjoint(rows["how"])
         run_fleet(unnamed, here.output, settings=OTHER, drop_absent=True)
         assert here.table("recordings.parquet").is_empty()
+
+
+def test_a_damaged_table_of_recordings_is_put_back_and_not_removed(tmp_path: Path) -> None:
+    """Without it those that are away would be forgotten."""
+    place = Place.named(tmp_path)
+    place.save("recordings.parquet", recordings_table([]))
+    path = tmp_path / "recordings.parquet"
+    path.write_bytes(changed_bit(path.read_bytes(), Random(1)))
+    with pytest.raises(DeltaidError, match=r"is damaged(.|\n)*before/recordings.parquet"):
+        EarlierCalls.read(place, {}, retry=False)
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:

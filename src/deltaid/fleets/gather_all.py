@@ -84,12 +84,17 @@ def _require_kept(call: Call, lost: "Counter[str]") -> None:
 def gather_again(
     call: Call, outcomes: Sequence[GatherResult], files: Iterable[str]
 ) -> tuple[list[GatherResult], int]:
-    """The same with some recordings gathered anew, whose factor files are damaged."""
+    """The same with some recordings gathered anew, whose factor files are damaged.
+
+    Raises:
+        DeltaidError: some of these are away, and nobody said that they may be forgotten.
+    """
     names, known = set(files), dict[Recorded, GatherResult]()
     for outcome in outcomes:
         if outcome.file in names:
             reason = f"{outcome.file} is damaged, and the recording is no longer there"
             known[outcome.recorded] = replace(outcome, key="", file="", reason=reason)
+    _require_kept(call, +Counter({_DAMAGED: sum(not log.stamp for log in known)}))
     jobs = [GatherJob.for_recording(log, call.plan.how(log)) for log in known if log.stamp]
     new = _gathered(call, jobs)
     known |= {outcome.recorded: outcome for outcome in new}

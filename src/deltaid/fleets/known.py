@@ -13,6 +13,12 @@ from deltaid.fleets.gather_plan import GatherJob
 from deltaid.fleets.place import Place
 
 RECORDINGS, QUARANTINE = "recordings.parquet", "quarantine.csv"
+# Folder of the tables as they were before a call.
+BEFORE = "before"
+_PUT_BACK = (
+    f"put {BEFORE}/{RECORDINGS} in its place; if you remove it, recordings that are away are "
+    "forgotten"
+)
 RECORDINGS_SCHEMA = {
     "robot": pl.String,
     "type": pl.String,
@@ -96,7 +102,7 @@ class EarlierCalls:
         Raises:
             DeltaidError: a table cannot be read.
         """
-        table = place.table(RECORDINGS)
+        table = place.table(RECORDINGS, _PUT_BACK)
         tables = {name: place.table(f"{name}.parquet") for name in schemas}
         if table is not None and table.schema != pl.Schema(RECORDINGS_SCHEMA):
             raise DeltaidError(

@@ -15,6 +15,8 @@ from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
 
+_MADE_AGAIN = "remove it; it is made again"
+
 
 @dataclass(frozen=True)
 class Place:
@@ -67,8 +69,12 @@ class Place:
         """A file of these bytes, whole or not at all."""
         store.write(self.path_to(name), data)
 
-    def table(self, name: str) -> pl.DataFrame | None:
+    def table(self, name: str, cure: str = _MADE_AGAIN) -> pl.DataFrame | None:
         """A Parquet table in it; None if there is none.
+
+        Args:
+            name: of its file.
+            cure: where it is damaged.
 
         Raises:
             DeltaidError: it is no table.
@@ -77,14 +83,14 @@ class Place:
         if data is None:
             return None
         require_threads()
-        require_intact(data, self.path_to(name), DeltaidError, "remove it; it is made again")
+        require_intact(data, self.path_to(name), DeltaidError, cure)
         try:
             return pl.read_parquet(BytesIO(data))
         except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise DeltaidError(
                 f"is no Parquet table: {str(error).splitlines()[0]}",
                 where=self.path_to(name),
-                cure="remove it; it is made again",
+                cure=cure,
             ) from None
 
     def finished(self, name: str) -> pl.DataFrame | None:

@@ -19,6 +19,7 @@ from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
 from deltaid.fleets.gather_all import gather_again, gather_all
 from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
 from deltaid.fleets.known import (
+    BEFORE,
     QUARANTINE,
     RECORDINGS,
     EarlierCalls,
@@ -46,9 +47,6 @@ from deltaid.forked import require_threads
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
-
-# Folder of the tables as they were before a call.
-BEFORE = "before"
 
 
 @dataclass(frozen=True)
