@@ -63,6 +63,7 @@ BAD = [
     ("identify clavel-delta3 log.csv --verify missing.csv", "missing.csv: no such file"),
     ("identify clavel-delta3 log.csv --verify nan.csv -o sub/new.yaml", "nan.csv, row 350"),
     ("identify clavel-delta3 log.csv --columns missing.yaml", "missing.yaml: no such file"),
+    ("drift clavel-delta3 missing", "missing: no such file"),
     ("identify clavel-delta3 log.csv --columns columns.yaml", "columns.yaml, position: lists 1"),
     ("identify clavel-delta3 log.csv --columns units.yaml", "units.yaml, time.unit: unit"),
     ("identify clavel-delta3 log.csv --columns robot.yaml", "line 2, name: unknown key"),

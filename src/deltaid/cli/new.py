@@ -123,7 +123,7 @@ def _draft(
     """A draft from what the options say."""
     from deltaid.robot.load import load_robot
     from deltaid.studio.drafting.backwards import answers, kind_of
-    from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
+    from deltaid.studio.drafting.draft import Draft
 
     offered: dict[str, float] = {}
     if start is not None:
@@ -137,26 +137,13 @@ def _draft(
     if kind is None and asker is not None:
         kind = asker.kind()
     kind = _known(kind)
-    draft = Draft(
+    return Draft(
         kind=kind,
         name=name or file.stem,
         title=title or KINDS[kind].split(",")[0],
         offered=offered,
         source=Path(start).stem if start else "",
-    )
-    for question in QUESTIONS:
-        text = given.get(question.key)
-        if text is None:
-            continue
-        if not question.of(kind):
-            raise DeltaidError(
-                f"a {kind} has none ({question.text})",
-                where=f"{question.option} {text}",
-                cure="leave it out, or choose another --kind",
-            )
-        value = quantity(text, question.unit, question.option)
-        draft = draft.answered(question.key, question.require(value), GIVEN)
-    return draft
+    ).answered_in_words(given, lambda question: question.option)
 
 
 def _known(kind: str | None) -> str:

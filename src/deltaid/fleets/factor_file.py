@@ -35,6 +35,7 @@ from deltaid.fleets.factor_record import (
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.source import readable
 from deltaid.robot.description import RobotDescription
 
 ENDING = ".factors.parquet"
@@ -111,12 +112,13 @@ def read(path: Path) -> FactorFile:
     """
     where = str(path)
     require_threads()
-    try:
+    with readable(path):
         data = path.read_bytes()
+    try:
         require_intact(data, where, RecordingError, _CURE)
         beside = pl.read_parquet_metadata(BytesIO(data))
         table = pl.read_parquet(BytesIO(data))
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)

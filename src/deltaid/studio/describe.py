@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
+from deltaid.studio.drafting.draft import Draft
 from deltaid.studio.drafting.kinds import KINDS
 from deltaid.studio.drafting.questions import Question, asked
 from deltaid.studio.steps import Step
@@ -37,10 +37,8 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
             cure="measure it, or look it up: nobody can guess",
         )
     draft = Draft(kind, name, KINDS[kind].split(",")[0])
-    for question, text in given.items():
-        value = quantity(text, question.unit, question.text)
-        draft = draft.answered(question.key, question.require(value), GIVEN)
-    return written(interview(draft))
+    texts = {question.key: text for question, text in given.items()}
+    return written(interview(draft.answered_in_words(texts, lambda question: question.text)))
 
 
 def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:

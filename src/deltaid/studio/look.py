@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mapping_text
@@ -24,6 +24,7 @@ from deltaid.recording.opening import resolved_table
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
+from deltaid.view.thinning import extreme_rows, stretch_length
 
 # Points of a curve at most; a screen has hardly more columns.
 POINTS = 1600
@@ -227,7 +228,11 @@ class MinMax:
             time, values = time[inside], values[inside]
         self._taken += len(time)
         for k, column in enumerate(values.T):
-            kept = _ends(column, _BLOCK) if self._taken > 8 * self._points else np.arange(len(time))
+            kept = (
+                extreme_rows(column, _BLOCK)
+                if self._taken > 8 * self._points
+                else np.arange(len(time))
+            )
             self._places[k].append(time[kept])
             self._values[k].append(column[kept])
 
@@ -237,23 +242,6 @@ class MinMax:
             return np.empty(0), np.empty(0)
         time, values = np.concatenate(self._places[k]), np.concatenate(self._values[k])
         if len(time) > self._points:
-            kept = _ends(values, int(np.ceil(2 * len(time) / self._points)))
+            kept = extreme_rows(values, stretch_length(2 * len(time), self._points))
             time, values = time[kept], values[kept]
         return time, values
-
-
-def _ends(values: Float[np.ndarray, " rows"], block: int) -> Int[np.ndarray, " kept"]:
-    """Where the smallest and the largest value of each block stand, in order."""
-    whole = len(values) // block * block
-    rest = _extremes(values[whole:].reshape(1, -1)) + whole if len(values) > whole else []
-    return np.concatenate([_extremes(values[:whole].reshape(-1, block)), rest]).astype(int)
-
-
-def _extremes(rows: Float[np.ndarray, "blocks width"]) -> Int[np.ndarray, " kept"]:
-    """The same of the rows of an array, as places in all of it; NaN counts as neither."""
-    if not rows.size:
-        return np.empty(0, dtype=int)
-    low = np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1)
-    high = np.argmax(np.where(np.isnan(rows), -np.inf, rows), axis=1)
-    both = np.sort(np.stack([low, high], axis=1), axis=1)
-    return (both + rows.shape[1] * np.arange(len(rows))[:, None]).ravel()

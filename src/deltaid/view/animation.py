@@ -14,6 +14,7 @@ from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.page import Figure
 from deltaid.view.robot_shape import members, outline, outline_points
+from deltaid.view.thinning import even_rows
 
 # Frames of the player, seconds that they show, points of the whole path: what a page holds easily.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
@@ -88,12 +89,15 @@ def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
 
 def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
     """What does not move: the workspace, the whole path, and the part of it that is shown."""
-    every = max(1, len(path) // _PATH)
     edges = workspace_line(kinematics.robot.workspace, {"color": style.PRIOR, "width": 1})
     edges.showlegend = False
     return [
         edges,
-        still_line("path", path[::every], {"color": style.PRIOR, "width": 2, "dash": "dot"}),
+        still_line(
+            "path",
+            path[even_rows(len(path), _PATH)],
+            {"color": style.PRIOR, "width": 2, "dash": "dot"},
+        ),
         still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
 

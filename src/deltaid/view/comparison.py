@@ -15,6 +15,7 @@ from scipy import signal
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import PreparedRecording
+from deltaid.view.thinning import stretch_length
 
 # Points over time that a figure draws quickly and a file holds easily.
 _SHOWN = 20_000
@@ -55,7 +56,7 @@ class TorqueComparison:
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
     log, thinned = recording.log, recording.thinned
-    stretch = max(1, -(-log.samples // (thinned * _SHOWN)))
+    stretch = stretch_length(log.samples, thinned * _SHOWN)
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
     spectrum = _Spectrum(log.rate)
     shown, counted = [], []

@@ -15,6 +15,7 @@ from deltaid.view.drawing import drawing
 from deltaid.view.numbers import measured, number, span, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.provenance import provenance_section
+from deltaid.view.thinning import extreme_rows, stretch_length
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -123,16 +124,16 @@ def _facts(study: Forces) -> tuple[Fact, ...]:
 def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest force along every strut in stretches of equal length; constant memory.
 
-    Time, each twice, and forces, least and largest in turn.
+    Times and forces of the two, in order, a column a strut.
     """
     forces, times, pairs = study.constraint_forces, list[np.ndarray](), list[np.ndarray]()
     channels = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
-    length = max(1, -(-study.recording.log.samples // _STRETCHES))
+    length = stretch_length(study.recording.log.samples, _STRETCHES)
     for motion, values in study.over_time():
-        starts = np.arange(0, len(motion.time), length)
-        ends = [f.reduceat(values[:, channels], starts) for f in (np.minimum, np.maximum)]
-        times.append(np.repeat(motion.time[starts], 2))
-        pairs.append(np.stack(ends, axis=1).reshape(-1, len(channels)))
+        along = values[:, channels]
+        rows = np.column_stack([extreme_rows(column, length) for column in along.T])
+        times.append(motion.time[rows])
+        pairs.append(np.take_along_axis(along, rows, axis=0))
     return np.concatenate(times), np.concatenate(pairs)
 
 
@@ -145,7 +146,7 @@ def _over_time(study: Forces) -> Figure:
         row = k // each + 1
         figure.add_trace(
             go.Scatter(
-                x=time.astype(np.float32),
+                x=time[:, k].astype(np.float32),
                 y=along[:, k].astype(np.float32),
                 name=strut,
                 showlegend=each > 1,  # where there is one, the axis names its limb

@@ -15,6 +15,7 @@ from deltaid.view.comparison import TorqueComparison
 from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
+from deltaid.view.thinning import even_rows
 from deltaid.view.torques import grid
 
 # Points of a law at either sign of the speed, and dots of recordings that do not hide it.
@@ -60,7 +61,7 @@ def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
             speed = np.concatenate([c.speed[:, drive] for c in comparisons])
             residual = np.concatenate([c.residual[:, drive] for c in comparisons])
             fastest = float(np.abs(speed).max()) or 1.0
-            every = slice(None, None, max(1, -(-len(speed) // _DOTS)))
+            every = even_rows(len(speed), _DOTS)
             traces.append(
                 go.Scatter(
                     x=speed[every],

@@ -12,6 +12,7 @@ from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
 from deltaid.view.numbers import WIDTH, number
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.thinning import peak_rows
 
 # Points that a line is drawn with, at most.
 _POINTS = 8000
@@ -178,12 +179,10 @@ def _over_time(
 
 
 def _thinned(series: WatchSeries) -> WatchSeries:
-    step = -(-len(series.time) // _POINTS)
-    if step == 1:
-        return series
-    whole = len(series.time) // step
-    at = np.arange(whole) * step + series.size[: whole * step].reshape(whole, step).argmax(axis=1)
-    return WatchSeries(**{field.name: getattr(series, field.name)[at] for field in fields(series)})
+    rows = peak_rows(series.size, _POINTS)
+    return WatchSeries(
+        **{field.name: getattr(series, field.name)[rows] for field in fields(series)}
+    )
 
 
 def _few(values: np.ndarray) -> np.ndarray:

@@ -70,10 +70,10 @@ def parameter_chart(model: IdentifiedModel) -> Figure:
         }
     )
     for kind, name, color, symbol in (
-        ("data", "identified, with 95 % interval", style.IDENTIFIED, "circle"),
-        ("measured", "by measured values", style.IDENTIFIED, "square"),
-        ("sum", "with the prior of others", style.IDENTIFIED, "circle-open"),
-        ("limit", "at the limit of consistency", style.IDENTIFIED, "triangle-left-open"),
+        ("data", "identified, 95 % interval", style.IDENTIFIED, "circle"),
+        ("measured", "from measured values", style.IDENTIFIED, "square"),
+        ("sum", "identified as a sum, 95 % interval", style.IDENTIFIED, "circle-open"),
+        ("limit", "as small as physics allows", style.IDENTIFIED, "triangle-left-open"),
         ("prior", "from the prior, no interval", style.PRIOR, "circle-open"),
         ("fixed", "held by the description", style.PRIOR, "line-ns-open"),
         ("consistency", "lower bound", style.PRIOR, "triangle-right-open"),

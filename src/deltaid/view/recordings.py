@@ -15,6 +15,7 @@ from deltaid.view.card import Card
 from deltaid.view.models import warned
 from deltaid.view.numbers import number
 from deltaid.view.page import Table
+from deltaid.view.thinning import extreme_rows, stretch_length
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -97,13 +98,10 @@ def _numbers(column: pl.Series) -> np.ndarray:
 
 def _condensed(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of many samples the least and the largest of each stretch, so that no spike disappears."""
-    if len(values) <= _POINTS:
-        return time.astype(np.float32), values.astype(np.float32)
-    length = -(-2 * len(values) // _POINTS)
-    starts = np.arange(0, len(values), length)
-    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
-    pairs = np.stack([low, high], axis=1).ravel()
-    return np.repeat(time[starts], 2).astype(np.float32), pairs.astype(np.float32)
+    if len(values) > _POINTS:
+        rows = extreme_rows(values, stretch_length(2 * len(values), _POINTS))
+        time, values = time[rows], values[rows]
+    return time.astype(np.float32), values.astype(np.float32)
 
 
 def _ranges(table: pl.DataFrame) -> Table:

@@ -12,6 +12,7 @@ from deltaid.robot.joint_units import JointUnits
 from deltaid.view import style
 from deltaid.view.comparison import TorqueComparison
 from deltaid.view.page import Figure
+from deltaid.view.thinning import even_rows
 
 # Intervals of speed, and of the residual.
 _SPEED_BINS, _RESIDUAL_BINS = 30, 60
@@ -100,7 +101,7 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
 def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
     """Residual over the drive's speed: what friction leaves shows here."""
     figure = grid(tuple(drives), 260)
-    keep = slice(None, None, max(1, -(-len(c.speed) // _SCATTER)))
+    keep = even_rows(len(c.speed), _SCATTER)
     for i, units in enumerate(drives.values()):
         row, col = i // 2 + 1, i % 2 + 1
         told = np.isfinite(c.residual[:, i])

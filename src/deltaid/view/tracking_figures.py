@@ -13,6 +13,7 @@ from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.page import Figure
+from deltaid.view.thinning import peak_rows
 
 NO_MODEL = "no model"
 # Points a line is drawn with.
@@ -147,10 +148,5 @@ def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, h
 
 def _peaks(time: Signal, values: Signal) -> tuple[Points, Points]:
     """At most `_POINTS` samples: of each stretch the one of largest size."""
-    step = -(-len(time) // _POINTS)
-    if step == 1:
-        return time.astype(np.float32), values.astype(np.float32)
-    whole = len(time) // step
-    size = np.nan_to_num(np.abs(values[: whole * step]), nan=-1.0).reshape(whole, step)
-    at = np.arange(whole) * step + size.argmax(axis=1)
-    return time[at].astype(np.float32), values[at].astype(np.float32)
+    rows = peak_rows(np.abs(values), _POINTS)
+    return time[rows].astype(np.float32), values[rows].astype(np.float32)

@@ -1,13 +1,13 @@
 """A robot by a few numbers as people write them, each with where it comes from."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.drafting.questions import Question, asked
+from deltaid.studio.drafting.questions import QUESTIONS, Question, asked
 
 if TYPE_CHECKING:
     import pint
@@ -45,6 +45,34 @@ class Draft:
         """With one more answer."""
         values, origins = {**self.values, key: value}, {**self.origins, key: origin}
         return replace(self, values=values, origins=origins)
+
+    def answered_in_words(
+        self, texts: Mapping[str, str | None], named: Callable[[Question], str]
+    ) -> "Draft":
+        """With answers as people write them.
+
+        Args:
+            texts: such as '235 mm' by the keys of the questions; None is no answer.
+            named: what messages call a question.
+
+        Raises:
+            DeltaidError: an answer is none, or this kind of robot has nothing of it.
+        """
+        draft = self
+        for question in QUESTIONS:
+            text = texts.get(question.key)
+            if text is None:
+                continue
+            if not question.of(self.kind):
+                raise DeltaidError(
+                    f"a {self.kind} has none ({question.text})",
+                    where=f"{named(question)} {text}",
+                    cure="leave it out, or choose another --kind",
+                )
+            draft = draft.answered(
+                question.key, read_answer(question, text, named(question)), GIVEN
+            )
+        return draft
 
     def offer(self, question: Question) -> tuple[float, str] | None:
         """What stands where nothing is given, and where it comes from; None if nobody can guess."""
@@ -105,6 +133,15 @@ _EXAMPLES = {
 }
 # Letters of an answer; what is longer is no number with a unit.
 _LONGEST = 40
+
+
+def read_answer(question: Question, text: str, where: str) -> float:
+    """The number of an answer as people write it; `where` names it in messages.
+
+    Raises:
+        DeltaidError: it is no number with a unit of the kind, or no machine can have it.
+    """
+    return question.require(quantity(text, question.unit, where), where)
 
 
 def quantity(text: str, unit: str, where: str = "the answer") -> float:

@@ -12,7 +12,7 @@ from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in
-from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
+from deltaid.studio.drafting.draft import GIVEN, Draft, read_answer
 from deltaid.studio.drafting.questions import GROUPS, Group, Question, asked
 from deltaid.studio.drafting.text import written
 from deltaid.studio.drafting.workspace import find_space, height
@@ -77,7 +77,7 @@ def _one(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
         if not text and offer is not None:
             return offer
         try:
-            return question.require(quantity(text, question.unit, question.option)), GIVEN
+            return read_answer(question, text, question.option), GIVEN
         except DeltaidError as error:
             asker.tell(error)
 

@@ -63,8 +63,8 @@ class Question:
         """Its unit as people write it."""
         return _WORDS[self.unit]
 
-    def require(self, value: float) -> float:
-        """The value, if a machine can have it.
+    def require(self, value: float, where: str = "") -> float:
+        """The value, if a machine can have it; `where` names it in messages, else its option.
 
         Raises:
             DeltaidError: it cannot be.
@@ -72,9 +72,8 @@ class Question:
         if not self.low <= value <= self.high:
             unit = f" {self.shown_unit}".rstrip()
             raise DeltaidError(
-                f"{value:g}{unit} cannot be: {self.text}; it lies between {self.low:g} and "
-                f"{self.high:g}{unit}",
-                where=self.option,
+                f"{value:g}{unit} is outside {self.low:g} … {self.high:g}{unit}: {self.text}",
+                where=where or self.option,
                 cure=self._cure(value),
             )
         return value
