@@ -172,7 +172,8 @@ def _keys(text: str, rng: random.Random) -> bytes:
             parent[key] = str(parent[key])
         case _:
             parent[key] = rng.choice(_VALUES)
-    dumped = json.dumps(tree, default=str, ensure_ascii=rng.random() < 0.5, indent=1)
+    # Without indentation, as lines of models are known by.
+    dumped = json.dumps(tree, default=str, ensure_ascii=rng.random() < 0.5, indent=0)
     return dumped.replace("NaN", ".nan").replace("Infinity", ".inf").encode()
 
 

@@ -237,6 +237,12 @@ def test_what_a_model_is_worth_is_said_where_it_is_used(folder: Path, tmp_path: 
     assert not target.exists()
     assert run(*words, "--force").code == 0
     assert "found wrong: torque-sign. Model " in target.read_text(encoding="utf-8")
+    for line in (["excite"], ["sensors"], ["drift", folder / "log.csv"]):
+        planned = run(line[0], file, *line[1:])
+        assert (planned.code, planned.errors) == (2, 1)
+        assert "poor.yaml: Poor: " in planned.err
+        assert "go on with --force" in planned.err
+    assert "poor.yaml: Poor: " in run("show", file).err
 
 
 def test_a_file_that_was_changed_by_hand_says_so(folder: Path, tmp_path: Path) -> None:
@@ -248,3 +254,6 @@ def test_a_file_that_was_changed_by_hand_says_so(folder: Path, tmp_path: Path) -
     file.write_text(text.replace("title:", "title:  "), encoding="utf-8")
     (first, *_) = load(file).identified.warnings
     assert "was changed after deltaid wrote it" in first
+    used = run("torque", file, folder / "verify.csv", "-o", tmp_path / "a.csv")
+    assert used.code == 0
+    assert f"warning: {file.name}: {first}" in used.err

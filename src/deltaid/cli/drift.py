@@ -9,8 +9,9 @@ import typer
 
 from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.gathered import in_folders
-from deltaid.cli.options import AsJson, Full, output_file
+from deltaid.cli.options import AsJson, Full, UsePoor, output_file
 from deltaid.cli.output import (
+    judged,
     print_json,
     print_written,
     progress,
@@ -43,6 +44,7 @@ def drift(
     ] = None,
     full: Full = False,
     as_json: AsJson = False,
+    force: UsePoor = False,
 ) -> None:
     """Find friction that changes over weeks and months.
 
@@ -69,13 +71,13 @@ def drift(
     writers = {path: table for path, table in tables if path is not None}
     for path in writers:
         drift_tables.require_table(path)
-    with progress(as_json) as say:
+    model = load(robot)
+    with judged(model, force=force), progress(as_json) as say:
         files = list["FactorFile"]()
         for k, path in enumerate(paths):
             say(f"reading {k + 1} of {len(paths)}")
             files.append(read(path))
         say("looking for drift")
-        model = load(robot)
         known = model.identified or identify_gathered(model.robot, files).model
         result = robot_drift(recorded(files), known, settings)
     for path, table in writers.items():

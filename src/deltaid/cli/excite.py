@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Full, Report, Robot, bounded, output_file
+from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
 from deltaid.cli.output import (
+    judged,
     number,
     print_json,
     print_note,
@@ -79,6 +80,7 @@ def excite(
     report: Report = None,
     full: Full = False,
     as_json: AsJson = False,
+    force: UsePoor = False,
 ) -> None:
     """Optimise a motion for identification.
 
@@ -117,7 +119,7 @@ def excite(
     model = load(robot)
     if model.identified is not None:
         print_note(f"{model.source} is a model: planned with its masses and friction")
-    with progress(as_json) as say, _stop_on_interrupt() as stop:
+    with judged(model, force=force), progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")
         exciter = Exciter(model, settings)
         say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")

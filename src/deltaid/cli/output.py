@@ -75,25 +75,39 @@ def print_problems(problems: Sequence[str]) -> None:
 
 @contextmanager
 def used(model: "Model", *, force: bool = False) -> Generator[None]:
-    """Say on standard error what a model is worth that a command has used, where it is not good.
+    """As `judged`; of a robot it says that it stands for its prior."""
+    with judged(model, force=force):
+        yield
+    print_origin(model)
+
+
+@contextmanager
+def judged(model: "Model", *, force: bool = False) -> Generator[None]:
+    """Say on standard error what a model is worth that a command has used, where it is not good,
+    and whether its file was changed by hand.
 
     Raises:
         DeltaidError: it is poor, and `force` is not set; before it is used.
     """
+    if model.identified is None:
+        yield
+        return
+    from deltaid.model.record import CHANGED
     from deltaid.view.page import Trust
     from deltaid.view.summary import summary
 
-    verdict = None if model.identified is None else summary(model)
-    if verdict is not None and verdict.grade is Trust.POOR and not force:
+    verdict = summary(model)
+    if verdict.grade is Trust.POOR and not force:
         raise DeltaidError(
             verdict.sentence.rstrip("."),
             where=model.source,
             cure="identify it from better recordings, or go on with --force",
         )
     yield
-    print_origin(model)
-    if verdict is not None and verdict.grade is not Trust.GOOD:
+    if verdict.grade is not Trust.GOOD:
         print_note(f"{model.source}: {verdict.sentence}")
+    if CHANGED in model.identified.warnings:
+        print_warnings([f"{model.source}: {CHANGED}"])
 
 
 def print_origin(model: "Model") -> None:

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Full, Report, Robot, bounded
+from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded
 from deltaid.cli.output import (
+    judged,
     percent,
     print_json,
     print_note,
@@ -82,6 +83,7 @@ def sensors(
     report: Report = None,
     full: Full = False,
     as_json: AsJson = False,
+    force: UsePoor = False,
 ) -> None:
     """Plan what to weigh and measure besides torques.
 
@@ -89,6 +91,7 @@ def sensors(
 
     Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
     """
+    from deltaid.model.model import load
     from deltaid.recording.mapping import as_mapping
     from deltaid.robot.load import read_text
     from deltaid.sensors.planning.offers import shipped_text
@@ -112,9 +115,10 @@ def sensors(
         seed=seed,
     )
     mapping = as_mapping(columns)
-    with progress(as_json) as say:
+    model = load(robot)
+    with judged(model, force=force), progress(as_json) as say:
         plan = sensor_plan(
-            robot,
+            model,
             motion,
             offers=offers,
             goal=goal,

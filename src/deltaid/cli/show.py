@@ -10,6 +10,7 @@ import typer
 from deltaid.cli.options import Full, bounded, output_file
 from deltaid.cli.output import (
     console,
+    judged,
     print_warnings,
     print_written,
     progress,
@@ -63,7 +64,7 @@ def show(
             require_port(port)
     model = load(robot)
     require_space(model.robot)
-    with progress(False) as say:
+    with judged(model, force=True), progress(False) as say:
         say("compiling")
         at_rest = AtRest(model.dynamics, model.p)
     if report is not None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 # 4: the posterior; how intervals were made.
 FORMAT = 4
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
-_CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
+CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
@@ -238,7 +238,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         model = parse(text, cls, where=where)
         warnings = model.warnings
         if is_intact(text.replace("\r\n", "\n").encode()) is False:
-            warnings = (_CHANGED, *warnings)
+            warnings = (CHANGED, *warnings)
         return model.changed(robot=bound(model.robot, where), warnings=warnings)
 
     @model_validator(mode="after")
