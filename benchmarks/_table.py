@@ -28,6 +28,8 @@ STATED: dict[str, Size] = {
     "belt_picks": {"rows": 9, "picks": 40},
     "bodies_weighed": {"rows": 24, "seeds": 100},
     "calibrate": {"rows": 13, "machines": 20},
+    "calibrate_times": {"rows": 2},
+    "calibrated_identify": {"rows": 3, "machines": 8},
     "coverage_of_intervals": {"rows": 6, "seeds": 200},
     "coverage_of_labels": {"rows": 12, "robots": 20},
     "cutoff_rule": {"rows": 8},

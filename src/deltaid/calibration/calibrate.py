@@ -1,7 +1,7 @@
 """`deltaid.calibrate`: the geometry of a Delta from measured poses, and what they cannot know."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +78,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         scales: by drive, the share that it moves more than recorded.
         values: of all numbers, how much they exceed the described ones [m, rad or share].
         std: their standard deviations.
-        decided: which source decided each number most: 'description', or an instrument's kind.
+        decided: which source decided each number most: 'description', an instrument's kind, or
+            'torques'.
         shares: of each source, description first, in each number.
         sessions: readings, file by file.
         rank: how many combinations of numbers and instruments' unknowns readings know better than
@@ -108,7 +109,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     @property
     def sources(self) -> tuple[str, ...]:
         """Of `shares`: the description, then the instruments by kind."""
-        return ("description", *(session.kind for session in self.sessions))
+        torques = () if self.known.torques is None else ("torques",)
+        return ("description", *(session.kind for session in self.sessions), *torques)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,6 +156,7 @@ def calibrate(
     points: ReadingsLike | None = None,
     probe: ReadingsLike | None = None,
     distances: ReadingsLike | None = None,
+    torques: ReadingsLike | None = None,
     columns: Measurements | str | Path | None = None,
     lengths: float | None = None,
     angles: float | None = None,
@@ -161,6 +164,7 @@ def calibrate(
     hold: Sequence[str] = (),
     struts_apart: bool = False,
     tool: Sequence[float] = (0.0, 0.0, 0.0),
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """The geometry of a robot from measured poses, by any mixture of instruments.
 
@@ -169,6 +173,7 @@ def calibrate(
         points: 3-D points of a tracker or camera in a frame of its own: files, or tables.
         probe: touches of a plane, bare or on blocks of known height.
         distances: between two tool points each, of a calliper or a ballbar.
+        torques: recordings as of `identify`, beside other readings; they show zeros.
         columns: names of columns, units and noise by kind of instrument.
         lengths: standard deviation of lengths before [m]; None for the description's tolerance, or
             1 mm where it states none.
@@ -177,6 +182,7 @@ def calibrate(
         hold: kinds or names of numbers that are as described.
         struts_apart: whether struts of a limb differ, so that the platform tilts.
         tool: the tool from the platform point [m]; of effect only where the platform tilts.
+        progress: called with a sentence before each stage of recordings.
 
     Returns:
         Geometry, intervals, what decided each number, what readings cannot know.
@@ -206,10 +212,16 @@ def calibrate(
             require_sense(loops, known, instruments[-1])
     if not instruments:
         raise RecordingError(
-            "nothing was measured",
+            "no poses were measured" if torques is not None else "nothing was measured",
             where="calibrate",
-            cure="give --points, --probe or --distances with a file",
+            cure="give --points, --probe or --distances with a file; torques add to these",
         )
+    logs = _several(torques)
+    if logs:
+        from deltaid.calibration.torques import torque_rows  # loads all of identification
+
+        rows = torque_rows(description, logs, mapping.torques, known, progress)
+        known = replace(known, torques=rows)
     return result(description, fit(loops, known, instruments))
 
 
@@ -226,7 +238,7 @@ def result(description: RobotDescription, found: Fit) -> Calibration:
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, found.std)
     missing = over.moved @ np.where(kept, 0.0, theta)
     shares = found.shares()
-    kinds = ["description", *(instrument.kind for instrument in found.instruments)]
+    kinds = ["description", *(x.kind for x in found.instruments), "torques"]
     decided = tuple(kinds[k] for k in np.argmax(shares, axis=0))
     A = triangle(np.vstack([part.A for part in found.rows]))
     A[:, len(found.u) :] *= LENGTH

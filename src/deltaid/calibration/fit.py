@@ -84,19 +84,24 @@ def _with_predicted(
 ) -> Fit:
     """With the noise that residuals show, and all readings that the others predict within it."""
     while True:
-        grown = [_level(found, i) for i in range(len(found.instruments))]
+        grown = [_level(found, i) for i in range(len(found.rows))]
         now = [
             replace(x, noise=x.noise * more)
-            for x, more in zip(found.instruments, grown, strict=True)
+            for x, more in zip(found.instruments, grown, strict=False)
         ]
+        known = found.known
+        if known.torques is not None:
+            known = replace(known, torques=known.torques.with_noise(grown[-1]))
         used = [
             own | (one & (np.abs(part).max(axis=1) < _OUTLIER * more))
-            for own, one, part, more in zip(found.used, single, found.residuals, grown, strict=True)
+            for own, one, part, more in zip(
+                found.used, single, found.residuals, grown, strict=False
+            )
         ]
         same = all(map(np.array_equal, used, found.used))
         if same and max(grown, default=1.0) <= 1.0:
             break
-        found = solved(found.loops, found.known, now, used, stated, found)
+        found = solved(found.loops, known, now, used, stated, found)
     for i in range(len(found.instruments)):
         _require_fit(found, i)
     return found
@@ -176,7 +181,7 @@ def _outliers(
 
 
 def _level(found: Fit, i: int) -> float:
-    """How many times larger an instrument's noise is than assumed; 1 where chance explains it."""
+    """How many times larger the noise of some rows is than assumed; 1 where chance explains it."""
     rows = found.rows[i]
     freedom = len(rows.error) - float(np.sum((rows.A @ found.knowledge.inverse) ** 2))
     square = float(rows.error @ rows.error)

@@ -46,7 +46,7 @@ class Fit:
     used: which readings of each.
     states: of each instrument's unknowns.
     u: free numbers in units of their spread before.
-    rows: of each instrument's used readings.
+    rows: of each instrument's used readings, and behind them of torques.
     errors: of each instrument's readings, used or not [m].
     residuals: the same in units of their σ.
     knowledge: of u and the instruments' unknowns.
@@ -115,6 +115,7 @@ def solved(
             )
         every = _rows(known, instruments, x, slopes, states, own)
         rows = tuple(_of(part, keep) for part, keep in zip(every, used, strict=True))
+        rows += _of_torques(known, u, sum(own))
         problem = LinearProblem(
             np.vstack([part.A for part in rows]),
             np.concatenate([part.error for part in rows]),
@@ -145,6 +146,14 @@ def solved(
     grown = tuple(x.noise / noise for x, noise in zip(instruments, stated, strict=True))
     return Fit(loops, known, tuple(instruments), tuple(used), states, u, rows, errors,
                residuals, knowledge, grown)  # fmt: skip
+
+
+def _of_torques(known: Unknowns, u: Float[np.ndarray, " free"], own: int) -> tuple[Rows, ...]:
+    """Rows of torques, which say nothing of the instruments' unknowns."""
+    if known.torques is None:
+        return ()
+    A = known.torques.A @ known.G
+    return (Rows(np.pad(A, ((0, 0), (0, own))), known.torques.b - A @ u, 1),)
 
 
 def start_of(

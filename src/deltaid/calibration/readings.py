@@ -17,6 +17,7 @@ from pydantic import Field
 from deltaid.calibration.instruments import KINDS, Instrument, Kind
 from deltaid.calibration.loops import Loops
 from deltaid.errors import KinematicsError, RecordingError
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
@@ -65,6 +66,9 @@ class Measurements(Part):
     probe: InstrumentColumns = Field(default=InstrumentColumns(), description="touches of a plane")
     distances: InstrumentColumns = Field(
         default=InstrumentColumns(), description="between two poses each"
+    )
+    torques: ColumnMapping | None = Field(
+        default=None, description="of recordings, as the mapping file of identify"
     )
 
 

@@ -76,6 +76,26 @@ class Number:
 
 
 @dataclass(frozen=True, eq=False)
+class TorqueRows:
+    """What recordings say of a robot's numbers, whatever all else is.
+
+    Attributes:
+        source: files, for messages.
+        A, b: A θ = b in units of the noise.
+        grown: how many times larger the noise is than the recordings show.
+    """
+
+    source: str
+    A: Float[np.ndarray, "rows numbers"]
+    b: Float[np.ndarray, " rows"]
+    grown: float = 1.0
+
+    def with_noise(self, more: float) -> "TorqueRows":
+        """The same with so many times the noise."""
+        return TorqueRows(self.source, self.A / more, self.b / more, self.grown * more)
+
+
+@dataclass(frozen=True, eq=False)
 class Unknowns:
     """Numbers of a robot, and the free variables behind them.
 
@@ -86,11 +106,13 @@ class Unknowns:
         G: takes free variables to θ; numbers that are held have rows of zeros, shared ones alike
             rows.
         apart: whether both struts of a limb are modelled.
+        torques: what recordings say of the numbers, if there are any.
     """
 
     numbers: tuple[Number, ...]
     G: Float[np.ndarray, "numbers free"]
     apart: bool
+    torques: TorqueRows | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

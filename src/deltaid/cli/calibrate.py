@@ -40,6 +40,10 @@ def calibrate(
         list[Path] | None,
         typer.Option(help="Distances between two poses, by calliper or ballbar; repeatable."),
     ] = None,
+    torques: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recordings of torques, which show zeros; may be repeated."),
+    ] = None,
     columns: Annotated[
         Path | None, typer.Option(help="Columns, units and noise of the files (YAML).")
     ] = None,
@@ -99,7 +103,7 @@ def calibrate(
     from deltaid.view.html import write_page
 
     configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
-    files = [*(points or ()), *(probe or ()), *(distances or ()), columns]
+    files = [*(points or ()), *(probe or ()), *(distances or ()), *(torques or ()), columns]
     require_outputs((robot, *files), {"--output": output, "--report": report, **configs})
     try:
         x, y, z = (float(part) for part in tool.split(","))
@@ -114,6 +118,7 @@ def calibrate(
             points=points,
             probe=probe,
             distances=distances,
+            torques=torques,
             columns=columns,
             lengths=lengths,
             angles=angles,
@@ -121,6 +126,7 @@ def calibrate(
             hold=_names(hold),
             struts_apart=struts_apart,
             tool=(x, y, z),
+            progress=say,
         )
     texts = {
         path: firmware_text(found, option.strip("-")) for option, path in configs.items() if path

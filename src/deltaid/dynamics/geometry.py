@@ -118,7 +118,11 @@ class TorqueSlopes:
 
     def of_length(self, number: int) -> Shown:
         """dτ/dg of a symbol of the growth [N m/m]."""
-        z, grown = self._places.with_length(number)
+        return self.of_growth(np.eye(self.grown.symbols)[number])
+
+    def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
+        """Along a direction of the symbols of the growth [N m/m or N m/rad]."""
+        z, grown = self._places.with_growth(direction)
         return (self._torque(z, grown) - self._described) / STEP
 
     def of_zero(self, drive: int) -> Shown:

@@ -39,7 +39,13 @@ class GrownPoses:
 
     def with_length(self, number: int) -> tuple[Samples, Float[np.ndarray, " growth"]]:
         """z and the growth."""
-        grown, (q, J) = STEP * np.eye(self.symbols)[number], self._described
+        return self.with_growth(np.eye(self.symbols)[number])
+
+    def with_growth(
+        self, direction: Float[np.ndarray, " growth"]
+    ) -> tuple[Samples, Float[np.ndarray, " growth"]]:
+        """z and the growth, `STEP` times a direction of its symbols."""
+        grown, (q, J) = STEP * direction, self._described
         later = np.array(self.position(self.z.T, grown)[0]).T
         return self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0], grown
 
@@ -92,9 +98,10 @@ class _Turned(SpeedForces):
         return fixed(body.R_WL.T) @ self._gravity
 
 
-def grown_torques(robot: RobotDescription) -> "GrownTorques":
-    """Torques and drive coordinates of a robot that may grow, kept for the next call."""
-    return _grown(robot.model_dump_json())
+def grown_torques(robot: RobotDescription, mounted: bool = False) -> "GrownTorques":
+    """Torques and drive coordinates of a robot that may grow, kept for the next call; with symbols
+    of how limbs are mounted, or without."""
+    return _grown(robot.model_dump_json(), mounted)
 
 
 class GrownDynamics(Dynamics):
@@ -108,9 +115,9 @@ class GrownDynamics(Dynamics):
 
 
 @lru_cache(maxsize=4)
-def _grown(description: str) -> GrownTorques:
+def _grown(description: str, mounted: bool) -> GrownTorques:
     robot, gravity = RobotDescription.model_validate_json(description), ca.SX.sym("g", 3)
-    growth = LengthGrowth.named(len(robot.limb_geometry))
+    growth = LengthGrowth.named(len(robot.limb_geometry), mounted)
     mechanism, symbols = build_mechanism(robot, growth), growth.symbols
     forces, speeds = _Turned(robot, mechanism, gravity), mechanism.speeds
     motion, still = speeds.by_drives(), ca.SX.zeros(mechanism.dof)

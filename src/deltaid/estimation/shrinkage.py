@@ -31,6 +31,8 @@ _PULL = 1e-2
 _HELD = 1e-6
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
+# Of a direction rows say nothing that they know to less than this share of its prior precision.
+_NOTHING = 1e-6
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
 _SLOW, _REDDEST = 8, 30.0
 
@@ -230,6 +232,39 @@ class Shrunk:
             scatter += float(np.sum((sums / size) ** 2)) * len(sums) / max(len(sums) - 1, 1)
             white += float(np.sum((influence / size) ** 2))
         return max(scatter / max(white, 1e-300), 1.0)
+
+    def rows_of(
+        self, group: CauseColumns, count: int
+    ) -> tuple[Float[np.ndarray, "rows count"], Float[np.ndarray, " rows"]]:
+        """A and b, with A x = b in units of the noise all that rows say of the first coefficients
+        of a group, whatever all other columns are.
+
+        That noise is by scatter where that is larger. Of the group's other coefficients the prior
+        counts as stated, of these none.
+        """
+        own, rest = group.columns[:count], group.columns[count:]
+        K, r = self._normal.K.copy(), self._normal.r.copy()
+        for other, alpha in zip(self.groups, self.alpha, strict=True):
+            if other is not group:
+                precision = (alpha * other.deviation) ** -2.0
+                K[other.columns, other.columns] += precision
+                r[other.columns] += other.mean * precision
+        K[rest, rest] += group.deviation[count:] ** -2.0
+        others = np.setdiff1d(np.arange(len(r)), own)
+        size = 1.0 / np.sqrt(np.diag(K)[others])
+        L = np.linalg.cholesky(
+            K[np.ix_(others, others)] * np.outer(size, size) + _DEPENDENT * np.eye(len(size))
+        )
+        half = solve_triangular(L, K[np.ix_(others, own)] * size[:, None], lower=True)
+        right = solve_triangular(L, r[others] * size, lower=True)
+        # in units of the prior, where eigenvalues below rounding say nothing
+        unit = group.deviation[:count]
+        S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
+        w, V = np.linalg.eigh(S)
+        w, V = w[w > _NOTHING], V[:, w > _NOTHING]
+        level = self._level(group)
+        s = V.T @ ((r[own] - half.T @ right) * unit)
+        return np.sqrt(w / level)[:, None] * V.T / unit, s / np.sqrt(w * level)
 
     def without(self, names: Collection[str]) -> "Shrunk":
         """The same where the coefficients of some groups are the means of their priors."""

@@ -1,6 +1,6 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,15 +71,29 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         before, full = after, _swept(now, after, _traces(now), last.p, sweep)
 
 
+def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
+    """One sweep of all effects, of which none is dropped, with one of the caller's instead of some,
+    by name; None where no recording can be differentiated."""
+    bare = _bare(setup)
+    bare = bare.changed(barred_effects=bare.barred_effects | frozenset(instead_of))
+    traces = _traces(bare)
+    return _swept(bare, _begun(bare), traces, None, 0, (own,)) if traces else None
+
+
 def _swept(
-    now: Setup, before: ContestOutcome, traces: Sequence[Trace], p: Parameters | None, sweep: int
+    now: Setup,
+    before: ContestOutcome,
+    traces: Sequence[Trace],
+    p: Parameters | None,
+    sweep: int,
+    more: Sequence[UnknownEffect] = (),
 ) -> Contest:
     """All effects at the recordings as they have been corrected."""
     spread = _WIDER * now.settings.prior_spread
     rows = TraceRows.for_dynamics(now.dynamics, without_lags(now.additions), spread)
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
-    unknowns = _allowed(unknowns, before, sweep)
+    unknowns = (*_allowed(unknowns, before, sweep), *more)
     return contest(rows, points, unknowns, before.read).with_ripples()
 
 

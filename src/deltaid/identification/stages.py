@@ -83,10 +83,15 @@ STAGES: tuple[Stage, ...] = (
 )
 
 
-def prepared(setup: Setup, progress: Progress) -> Setup:
+def before_contest(setup: Setup, progress: Progress) -> Setup:
+    """A setup after the stages before causes are weighed against each other."""
+    return prepared(setup, progress, STAGES[: STAGES.index(contested)])
+
+
+def prepared(setup: Setup, progress: Progress, stages: tuple[Stage, ...] = STAGES) -> Setup:
     """A setup after all stages; one without effect is skipped until something has changed."""
     needless: dict[Stage, Setup] = {}
-    for stage in STAGES:
+    for stage in stages:
         if stage in needless and setup.poses_as(needless[stage]):
             continue
         before, setup = setup, stage(setup, progress)

@@ -5,7 +5,7 @@ Only distances between joints count: a drive that stands further out does the sa
 torques as a joint of the platform that stands further in.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -21,11 +21,15 @@ class LimbGrowth:
         seat: how much further out its joint of the platform stands, along x of the limb's frame.
         arm: of the upper arm; nothing that counts with a linear drive.
         strut: of the struts.
+        place: how much further its joint of the platform stands along y and z of that frame.
+        turn: by which that frame turns about its axes, through the base point [rad].
     """
 
     seat: ca.SX
     arm: ca.SX
     strut: ca.SX
+    place: ca.SX | None = None
+    turn: ca.SX | None = None
 
 
 @dataclass(frozen=True)
@@ -43,17 +47,31 @@ class LengthGrowth:
     telescope: ca.SX
 
     @classmethod
-    def named(cls, limbs: int) -> "LengthGrowth":
-        """New symbols for so many limbs."""
+    def named(cls, limbs: int, mounted: bool = False) -> "LengthGrowth":
+        """New symbols for so many limbs; with those of how limbs are mounted, or without."""
         each = [ca.SX.sym(f"grown{i + 1}", 3) for i in range(limbs)]
         half, telescope = ca.SX.sym("half"), ca.SX.sym("telescope")
-        return cls(tuple(LimbGrowth(x[0], x[1], x[2]) for x in each), half, telescope)
+        own = [LimbGrowth(x[0], x[1], x[2]) for x in each]
+        if mounted:
+            more = [ca.SX.sym(f"mounted{i + 1}", 5) for i in range(limbs)]
+            own = [replace(x, place=m[:2], turn=m[2:]) for x, m in zip(own, more, strict=True)]
+        return cls(tuple(own), half, telescope)
 
     @property
     def symbols(self) -> ca.SX:
-        """All of them, limb by limb."""
+        """All of them, limb by limb; behind them those of how limbs are mounted."""
         limbs = [x for limb in self.limbs for x in (limb.seat, limb.arm, limb.strut)]
-        return ca.vertcat(*limbs, self.half, self.telescope)
+        mounted = [
+            x for limb in self.limbs for x in (limb.place, limb.turn) if isinstance(x, ca.SX)
+        ]
+        return ca.vertcat(*limbs, self.half, self.telescope, *mounted)
+
+
+def mounting_symbols(limb: int, limbs: int) -> tuple[list[int], list[int]]:
+    """Numbers of the symbols of where a limb (from 0, of so many) is mounted: those that move its
+    joint of the platform along x, y, z of its frame, and those that turn this frame about them."""
+    first = 3 * limbs + 2 + 5 * limb
+    return [3 * limb, first, first + 1], [first + 2, first + 3, first + 4]
 
 
 def grown_by(robot: RobotDescription) -> dict[str, tuple[int, ...]]:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from deltaid.mechanism.growth import LimbGrowth
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
-from deltaid.mechanism.rotation import Path, Turn, fixed, pointing, reciprocal, rotation
+from deltaid.mechanism.rotation import Path, Turn, fixed, pointing, reciprocal, rotation, skew
 from deltaid.mechanism.speeds import Speed
 from deltaid.robot.limbs import LimbGeometry
 
@@ -101,10 +101,14 @@ def limb_motion(
         grown: symbols that its lengths exceed the described ones by.
     """
     lengths: tuple[_Length, _Length] = (limb.upper_arm, limb.strut)
+    R_LW, origin, turned = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base), ca.SX.eye(3)
     if grown is not None:
         point = replace(point, at=point.at + fixed(limb.R_WL[:, 0]) * grown.seat)
         lengths = limb.upper_arm + grown.arm, limb.strut + grown.strut
-    R_LW, origin = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base)
+        if grown.place is not None and grown.turn is not None:
+            point = replace(point, at=point.at + fixed(limb.R_WL[:, 1:]) @ grown.place)
+            turned = turned + skew(grown.turn)  # to first order, as slopes need it
+            R_LW, origin = turned.T @ R_LW, turned.T @ origin
     d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
     rotary = limb.drive == "rotary"
     solved = _rotary(d, limb, lengths, middle) if rotary else _linear(d, limb, lengths[1])
@@ -122,8 +126,8 @@ def limb_motion(
     return LimbMotion(
         q=solved.q,
         bodies=LimbBodies(
-            driven,
-            MovingBody(names[1], limb.struts, limb.R_WL, strut, elbow),
+            driven.turned(turned),
+            MovingBody(names[1], limb.struts, limb.R_WL, strut, elbow).turned(turned),
             point.at,
             lengths[1],
         ),

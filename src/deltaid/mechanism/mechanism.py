@@ -36,6 +36,15 @@ class MovingBody:
     rotation: Rotation
     origin: Path
 
+    def turned(self, by: ca.SX) -> "MovingBody":
+        """The same turned about the origin by a constant rotation in L."""
+        if by.is_eye():
+            return self
+        at, rate, acceleration = self.origin.at, self.origin.rate, self.origin.acceleration
+        rotation = Rotation(by @ self.rotation.R, self.rotation.w, self.rotation.alpha)
+        origin = Path(by @ at, by @ rate, by @ acceleration)
+        return MovingBody(self.name, self.count, self.R_WL, rotation, origin)
+
     @property
     def world_rotation(self) -> ca.SX:
         """R_WB, from the link frame to the world."""

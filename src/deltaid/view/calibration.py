@@ -32,6 +32,10 @@ def session_lines(found: Calibration) -> list[str]:
         if x.excluded:
             more = f"; and {len(x.excluded) - _ROWS} more" if len(x.excluded) > _ROWS else ""
             lines.append(f"  excluded {'; '.join(x.excluded[:_ROWS])}{more}")
+    if (torques := found.known.torques) is not None:
+        own = [name for name, by in zip(found.names, found.decided, strict=True) if by == "torques"]
+        noise = f", {torques.grown:.2g}× their noise" if torques.grown > 1 else ""
+        lines.append(f"{torques.source}: torques{noise}, decide {', '.join(own) or 'no number'}")
     return lines
 
 

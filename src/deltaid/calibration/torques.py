@@ -1,0 +1,138 @@
+"""Recordings of torques as rows of a calibration.
+
+A robot whose numbers are off by θ has torques τ = Y p + D θ, D = dτ/dθ at measured drive positions.
+D stands as one more effect in the contest of causes, beside bodies, friction, lags and all other
+effects of `identify` but those of geometry, and all of these are profiled out:
+
+    A θ = b,    AᵀA = S,   S = K_θθ − K_θo K_oo⁻¹ K_oθ
+
+with K the normal equations at the noise that the contest leaves. How gravity points is unknown too,
+as far as the description's tolerance `mounting` lets it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from deltaid.calibration.loops import rail_frame, upright
+from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
+from deltaid.dynamics.geometry import TorqueSlopes, across
+from deltaid.dynamics.grown import grown_torques
+from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
+from deltaid.effects.point import TracePoint
+from deltaid.effects.unknown import Deviations, UnknownEffect
+from deltaid.errors import IdentificationError
+from deltaid.estimation.drive_rows import ColumnsOfDrives
+from deltaid.identification.contest_stage import swept_beside
+from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.stages import before_contest
+from deltaid.mechanism.growth import mounting_symbols
+from deltaid.model.settings import Settings
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
+from deltaid.recording.recording import open_recordings
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry
+
+# Noise of a drive above this share of its largest torque is none: the model is of another robot.
+_MISFIT = 0.2
+# What is off by less counts as known [m or rad].
+_EXACT = 1e-9
+
+
+class Numbers(UnknownEffect):
+    """The numbers of a calibration, and behind them turns of gravity."""
+
+    name = "calibration"
+    is_candidate = False
+    is_geometry = True
+
+    def __init__(self, known: Unknowns) -> None:
+        self.known = known
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        robot, gravity, p = point.dynamics.robot, point.slopes.gravity, point.slopes.p
+        grown = grown_torques(robot, mounted=True)
+        slopes = TorqueSlopes(grown, point.slopes.z, point.slopes.rates, p, gravity)
+        return point.weighted([
+            *(_slope(number, slopes, point) for number in self.known.numbers),
+            *(slopes.of_gravity(axis) for axis in across(gravity)),
+        ])  # fmt: skip
+
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
+        robot = point.dynamics.robot
+        spreads = [number.spread for number in self.known.numbers]
+        tilts = columns.shape[2] - len(spreads)
+        stated = "tolerances" in robot.model_fields_set
+        stated = stated and "mounting" in robot.tolerances.model_fields_set
+        mounting = robot.tolerances.mounting if stated else Tilt.deviation
+        return np.maximum([*spreads, *[mounting] * tilts], _EXACT)
+
+
+def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:
+    """dτ/dθ of one number."""
+    own, w = np.eye(point.dof)[number.limb], point.motion
+    if number.kind == "zero":
+        return slopes.of_zero(number.limb)
+    if number.kind == "scale":
+        return slopes.of_motion(point.q * own, w.qd * own, w.qdd * own)
+    limbs = point.dynamics.robot.limb_geometry
+    direction = np.zeros(slopes.grown.symbols)
+    if number.kind == "half":
+        direction[3 * len(limbs)] = 1.0
+    elif number.limb >= 0:
+        seat, turn = mounting_symbols(number.limb, len(limbs))
+        moved, turned = _mounting(number.kind, limbs[number.limb])
+        direction[seat], direction[turn] = -moved, turned
+        direction[3 * number.limb + 1] = number.kind == "upper_arm"
+        direction[3 * number.limb + 2] = number.kind == "strut"
+    return slopes.of_growth(direction)
+
+
+def _mounting(kind: str, limb: LimbGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """What a number moves the base point by, and turns the limb by, in the limb's frame."""
+    none, x, y, z = np.zeros(3), *np.eye(3)
+    axes = limb.R_WL.T @ (upright if limb.drive == "rotary" else rail_frame)(limb)
+    return {
+        "base_out": (axes @ x, none), "base_across": (axes @ y, none), "base_up": (axes @ z, none),
+        "azimuth": (none, limb.R_WL.T @ z), "tilt": (none, x),
+        "rail_out": (axes @ x, none), "rail_across": (axes @ y, none),
+        "lean_out": (none, axes @ -y), "lean_across": (none, axes @ x),
+    }.get(kind, (none, none))  # fmt: skip
+
+
+def torque_rows(
+    robot: RobotDescription,
+    logs: Sequence[RecordingLike],
+    columns: ColumnMapping | None,
+    known: Unknowns,
+    progress: Progress,
+) -> TorqueRows:
+    """What recordings of torques say of a robot's numbers.
+
+    Raises:
+        RecordingError: a log cannot be used.
+        IdentificationError: torques are not those of this robot.
+    """
+    kinematics, numbers = Setup(robot, (), Settings()).dynamics.kinematics, Numbers(known)
+    recordings = open_recordings(logs, kinematics, columns, None, progress)
+    setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), Settings())
+    source = ", ".join(str(recording.path) for recording in recordings)
+    rails = (GearRatios.name,) if "scale" in known.kinds else ()
+    instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
+    contest = swept_beside(before_contest(setup, progress), numbers, instead)
+    if contest is None:
+        raise IdentificationError(
+            "no torques are left to calibrate with",
+            where=source,
+            cure="record longer, without loads that come and go",
+        )
+    for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
+        if noise > _MISFIT * drive.largest:
+            raise IdentificationError(
+                f"{noise / drive.largest:.0%} of a drive's torque is unmodelled",
+                where=source,
+                cure="run deltaid check on this recording first",
+            )
+    A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
+    return TorqueRows(source, A, b)

@@ -1,0 +1,171 @@
+"""Machines built off their drawing, recorded as they are and identified with a calibrated robot."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+import deltaid
+from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
+from measured_poses import real, spans, touched, tracked
+from oracle.composed import ComposedOracle
+from oracle.limb import LimbShape
+from oracle.measured_delta import DRAWINGS, BuiltDelta, BuiltLimb, built
+from oracle.tree import Array
+from plants import GRID, Plant, bodies_of, even_pace, friction_of, rotors_of, true_parameters
+
+# Of a path [s]; its share of the largest motion; encoder step [rad]; of the recording [Hz].
+PERIOD, SIZE, STEP, RATE = 4.0, 0.8, 1e-6, 500.0
+# Intervals that are to hold: of parameters of bodies that data determines, of friction, of sums.
+KINDS = ("data", "friction", "base")
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltShape(LimbShape):
+    """A limb whose motor axis or rail points where it was mounted."""
+
+    limb: BuiltLimb
+
+    @property
+    def axes(self) -> Array:
+        out, along = self.limb.out, self.limb.along
+        if self.arm is None:
+            return super().axes
+        return np.column_stack([out, along, np.cross(out, along)])
+
+    @property
+    def rail(self) -> Array:
+        return self.limb.along
+
+
+def oracle_of(machine: BuiltDelta, robot: RobotDescription, p: Array) -> ComposedOracle:
+    """MuJoCo's tree of a Delta with one platform body, as it was built."""
+    shapes = tuple(
+        BuiltShape(
+            azimuth=float(np.deg2rad(azimuth)),
+            tilt=0.0,
+            base=limb.base,
+            seat=limb.seat,
+            arm=limb.arm,
+            strut=limb.struts[0][0],
+            outwards=robot.limb_geometry[i].outwards,
+            driven=robot.limb_bodies(i)[0],
+            strut_body=robot.limb_bodies(i)[1],
+            limb=limb,
+        )
+        for i, (limb, azimuth) in enumerate(
+            zip(machine.limbs, machine.drawing.azimuths, strict=True)
+        )
+    )
+    return ComposedOracle(
+        limbs=shapes,
+        kind="rigid",
+        bodies=bodies_of(robot, p),
+        struts_per_limb=robot.limbs.struts_per_limb,
+        gravity=np.array(robot.gravity),
+        rotor_inertia=rotors_of(robot, p),
+    )
+
+
+@dataclass(frozen=True)
+class Held:
+    """How many intervals hold the truth, and of how many, by `KINDS` and other origins."""
+
+    hold: Counter[str]
+    every: Counter[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """One machine: what it is described as, how it was built, its parameters and a recording."""
+
+    robot: RobotDescription
+    built: BuiltDelta
+    p: Array
+    recording: pl.DataFrame
+    rng: np.random.Generator
+
+    def measured(self, *instruments: str) -> dict[str, dict[str, Array]]:
+        """60 points of a tracker, 60 touches at two heights, or 18 distances at each."""
+        name, rng, drawing = self.robot.name, self.rng, DRAWINGS[self.robot.name]
+        x = drawing.poses(rng, 60)
+        low, block = drawing.low[2] + 0.01, 0.1
+        heights = np.repeat([low, low + block], 30)
+        given = {}
+        if "points" in instruments:
+            given["points"] = tracked(name, x, real(self.built, name, x), rng)
+        if "probe" in instruments:
+            places = np.column_stack([x[:, :2], heights])
+            given["probe"] = touched(self.built, name, places, 1e-5, rng)
+        if "distances" in instruments:
+            a, b = (drawing.poses(rng, 36) for _ in "ab")
+            a[:, 2] = b[:, 2] = np.repeat([low, low + block], 18)
+            given["distances"] = spans(self.built, name, a, b, rng)
+        return given
+
+    def calibrated(
+        self, file: Path, *instruments: str, length: float, angle: float, **settings: Any
+    ) -> Held:
+        """As `held`, with the robot file that `calibrate` writes of some instruments."""
+        given = self.measured(*instruments)
+        found = deltaid.calibrate(self.robot, lengths=length, angles=angle, **given)
+        found.save(file)
+        return self.held(file, found.zeros, deltaid.Settings(**settings))
+
+    def held(
+        self, robot: RobotDescription | Path, zeros: dict[str, float], settings: deltaid.Settings
+    ) -> Held:
+        """What an identification with a robot file comes to, zeros in its mapping."""
+        drives = range(len(self.built.limbs))
+        mapping = {
+            "position": {
+                "columns": [f"q{i + 1}" for i in drives],
+                "unit": "rad",
+                "zero": [-zero for zero in zeros.values()],
+            },
+            "torque": {"columns": [f"tau{i + 1}" for i in drives], "unit": "N*m"},
+        }
+        found = deltaid.identify(
+            robot, self.recording, columns=mapping if zeros else None, settings=settings
+        )
+        added = np.zeros(len(found.base.layout.names) - len(self.p))
+        base = found.base.values(np.append(self.p, added))
+        own = [k for k, group in enumerate(found.base.groups) if group.representative < len(self.p)]
+        entries = [
+            *zip(found.model.parameters, self.p, strict=False),
+            *((found.model.base_parameters[k], base[k]) for k in own),
+        ]
+        hold, every = Counter[str](), Counter[str]()
+        for entry, truth in entries:
+            of_friction = getattr(entry, "name", "").startswith(("viscous", "coulomb"))
+            kind = "friction" if of_friction else getattr(entry, "determined_by", "base")
+            every[kind] += 1
+            hold[kind] += int(entry.low <= truth <= entry.high)
+        return Held(hold, every)
+
+
+def machine(
+    name: str, seed: int, *, length: float, angle: float, noise: float, duration: float = 8.0
+) -> Machine:
+    """A machine that is off its drawing by normal errors, on a random motion."""
+    rng, robot = np.random.default_rng(seed), deltaid.load_robot(name)
+    delta = built(rng, DRAWINGS[name], length=length, angle=angle)
+    p = true_parameters(robot, rng)
+    oracle = oracle_of(delta, robot, p)
+    motion = random_motion(deltaid.Kinematics(robot), rng, period=PERIOD)
+    z, _, _ = motion.evaluate(np.arange(GRID) * (PERIOD / GRID))
+    plant = Plant(oracle, friction_of(robot, p), motion.centre + SIZE * (z - motion.centre), p)
+    truth = plant.move(even_pace(np.arange(round(duration * RATE)) / RATE, PERIOD), rng)
+    zeros, scales = (np.array([getattr(x, key) for x in delta.limbs]) for key in ("zero", "scale"))
+    q = STEP * np.round((truth.q - zeros) / scales / STEP)
+    tau = truth.tau + noise * np.abs(truth.tau).max(axis=0) * rng.standard_normal(truth.tau.shape)
+    columns = {"t": truth.time}
+    for key, values in (("q", q), ("tau", tau)):
+        columns |= {f"{key}{i + 1}": column for i, column in enumerate(values.T)}
+    return Machine(robot, delta, p, pl.DataFrame(columns), rng)

@@ -1,0 +1,126 @@
+"""Recordings beside measured poses: slopes of torques by every number, and what they add."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltaid
+from calibrated import machine, oracle_of
+from command import refused, run
+from deltaid.calibration.torques import Numbers
+from deltaid.calibration.unknowns import unknowns
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.geometry import TorqueSlopes
+from deltaid.dynamics.grown import grown_torques
+from deltaid.effects.point import TracePoint
+from deltaid.robot.load import save_yaml
+from oracle.measured_delta import DRAWINGS, BuiltDelta, built
+from oracle.tree import EZ, Array, rot_z
+from plants import true_parameters
+
+STEP, LIMB, SAMPLES = 1e-5, 1, 6
+CLAVEL = "clavel-delta3"
+
+
+def off(delta: BuiltDelta, kind: str, by: float) -> BuiltDelta:
+    """With one number of a limb off."""
+    limb = delta.limbs[LIMB]
+    out, aside = rot_z(np.deg2rad(delta.drawing.azimuths[LIMB])).T[:2]
+    across = out if limb.arm is not None else np.cross(limb.along, aside)
+    ((length, *ends),) = limb.struts
+    leans = {"lean_out": across, "lean_across": aside}
+    turned = {"azimuth": EZ, "tilt": out}
+    turned |= {lean: np.cross(limb.along, way) for lean, way in leans.items()}
+    moved = {"base_out": out, "base_across": aside, "base_up": EZ, "rail_out": across}
+    if kind in moved or kind == "rail_across":
+        limb = replace(limb, base=limb.base + by * moved.get(kind, aside))
+    elif kind in turned:
+        along, front = (v + by * np.cross(turned[kind], v) for v in (limb.along, limb.out))
+        limb = replace(limb, along=along, out=front)
+    else:
+        limb = {
+            "upper_arm": lambda: replace(limb, arm=limb.arm + by),
+            "zero": lambda: replace(limb, zero=by),
+            "scale": lambda: replace(limb, scale=1 + by),
+            "strut": lambda: replace(limb, struts=((length + by, *ends),)),
+        }[kind]()
+    return replace(delta, limbs=[*delta.limbs[:LIMB], limb, *delta.limbs[LIMB + 1 :]])
+
+
+@pytest.mark.parametrize("name", [CLAVEL, "linear-delta-45"])
+def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: str) -> None:
+    robot, rng = deltaid.load_robot(name), np.random.default_rng(0)
+    dynamics, known, drawing = compiled(robot), unknowns(robot), DRAWINGS[name]
+    p = true_parameters(robot, rng)
+    p[dynamics.layout.friction] = 0.0
+    z = drawing.poses(rng, SAMPLES)
+    q = dynamics.kinematics.inverse(z)
+    qd, qdd = rng.normal(0, 1, q.shape), rng.normal(0, 10, q.shape)
+
+    def torques(delta: BuiltDelta) -> Array:
+        scale, oracle = [limb.scale for limb in delta.limbs], oracle_of(delta, robot, p)
+        rows = zip(delta.tool_points(q, z), scale * qd, scale * qdd, strict=True)
+        return np.array([oracle.inverse_dynamics(*row) for row in rows]).T
+
+    exact = built(rng, drawing, length=0.0, angle=0.0)
+    gravity = np.array(robot.gravity)
+    slopes = TorqueSlopes(grown_torques(robot), z, np.hstack([qd, qdd]), p, gravity)
+    point = Mock(
+        spec=TracePoint, dynamics=dynamics, dof=3, slopes=slopes, q=q, motion=Mock(qd=qd, qdd=qdd),
+        weighted=lambda slopes: np.stack(slopes, axis=2),
+    )  # fmt: skip
+    columns = Numbers(known).columns(point)
+    assert columns.shape[2] == len(known.numbers) + 2
+    for k, number in enumerate(known.numbers):
+        if number.limb != LIMB:
+            continue
+        up, down = (torques(off(exact, number.kind, by)) for by in (STEP, -STEP))
+        expected = (up - down) / (2 * STEP)
+        near = 1e-4 * np.abs(expected).max()
+        np.testing.assert_allclose(columns[:, :, k], expected, atol=near, err_msg=number.kind)
+
+
+def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) -> None:
+    delta = machine(CLAVEL, 0, length=1e-3, angle=5e-3, noise=0.005)
+    save_yaml(delta.robot.changed(tolerances={"mounting": 2e-4}), tmp_path / "robot.yaml")
+    delta.recording.write_csv(tmp_path / "log.csv")
+    pl.DataFrame(delta.measured("probe")["probe"]).write_csv(tmp_path / "bed.csv")
+    given = {"robot": tmp_path / "robot.yaml", "probe": tmp_path / "bed.csv"}
+    size, truth = {"lengths": 1e-3, "angles": 5e-3}, delta.built.numbers()
+    bed = deltaid.calibrate(**given, **size)
+    both = deltaid.calibrate(**given, **size, torques=tmp_path / "log.csv")
+    errors = both.values - [truth[name] for name in both.names]
+    # of 24 numbers, correlated: of 95 % three standard deviations may be missing
+    assert np.mean(np.abs(errors) < 1.96 * both.std) > 0.8
+    assert both.after.position < 0.9 * bed.after.position
+    zeros = both.known.of_kind("zero")
+    assert both.sources == ("description", "probe", "torques")
+    assert both.shares.sum(axis=0) == pytest.approx(1.0)
+    assert both.shares[-1, zeros].min() > 0.2
+    rows = both.known.torques
+    left = rows.b - rows.A @ [truth[name] for name in both.names]
+    assert 0.3 < left @ left / len(left) < 2.5  # in units of their noise
+    done = run("calibrate", given["robot"], "--probe", given["probe"], "--torques",
+               tmp_path / "log.csv", "--lengths", 0.001, "--angles", 0.02)  # fmt: skip
+    assert done.code == 0, done.err
+    assert "log.csv: torques, decide limb1.zero, " in " ".join(done.out.split())
+    (row,) = (line for line in done.out.splitlines() if line.startswith("zero, "))
+    assert row.split()[-1] == "torques"
+
+
+def test_torques_alone_and_of_another_robot_are_refused(tmp_path: Path) -> None:
+    delta = machine(CLAVEL, 1, length=1e-3, angle=1e-3, noise=0.005, duration=4.0)
+    delta.recording.write_csv(tmp_path / "log.csv")
+    pl.DataFrame(delta.measured("probe")["probe"]).write_csv(tmp_path / "bed.csv")
+    log = ("--torques", tmp_path / "log.csv")
+    assert "no poses were measured" in refused("calibrate", CLAVEL, *log, folder=tmp_path)
+    noise = pl.Series(np.random.default_rng(0).normal(0, 30, len(delta.recording)))
+    delta.recording.with_columns(tau2=noise).write_csv(tmp_path / "log.csv")
+    said = refused("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", *log, folder=tmp_path)
+    assert "is unmodelled" in said
