@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from command import run
+from command import refused, run
 from deltaid.sensors.planning.offers import load_offers, shipped_offers
 
 DELTA = "clavel-delta3"
@@ -53,6 +53,9 @@ def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:
     path.write_text(cheap, encoding="utf-8")
     found = json.loads(run("sensors", DELTA, "--sensors", path, "--json").out)
     assert found["steps"][0]["name"] == "plate-tared"
+    assert run("sensors", DELTA, "--list", "--sensors", path).out == cheap
+    path.write_text(cheap.replace("price: 0", "price: much"), encoding="utf-8")
+    assert "price" in refused("sensors", DELTA, "--list", "--sensors", path, folder=tmp_path)
 
 
 @pytest.mark.parametrize(

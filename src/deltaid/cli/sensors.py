@@ -94,13 +94,15 @@ def sensors(
     from deltaid.model.model import load
     from deltaid.recording.mapping import as_mapping
     from deltaid.robot.load import read_text
-    from deltaid.sensors.planning.offers import shipped_text
+    from deltaid.sensors.planning.offers import load_offers, shipped_text
     from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
     from deltaid.view.html import write_page
     from deltaid.view.sensor_plan import chosen_entries
     from deltaid.view.sensors import sensors_page
 
     if print_list:
+        if offers is not None:
+            load_offers(offers)
         print(read_text(offers) if offers else shipped_text(), end="")
         return
     require_outputs((robot, motion, offers, columns), {"--report": report})
