@@ -99,7 +99,7 @@ def picks(model: Model) -> np.ndarray:
     lifted = (np.arange(CYCLES) // 250) % 2 == 1
     parts = (dynamics.torque(z, qd, qdd, p) for p in (heavier.p, model.p))
     tau = np.where(lifted[:, None], *parts)
-    return np.column_stack([q, qd, tau, lifted])
+    return np.column_stack([q, qd, tau, lifted, np.full(CYCLES, -1.0)])
 
 
 def in_c(model: Model, inputs: np.ndarray, precision: Precision) -> tuple[float, float]:

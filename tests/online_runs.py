@@ -64,6 +64,6 @@ def outputs(
 ) -> dict[str, np.ndarray]:
     """All outputs by name, and the states, cycle by cycle."""
     told = np.full(len(run.q), -1.0) if gripper is None else gripper.astype(float)
-    u = np.column_stack([run.q, run.qd, run.tau, told])
+    u = np.column_stack([run.q, run.qd, run.tau, told, np.full(len(told), -1.0)])
     states, y = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
     return graph.outputs.split(np.array(y).T) | {"state": np.array(states).T}

@@ -26,6 +26,8 @@ from sweeps import swept
 
 ROBOT, CYCLES, LIFTED = "clavel-delta3", 120, 60
 SPOILT = (30, 31)
+# A row that is not new, one that cannot be, and from when on rows have stamps.
+STALE, ABSURD, STAMPED = 95, 80, 70
 PRECISIONS = pytest.mark.parametrize(
     "precision", swept([DOUBLE, SINGLE], DOUBLE), ids=["double", "single"]
 )
@@ -34,7 +36,7 @@ PRECISIONS = pytest.mark.parametrize(
 @cache
 def recording(precision: Precision) -> tuple[Online, np.ndarray, np.ndarray]:
     """The stream behind a motion in which a load is lifted, its inputs, in floats where C has such,
-    and its outputs; two cycles have NaN and infinite inputs."""
+    and its outputs; two cycles have NaN and infinite inputs, two rows are to be skipped."""
     model = load(ROBOT)
     dynamics, online = model.dynamics, Online(model)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
@@ -44,11 +46,15 @@ def recording(precision: Precision) -> tuple[Online, np.ndarray, np.ndarray]:
     heavier[model.layout.names.index("P.m")] += 0.02
     lifted = np.arange(CYCLES) >= LIFTED
     tau = np.where(lifted[:, None], *(dynamics.torque(z, qd, qdd, p) for p in (heavier, model.p)))
-    inputs = np.ascontiguousarray(np.column_stack([q, qd, tau, lifted]))
+    elapsed = 1e-3 + 1e-4 * np.sin(np.arange(CYCLES))
+    elapsed[:STAMPED], elapsed[STALE] = -1.0, 0.0
+    inputs = np.ascontiguousarray(np.column_stack([q, qd, tau, lifted, elapsed]))
+    inputs[STALE, :9], inputs[ABSURD, 6] = inputs[STALE - 1, :9], 1e6
     inputs[SPOILT[0]], inputs[SPOILT[1], 2] = np.nan, np.inf
     inputs = inputs.astype(float if precision is DOUBLE else np.float32).astype(float)
-    found = online.run(q=inputs[:, :3], qd=inputs[:, 3:6], tau=inputs[:, 6:9], gripper=inputs[:, 9])
+    found = online.run(*np.split(inputs[:, :9], 3, axis=1), *inputs[:, 9:].T)
     assert found.held.any()
+    assert np.flatnonzero(~found.good).tolist() == [*SPOILT, ABSURD, STALE]
     return online, inputs, np.column_stack([found.outputs[f.name] for f in fields(online)])
 
 
@@ -61,7 +67,7 @@ def assert_outputs(found: np.ndarray, expected: np.ndarray, precision: Precision
     score, of the one that counts."""
     online, inputs, _ = recording(precision)
     share = 1e-12 if precision is DOUBLE else 1e-5
-    torque, at = np.nanmax(np.abs(np.delete(inputs, SPOILT, axis=0)[:, 6:9])), 0
+    torque, at = np.abs(np.delete(inputs, (*SPOILT, ABSURD), axis=0)[:, 6:9]).max(), 0
     for field in fields(online):
         place, at = slice(at, at + field.size), at + field.size
         whole = {"residual": torque, "unexplained": torque, "change_score": online.settings.alarm}
@@ -106,7 +112,8 @@ def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
     codes, found = [], []
     for row in inputs:
         numbers = [number(x) for x in row]
-        parts = {"q": numbers[:3], "qd": numbers[3:6], "tau": numbers[6:9], "gripper": numbers[9]}
+        parts = {"q": numbers[:3], "qd": numbers[3:6], "tau": numbers[6:9]}
+        parts |= {"gripper": numbers[9], "elapsed": numbers[10]}
         _, outputs = block(**parts, reset=False)
         codes.append(outputs["status"])
         found.append(np.hstack([outputs[field.name.lower()] for field in fields(online)]))
@@ -114,7 +121,7 @@ def test_structured_text_is_the_stream_of_python(precision: Precision) -> None:
     assert_outputs(np.array(found, float), expected, precision)
     first = {"q": list(map(number, inputs[0, :3])), "qd": list(map(number, inputs[0, 3:6]))}
     first["tau"] = list(map(number, inputs[0, 6:9]))
-    _, again = block(**first, gripper=number(0), reset=True)
+    _, again = block(**first, gripper=number(0), elapsed=number(-1), reset=True)
     assert_outputs(
         np.hstack([again[field.name.lower()] for field in fields(online)])[None].astype(float),
         expected[:1],

@@ -46,7 +46,7 @@ def test_differenced_speeds_have_no_lag() -> None:
         noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, speed="differenced"
     )
     graph = step_graph(model, settings)
-    u = np.column_stack([run.q, run.tau, run.held])
+    u = np.column_stack([run.q, run.tau, run.held, np.full(400, -1.0)])
     y = np.array(graph.function.mapaccum(400)(graph.state.initial, u.T)[1]).T
     load = graph.outputs.split(y)["load"][:, 0]
     assert np.abs(load[200:] - 1.0).max() < 0.01
@@ -145,7 +145,7 @@ def test_a_contact_is_timed_from_its_first_cycle_to_its_last() -> None:
     table = made.table[rows]
     q, tau = (table.select(pl.col(f"^{name}[1-3]$")).to_numpy() for name in ("q", "tau"))
     held = table["gripper"].to_numpy().astype(float)
-    u = np.column_stack([q, np.gradient(q, 1e-3, axis=0), tau, held])
+    u = np.column_stack([q, np.gradient(q, 1e-3, axis=0), tau, held, np.full(len(q), -1.0)])
     states, outputs = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
     time = graph.state.split(np.array(states).T)["contact_time"].squeeze()
     contact = graph.outputs.split(np.array(outputs).T)["contact"].squeeze()

@@ -108,7 +108,7 @@ def test_structured_text_lets_signals_wait_too() -> None:
     block = program.units["rob_online"]()
     for k in range(cycles):
         row = {"q": run.q[k].tolist(), "qd": run.qd[k].tolist(), "tau": run.tau[k].tolist()}
-        _, y = block(**row, gripper=float(run.held[k]), reset=False)
+        _, y = block(**row, gripper=float(run.held[k]), elapsed=-1.0, reset=False)
         np.testing.assert_allclose(y["residual"], expected["residual"][k], atol=1e-9)
         assert y["held"] == expected["held"][k, 0]
 

@@ -107,14 +107,15 @@ def contact_of(cycle: Cycle) -> CyclePart:
     known = settings.speed_noise is not None
     larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
     residual = replace(residual, covariance=residual.covariance * larger)
-    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, s.settled)
+    judged = ca.logic_and(s.settled, ca.logic_or(s.calm, since > 0))
+    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, judged)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     falls = _FALLS if known else 2 * _FALLS  # what is guessed is left slowly
     memory = ca.if_else(found > excess, _GROWS, falls)
-    learns = ca.logic_and(s.settled, seen.found < 0.5)
+    learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
     kept = (
@@ -168,10 +169,9 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
     aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
     S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
-    if settings.speed_noise is not None:
-        noise = ca.diag(ca.DM(np.array(settings.speed_noise)))
-        speeds = settings.corner * _mass_matrix(cycle, x) @ noise
-        S += speeds @ speeds.T
+    noise = np.array(settings.speed_noise or 0.0)
+    speeds = settings.corner * _mass_matrix(cycle, x) @ ca.diag(ca.sqrt(noise**2 + s.bridged**2))
+    S += speeds @ speeds.T
     mechanism = model.dynamics.kinematics.mechanism
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(s.z)

@@ -88,7 +88,7 @@ def estimates(
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
     differs = gripper_differs(states.held, s.gripper)
-    weight = s.live * (1 - touched) * (1 - differs)
+    weight = s.live * s.calm * (1 - touched) * (1 - differs)
     shape = _shape(states.held, before.x[:n_load])
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
     lowpass = Lowpass.lines(settings.corner, period)

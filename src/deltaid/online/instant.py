@@ -44,6 +44,13 @@ def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
         Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
         Field("tau", dof, "torques or forces as the drives report them"),
         Field("gripper", 1, "1 holds, 0 empty, -1 unknown", initial=NOT_TOLD),
+        Field(
+            "elapsed",
+            1,
+            "since the last new row by its stamp, 0 if this row is not new, -1 unknown",
+            "s",
+            initial=NOT_TOLD,
+        ),
     )
 
 
@@ -67,6 +74,7 @@ class Waits:
     def of_inputs(self, inputs: Layout) -> list[float]:
         """Of each number that a cycle reads: the gripper goes with the motion, in whole cycles."""
         each = {"tau": list(self.torque), "gripper": [float(self.whole)]}
+        each["elapsed"] = [0.0]
         waits = (each.get(f.name, [self.motion] * f.size) for f in inputs.fields)
         return [wait for field in waits for wait in field]
 
@@ -170,7 +178,7 @@ class CycleInstant:
 
 
 def instant(
-    waited: AlignedInputs, count: ca.SX, gains: ca.SX, settings: OnlineSettings
+    waited: AlignedInputs, before: ca.SX, count: ca.SX, gains: ca.SX, settings: OnlineSettings
 ) -> CycleInstant:
     """This cycle's, or the middle between the last one's and this one's.
 
@@ -178,14 +186,15 @@ def instant(
 
     Args:
         waited: what is read, of one instant.
-        count: good cycles in a row.
+        before: good cycles in a row, the state's symbol.
+        count: the same, 0 where all begins anew.
     """
     u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
     held = settings.torque == "held"
     needed = waited.cycles + (1 if settings.speed == "measured" else 2)
     most = needed + round(_SETTLED * settings.rate / settings.corner)
     field = Field("live", 1, f"good cycles in a row, up to {most}")
-    kept = [StateField(field, count, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
+    kept = [StateField(field, before, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
     live, settled = count >= needed, count >= most
     if settings.speed == "measured":
         return CycleInstant(q, u["qd"], tau, live, settled, held, tuple(kept))

@@ -39,7 +39,8 @@ class OnlineEstimate(Named):
         unnoticed: mass that may be held although none was noticed [kg].
         residual: torque that the model without a load lacks, filtered [N m or N].
         unexplained: what load and model leave of it.
-        good: whether the cycle could be used: all numbers finite, loops closed.
+        good: whether the cycle could be used: all numbers finite, loops closed, the row new and
+            possible.
         outputs: all fields by name, those of further parts among them.
     """
 
@@ -202,6 +203,7 @@ class Online(Named):
         qd: Float[np.ndarray, " dof"] | None,
         tau: Float[np.ndarray, " dof"],
         gripper: bool | None = None,
+        elapsed: float | None = None,
     ) -> OnlineEstimate:
         """Advance by one cycle.
 
@@ -210,9 +212,12 @@ class Online(Named):
             qd: velocities; None where these are differenced.
             tau: torques as the drives report them.
             gripper: whether it holds; None where it does not tell.
+            elapsed: since the last new row by its stamp, 0 if this row is not new [s]; None where
+                rows have no stamps.
         """
         q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
-        parts = [q, *self._velocity(qd), tau, [NOT_TOLD if gripper is None else float(gripper)]]
+        told = [NOT_TOLD if value is None else float(value) for value in (gripper, elapsed)]
+        parts = [q, *self._velocity(qd), tau, told]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
     def run(
@@ -221,6 +226,7 @@ class Online(Named):
         qd: Rows | None,
         tau: Rows,
         gripper: Float[np.ndarray, " samples"] | None = None,
+        elapsed: Float[np.ndarray, " samples"] | None = None,
     ) -> OnlineEstimate:
         """Many cycles, one a row, from where the last one ended.
 
@@ -229,13 +235,15 @@ class Online(Named):
             qd: velocities.
             tau: torques.
             gripper: 1 holds, 0 empty, -1 not told.
+            elapsed: as of `step`, -1 unknown.
         """
         q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
-        told = np.full(len(q), NOT_TOLD) if gripper is None else np.asarray(gripper, dtype=float)
-        columns = [q, *self._velocity(qd), tau, told]
+        none = np.full(len(q), NOT_TOLD)
+        told = [none if x is None else np.asarray(x, dtype=float) for x in (gripper, elapsed)]
+        columns = [q, *self._velocity(qd), tau, *told]
         if len({len(column) for column in columns}) > 1:
             raise DeltaidError(
-                f"q, velocities, torques and gripper have {[len(x) for x in columns]} rows",
+                f"q, velocities, torques, gripper and stamps have {[len(x) for x in columns]} rows",
                 where="online",
                 cure="give one row a cycle in each of them",
             )
@@ -283,6 +291,6 @@ class Online(Named):
             unnoticed=np.asarray(fields["unnoticed"][..., 0]),
             residual=fields["residual"],
             unexplained=fields["unexplained"],
-            good=np.asarray(fields["status"][..., 0] < 0.5),
+            good=np.asarray((fields["status"] + fields["skipped"])[..., 0] < 0.5),
             outputs=fields,
         )

@@ -7,10 +7,20 @@ import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
-from deltaid.online.graph import CyclePart, Field, Layout, StateField, all_finite, chosen, only_if
+from deltaid.online.graph import (
+    CyclePart,
+    Field,
+    Layout,
+    OutputField,
+    StateField,
+    all_finite,
+    chosen,
+    only_if,
+)
 from deltaid.online.instant import inputs_of, instant, line, pose, waits
 from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum, filtered_torque
+from deltaid.online.rows import even_rows
 from deltaid.online.settings import OnlineSettings
 
 # Friction by what gears carry that a model may lack, as a share of that.
@@ -26,6 +36,8 @@ class Signals:
         good: 1 where it can be used and the loops close.
         live: 1 where this cycle is good and those before were, so that filters have a past, and
         settled: for so long that they have forgotten what they began with.
+        calm: 1 where no row that was skipped is in what this cycle uses.
+        bridged: noise of speeds by rows that were skipped.
         z, qd: pose and speeds.
         gripper: what it told at that time.
         torque: filtered torque, as measured.
@@ -48,6 +60,8 @@ class Signals:
     good: ca.SX
     live: ca.SX
     settled: ca.SX
+    calm: ca.SX
+    bridged: ca.SX
     z: ca.SX
     qd: ca.SX
     gripper: ca.SX
@@ -77,9 +91,13 @@ def signals(
     dof, mechanism = model.dynamics.dof, model.dynamics.kinematics.mechanism
     inputs = inputs_of(model, settings)
     u = inputs.symbols("in")
-    finite, count = all_finite(inputs.vector(u)), ca.SX.sym("live")
-    waited = line(inputs, u, waits(model, settings).of_inputs(inputs), count > 0, finite)
-    now = instant(waited, count, ca.SX(model.gains), settings)
+    finite, live_before = all_finite(inputs.vector(u)), ca.SX.sym("live")
+    wait = waits(model, settings)
+    each = wait.of_inputs(inputs)
+    rows = even_rows(u, finite, model, known, settings, int(np.ceil(max(each))))
+    count = ca.if_else(rows.anew, 0, live_before)
+    waited = line(inputs, rows.u, each, count > 0, finite)
+    now = instant(waited, live_before, count, ca.SX(model.gains), settings)
     near = ca.SX.sym("z", dof)
     z, closed = pose(mechanism, near, now.q)
     momentum, D = _columns(model, known, settings)
@@ -117,7 +135,8 @@ def signals(
     slow = 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
     slow, slow_kept = _filtered("slow", lines, slow, lines.keep(slow, slow), begins)
     of_filters = torque_kept, columns_kept, smooth_kept, dry_kept, rest_kept, twice_kept
-    kept = (_pose_kept(near, finite, z, model), *now.kept, *of_filters, slow_kept)
+    kept = (_pose_kept(near, finite, z, model), *rows.kept, *now.kept, *of_filters, slow_kept)
+    skipped = Field("skipped", 1, "1 for a row that is not new or cannot be, and is not used")
     counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
     ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
@@ -126,6 +145,8 @@ def signals(
         good=good,
         live=live,
         settled=ca.logic_and(now.settled, good),
+        calm=rows.calm,
+        bridged=rows.off,
         z=chosen(good, z, ca.SX(model.home)),
         qd=qd,
         gripper=waited.u["gripper"],
@@ -142,7 +163,7 @@ def signals(
         at_rest=at_rest,
         slow=slow,
         momentum=momentum,
-    ), CyclePart(kept, ())
+    ), CyclePart(kept, (OutputField(skipped, rows.skipped),))
 
 
 def _filtered(
