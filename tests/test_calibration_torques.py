@@ -124,3 +124,7 @@ def test_torques_alone_and_of_another_robot_are_refused(tmp_path: Path) -> None:
     delta.recording.with_columns(tau2=noise).write_csv(tmp_path / "log.csv")
     said = refused("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", *log, folder=tmp_path)
     assert "is unmodelled" in said
+    still = [pl.lit(0.3).alias(f"q{i + 1}") for i in range(3)]
+    delta.recording.with_columns(still).write_csv(tmp_path / "log.csv")
+    said = refused("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", *log, folder=tmp_path)
+    assert "drives stand still" in " ".join(said.split())

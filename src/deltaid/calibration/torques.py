@@ -120,7 +120,15 @@ def torque_rows(
     source = ", ".join(str(recording.path) for recording in recordings)
     rails = (GearRatios.name,) if "scale" in known.kinds else ()
     instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
-    contest = swept_beside(before_contest(setup, progress), numbers, instead)
+    try:
+        with np.errstate(divide="ignore", invalid="ignore"):  # of drives that stand still
+            contest = swept_beside(before_contest(setup, progress), numbers, instead)
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "no model fits these torques, as where drives stand still",
+            where=source,
+            cure="run deltaid check on this recording first",
+        ) from None
     if contest is None:
         raise IdentificationError(
             "no torques are left to calibrate with",
@@ -128,7 +136,7 @@ def torque_rows(
             cure="record longer, without loads that come and go",
         )
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
-        if noise > _MISFIT * drive.largest:
+        if not noise <= _MISFIT * drive.largest:  # nor where it is not finite
             raise IdentificationError(
                 f"{noise / drive.largest:.0%} of a drive's torque is unmodelled",
                 where=source,
