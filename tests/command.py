@@ -31,13 +31,18 @@ class Outcome:
         return sum(line.startswith("error:") for line in self.err.splitlines())
 
 
-def run(*arguments: object, width: int = 80) -> Outcome:
-    """Run `deltaid ARGUMENTS` on a terminal of that width. An unexpected exception is one here."""
+def run(*arguments: object, width: int = 80, terminal: bool = False) -> Outcome:
+    """Run `deltaid ARGUMENTS` at that width. An unexpected exception is one here.
+
+    Args:
+        terminal: the result is printed as on a terminal, which folds lines, and not as to a file.
+    """
     out, err, code = io.StringIO(), io.StringIO(), 0
     with contextlib.ExitStack() as stack:
         for console in (output.console, output.error_console):
             stack.enter_context(patch.object(console, "_width", width))
         stack.enter_context(patch.object(typer.main, "get_command", _parser))
+        stack.enter_context(patch.object(output.console, "_force_terminal", terminal or None))
         stack.enter_context(patch.dict("os.environ", {"COLUMNS": str(width)}))
         stack.enter_context(patch.object(sys, "argv", ["deltaid", *map(str, arguments)]))
         stack.enter_context(contextlib.redirect_stdout(out))

@@ -1,6 +1,7 @@
 """Help, version and the installed script, and how fast help comes."""
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import typer
 
 from command import run
 from deltaid.cli.app import app
+from deltaid.view.page import made
 
 COMMANDS = sorted(typer.main.get_command(app).commands)
 
@@ -72,3 +74,12 @@ def test_the_console_script_and_the_module() -> None:
         bad = subprocess.run([*command, "robots", "x"], capture_output=True, encoding="utf-8")
         assert (bad.returncode, bad.stdout) == (2, "")
         assert bad.stderr.startswith("error: no robot file")
+
+
+def test_pages_name_the_command_where_no_script_is_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["/x/deltaid/__main__.py", "--version"])
+    with pytest.raises(SystemExit):
+        runpy.run_module("deltaid", run_name="__main__")
+    assert made().command == "deltaid --version"

@@ -118,7 +118,7 @@ def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
     files = (folder / "model.yaml", folder / "motion.csv", "--plant", folder / "truth.yaml")
     outcome = run("simulate", *files, "-o", output, "--report", report)
     assert outcome.code == 0, outcome.err
-    assert "platform 0.0" in outcome.out
+    assert "Platform error 0.0" in outcome.out
     assert "Torques" in report.read_text(encoding="utf-8")
     log = pl.read_csv(output)
     assert log.columns[:7] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltaid.cli.options import UsePoor, bounded
-from deltaid.cli.output import console, print_warnings, progress, used
+from deltaid.cli.output import print_warnings, print_written, progress, used
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 
@@ -98,7 +98,7 @@ def export(
             progress=say,
         )
     print_warnings(written.warnings)
-    console.print(f"wrote {', '.join(str(path) for path in written.paths)}")
+    print_written(*written.paths)
 
 
 def _online(

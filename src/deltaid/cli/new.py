@@ -228,23 +228,28 @@ def _write(draft: "Draft", file: Path) -> None:
 
 def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     """What was written, how much of it is known, and the robot at rest."""
-    from deltaid.cli.show import print_survey, robot_report
+    from deltaid.cli.screen import print_found, print_next
+    from deltaid.cli.show import fact_lines, robot_report
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.model.model import load
     from deltaid.studio.drafting.draft import ASSUMED
     from deltaid.studio.drafting.interview import unusual
+    from deltaid.view.reach import reach, survey
+    from deltaid.view.robot_page import warnings
 
-    doubts = unusual(draft)
-    print_warnings(doubts)
-    console.print(f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`")
-    assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
-    console.print(
-        f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"
-        + (f": {', '.join(key.replace('_', ' ') for key in assumed)}" if assumed else "")
-    )
-    console.print()
     model = load(str(file))
     at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
-    print_survey(at_rest)
+    surveyed, doubts = survey(at_rest), unusual(draft)
+    print_warnings((*doubts, *warnings(at_rest, surveyed)))
+    assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
+    lines = [
+        f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`",
+        f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"
+        + (f": {', '.join(key.replace('_', ' ') for key in assumed)}" if assumed else ""),
+        "",
+        *fact_lines(at_rest, reach(at_rest), surveyed),
+    ]
+    print_found(lines, full=False)
+    print_next(f"`deltaid show {file}` prints drives and limits")
     if report is not None:
         robot_report(at_rest, report, origin)

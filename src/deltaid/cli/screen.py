@@ -53,7 +53,8 @@ def print_found(
     if full and details:
         console.print()
         for text in details:
-            console.print(text)
+            for line in _folded(text):
+                console.print(line)
     if details and not full:
         hidden.append("details of the computation")
     if hidden:

@@ -20,6 +20,7 @@ from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
+    from deltaid.view.reach import Reach, WorkspaceSurvey
 
 # Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
 _LOOK = 0.5
@@ -93,21 +94,30 @@ def print_survey(robot: "AtRest", *, full: bool = False) -> None:
 
     reached, surveyed = reach(robot), survey(robot)
     print_warnings(page.warnings(robot, surveyed))
-    facts = page.facts(robot, reached, surveyed)
     uses, ends = page.use_table(robot, surveyed), page.end_table(robot, reached)
     drives = page.drive_table(robot, surveyed).without("held at home")
     print_found(
-        [
-            robot.robot.title or robot.robot.name,
-            *(f"{f.label}: {f.value}" + (f" ({f.note})" if f.note else "") for f in facts),
-        ],
+        fact_lines(robot, reached, surveyed),
         [
             replace(drives, title="drives"),
             replace(uses, title="limits in the workspace"),
-            replace(ends, title="what ends ways from home"),
+            replace(ends, title="limits that end straight moves from home"),
         ],
         full=full,
     )
+
+
+def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -> list[str]:
+    """A robot's title and its figures at rest, a line each."""
+    from deltaid.view.robot_page import facts
+
+    return [
+        robot.robot.title or robot.robot.name,
+        *(
+            f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
+            for fact in facts(robot, reached, surveyed)
+        ),
+    ]
 
 
 def _open(robot: "AtRest", port: int | None) -> None:

@@ -12,13 +12,13 @@ from deltaid.cli.output import (
     console,
     print_json,
     print_problems,
-    print_tables,
     print_warnings,
     print_written,
     progress,
     require_outputs,
     used,
 )
+from deltaid.cli.screen import print_found
 from deltaid.control.options import ControllerName
 from deltaid.files import together, written_whole
 
@@ -182,13 +182,13 @@ def _print(robot: "RobotDescription", result: "Tracking") -> None:
     from deltaid.view.tracking import drive_table
 
     error = result.error
-    print_tables(drive_table(robot, result))
-    console.print(
-        f"platform {1e3 * error.platform_rms:.3g} mm rms and {1e3 * error.platform_max:.3g} mm at "
-        f"most from where it should be, over {result.time[-1]:.4g} s"
-    )
+    lines = [
+        f"Platform error {1e3 * error.platform_rms:.3g} mm rms, {1e3 * error.platform_max:.3g} mm "
+        f"at most, over {result.time[-1]:.4g} s."
+    ]
     if error.turn_rms is not None and error.turn_max is not None:
-        console.print(
-            f"tool {1e3 * error.turn_rms:.3g} mrad rms and {1e3 * error.turn_max:.3g} mrad at "
-            "most from the turn it should have"
+        lines.append(
+            f"Error of the tool's turn {1e3 * error.turn_rms:.3g} mrad rms, "
+            f"{1e3 * error.turn_max:.3g} mrad at most."
         )
+    print_found(lines, [drive_table(robot, result)], full=True)

@@ -199,8 +199,8 @@ def _reason(
         return "no recording determines its friction"
     if few:
         return (
-            f"not enough data: no change in {count} recordings over {span:.0f} days; a drive is "
-            f"steady from {FEWEST} over {_STEADY:.0f} days on"
+            f"not enough data: no change in {count} recording{'s' * (count != 1)} over "
+            f"{span:.0f} days; steady needs {FEWEST} over {_STEADY:.0f} days"
         )
     parts = list[str]()
     if state == "unknown":

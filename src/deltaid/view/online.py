@@ -37,7 +37,7 @@ def online_page(watched: Watched, title: str) -> Page:
             Fact("loads", str(len(watched.loads)), "by the gripper" if watched.told else "found"),
             Fact("contacts", str(len(watched.touches))),
             Fact(
-                "smallest force told",
+                "smallest force detected",
                 f"{number(watched.worst, 2)} N",
                 "on the platform, worst direction",
             ),
@@ -262,10 +262,9 @@ def at_most(watched: Watched) -> str:
 def told_lines(watched: Watched) -> tuple[str, ...]:
     """What could be told at all, and how long a cycle took."""
     lines = [
-        f"smallest force on the platform that is detected: {number(watched.best, 2)} N along the "
-        "best "
+        f"Smallest detected force on the platform: {number(watched.best, 2)} N along the best "
         f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, "
-        f"{at_most(watched)})"
+        f"{at_most(watched)})."
     ]
     if not watched.told:
         lines.append(UNTOLD)

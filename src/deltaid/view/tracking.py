@@ -215,7 +215,7 @@ def drive_table(robot: RobotDescription, result: Tracking) -> Table:
 
 
 def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> Table:
-    """Error of the platform for each controller and model."""
+    """Distance of the platform from where it should be, by controller and model."""
     turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     ends = any(run.ends for run in runs)
     rows = []
@@ -242,13 +242,15 @@ def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> 
         "controller",
         "model",
         "rms [mm]",
-        "largest [mm]",
+        "max [mm]",
         *["rms, worst load [mm]"] * ends,
         *["turn rms [°]"] * turns,
         "at a limit",
         "remark",
     )
-    title = f"{robot.title or robot.name}: distance of the platform from where it should be"
+    if not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    title = f"{robot.title or robot.name}: platform error"
     return Table(columns, tuple(rows), "Share of time at a torque limit.", title=title)
 
 

@@ -35,7 +35,8 @@ def robot_page(robot: Robot, label: str) -> Page:
     friction, temperature = _friction(robot, tables.friction)
     return Page(
         title=robot.name,
-        subtitle=f"{label}, {robot.recordings} recordings, {day(robot.first)} to {day(robot.last)}",
+        subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, "
+        f"{day(robot.first)} to {day(robot.last)}",
         verdict=_verdict(robot),
         facts=_facts(robot),
         front=friction,
