@@ -193,7 +193,7 @@ def make_inputs(folder: Path) -> Path:
     write(folder / "bed.csv", pl.DataFrame(bed))
     (folder / "poses.yaml").write_text("points: {noise: 0.0001}\n", encoding="utf-8")
     for kind in KINDS.values():
-        if kind.name != "log.csv":
+        if kind.name != "log.csv" and kind.columns is None:  # lines name no mapping for them
             kind.save(folder / kind.name)
     (folder / "log.csv.gz").write_bytes(gzip.compress((folder / "log.csv").read_bytes()))
     for k, day in enumerate(DAYS):
