@@ -87,6 +87,9 @@ _REMEMBERED, _LONGEST = 0.03, 1.0
 # larger and where it is smaller, from so much at most; what chance makes where all noise is known;
 # and what is thought of speeds of unknown noise.
 _GROWS, _FALLS, _MOST, _TOLERATED, _UNKNOWN = 2.0, 10.0, 25.0, 2.0, 9.0
+# What speeds of unknown noise make begins large, so it grows and falls more slowly, and one cycle
+# counts as so many times what is known by then at most: weak pushes are seldom, noise is not.
+_GROWS_UNKNOWN, _FALLS_UNKNOWN, _MOST_UNKNOWN = 10.0, 20.0, 3.0
 
 
 def standard_parts(model: Model) -> tuple[MorePart, ...]:
@@ -113,8 +116,9 @@ def contact_of(cycle: Cycle) -> CyclePart:
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
-    falls = _FALLS if known else 2 * _FALLS  # what is guessed is left slowly
-    memory = ca.if_else(found > excess, _GROWS, falls)
+    found = found if known else ca.fmin(found, _MOST_UNKNOWN * excess)
+    grows, falls = (_GROWS, _FALLS) if known else (_GROWS_UNKNOWN, _FALLS_UNKNOWN)
+    memory = ca.if_else(found > excess, grows, falls)
     learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
