@@ -161,6 +161,12 @@ def test_torques_grow_with_current() -> None:
     assert possible[1] == pytest.approx(gentle)
 
 
+def test_a_torque_constant_that_grows_with_current_is_no_saturation() -> None:
+    falls, grows = (0.08, 0.02), (-0.05, -0.03)
+    assert Saturation().is_possible(np.array([*falls, 0.0, -0.01]))
+    assert not Saturation().is_possible(np.array([*grows, 0.0, 0.01]))
+
+
 def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
     """τ = Y p falls by what a coefficient adds to the share that joints lack."""
     result = identified(case("falling-gain", "delta3"))
