@@ -12,7 +12,7 @@ import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
-from deltaid.identification.setup import Setup
+from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
@@ -160,12 +160,18 @@ def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
     assert all(one.repairs.gears is None for one in found.recordings)
 
 
-def at_stage(robot: RobotDescription, table: pl.DataFrame, settings: Settings) -> Setup:
+def at_stage(
+    robot: RobotDescription,
+    table: pl.DataFrame,
+    settings: Settings,
+    outcome: ContestOutcome | None = None,
+) -> Setup:
     """What the stage makes of a recording that nothing else is done to."""
     kinematics = compiled(robot).kinematics
     table = table.drop("link1", "link2", "link3", strict=False)
     recordings = tuple(open_recordings(table, kinematics, cutoff=settings.cutoff))
-    return gears_turned_back(Setup(robot, recordings, settings), lambda _: None)
+    setup = Setup(robot, recordings, settings, outcome=outcome)
+    return gears_turned_back(setup, lambda _: None)
 
 
 def test_a_stiffness_that_is_stated_is_applied() -> None:
@@ -184,6 +190,28 @@ def test_nothing_is_looked_for_unless_asked() -> None:
     setup = at_stage(dynamics.robot, table, Settings(compliance="none", effects="none"))
     assert not setup.corrections
     assert setup.recordings[0].repairs.gears is None
+
+
+def test_gears_that_a_contest_has_weighed_are_not_estimated_anew() -> None:
+    dynamics, _, table = wound()
+    robot = dynamics.robot.model_copy(update={"gear_stiffness": {"drive3": float(STIFFNESS[2])}})
+    sizes, deviation = 0.7 / STIFFNESS, np.array([1e-6, 2e-6, 3e-6])
+    weighed = ContestOutcome(
+        robot, values={"compliance": sizes}, deviations={"compliance": deviation}
+    )
+    setup = at_stage(robot, table, Settings(), weighed)
+    values = [*sizes[:2].tolist(), 1 / STIFFNESS[2]]
+    gears = setup.recordings[0].repairs.gears
+    assert gears is not None
+    assert gears.compliance == pytest.approx(values)
+    assert [correction.value for correction in setup.corrections] == pytest.approx(values)
+    first, second, stated = setup.corrections
+    assert stated.low is None
+    halves = [(c.high or 0.0) - (c.value or 0.0) for c in (first, second)]
+    assert halves[1] == pytest.approx(2.0 * halves[0])
+    assert halves[0] == pytest.approx(deviation[0] * 2.05, rel=0.05)
+    stiff = at_stage(dynamics.robot, table, Settings(), ContestOutcome(robot))
+    assert not stiff.corrections
 
 
 def test_a_law_that_is_missing_is_no_compliance() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 import deltaid
@@ -215,6 +216,22 @@ def test_a_ripple_is_no_gear_that_winds_up() -> None:
     judged = judge(ripple, identified(ripple))
     assert set(dict(judged.said)) == {"ripple"}
     assert judged.M < 0.003  # 1.7 % where gears are turned back first
+
+
+def test_torques_that_bend_along_a_stroke_are_waves_longer_than_a_tooth() -> None:
+    """A cable's pull over the stroke: less than one wave of it, on each drive another."""
+    made = case("clean", "linear", 1)
+    (log,) = made.logs
+    torques = list[pl.Series]()
+    for k, drive in enumerate(("1", "2", "3")):
+        q, tau = (log[name + drive].to_numpy() for name in ("q", "tau"))
+        pull = 0.03 * np.abs(tau).max() * np.sin(0.8 * 2 * np.pi * q / np.ptp(q) + 1.3 * k)
+        torques.append(pl.Series(f"tau{drive}", tau + pull))
+    bent = replace(made, logs=(log.with_columns(torques),))
+    result = identified(bent)
+    assert judge(bent, result).M < 0.004  # 10 % where only waves of half a stroke are searched
+    waves = [c.text for c in result.model.corrections if c.kind == "ripple"]
+    assert all(" mm, as teeth" in text for text in waves)
 
 
 def test_a_robot_without_friction_at_some_drives_identifies() -> None:

@@ -171,14 +171,20 @@ class RippleColumns(AtDrives):
             half = max((x.high or x.value) - (x.low or x.value) for x in (a, b)) / 2
             size = float(np.hypot(a.value, b.value))
             text = (
-                f"its torque ripples {order:.3g} times a radian, as teeth of a gear or cogging do; "
-                f"{WITHOUT}"
+                f"its torque ripples every {self._wave(owner, order)}, as teeth of a gear or "
+                f"cogging do, and cables where that is as long as the stroke; {WITHOUT}"
             )
             corrections.append(
                 Correction(kind=self.kind, subject=owner, value=size, low=max(size - half, 0.0),
                            high=size + half, unit=self.unit, text=text)
             )  # fmt: skip
         return tuple(corrections)
+
+    def _wave(self, drive: str, order: float) -> str:
+        """The length of a wave, as people say it."""
+        length = 2 * np.pi / order
+        linear = self.dynamics.robot.is_linear(drive)
+        return f"{1e3 * length:.3g} mm" if linear else f"{np.degrees(length):.3g}°"
 
 
 @dataclass(frozen=True, eq=False)

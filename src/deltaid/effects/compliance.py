@@ -85,6 +85,16 @@ class Windup:
         """Which sizes are none by chance."""
         return self.sizes > _SIGNIFICANT * self.deviation
 
+    def estimated(self, deviation: Compliance) -> "Windup":
+        """The same with compliances that were estimated elsewhere, drive by drive, those of which
+        are 0 that are stated."""
+        drives = np.flatnonzero((self.values > 0) & (deviation > 0))
+        own = np.diag(deviation[drives] ** 2)
+        groups, unlike = np.eye(len(self.values))[:, drives], np.zeros(len(drives))
+        return replace(
+            self, groups=groups, sizes=self.values[drives], covariance=own, like_lag=unlike
+        )
+
     def corrections(self, robot: RobotDescription) -> list[Correction]:
         """One a drive whose gear winds up."""
         corrections = list[Correction]()

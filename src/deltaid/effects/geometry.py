@@ -25,7 +25,6 @@ class Zeros(UnknownEffect):
 
     name = kind = "zero"
     text = "its zero is off: positions are this much more than recorded"
-    is_geometry = True
     corrects = "readings"
     deviation = 4e-3
 
@@ -38,7 +37,6 @@ class GearRatios(UnknownEffect):
 
     name = kind = "gear-ratio"
     unit, text = "%", "its gear ratio is off: it moves this share more than recorded"
-    is_geometry = True
     corrects = "readings"
     deviation = 4e-3
 
@@ -55,7 +53,6 @@ class Tilt(UnknownEffect):
     seen by eye, and is no error of mounting."""
 
     name = "tilt"
-    is_geometry = True
     corrects = "robot"
     deviation = 1e-2
     limit = 0.05
@@ -90,7 +87,6 @@ class Lengths(UnknownEffect):
 
     name = kind = "length"
     unit, text = "m", "it is this much longer than described"
-    is_geometry = True
     corrects = "robot"
     deviation = 5e-4
 

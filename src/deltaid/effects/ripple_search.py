@@ -10,9 +10,9 @@ from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import Added
 from deltaid.estimation.scatter import surprise
 
-# Waves over the stroke from which torque over the position is a ripple, not a spring, and to which
+# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.
-_LEAST, _MOST, _APART = 2.0, 160.0, 0.25
+_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
 # Orders about the largest that are searched more finely.
 _NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.

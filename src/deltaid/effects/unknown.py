@@ -46,7 +46,6 @@ class UnknownEffect(ABC):
     is_candidate: ClassVar[bool] = True
     is_positive: ClassVar[bool] = False  # whether its coefficients are at least zero by physics
     is_own: ClassVar[bool] = False  # whether each recording has its own
-    is_geometry: ClassVar[bool] = False  # whether it is about where the links are
     # what its coefficients are applied to exactly: readings of the drives, the robot, or nothing
     # where they stay columns of a fit or stages of their own estimate them
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""

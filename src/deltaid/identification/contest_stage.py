@@ -136,15 +136,13 @@ def _unknowns(point: TracePoint) -> tuple[UnknownEffect, ...]:
 def _allowed(
     unknowns: Sequence[UnknownEffect], before: ContestOutcome, sweep: int
 ) -> tuple[UnknownEffect, ...]:
-    """Those that take part: later sweeps only drop, and a geometry that is off is no correction
-    beside gears that wind up, since each may stand for what the other's slopes lack; what has been
-    beyond its limit is no correction at all."""
+    """Those that take part: later sweeps only drop, and what has been beyond its limit is no
+    correction."""
     late = sweep >= _DECIDED
     return tuple(
         unknown for unknown in unknowns
         if not unknown.is_candidate or not (
             (late and unknown.name not in before.kept)
-            or (before.winds_up and unknown.is_geometry)
             or unknown.name in before.doubts
         )
     )  # fmt: skip

@@ -14,13 +14,13 @@ from deltaid.effects.lag_groups import LagGroup, alone, chosen_groups
 from deltaid.effects.lags import estimate_lags
 from deltaid.effects.sampling import RestOfTiming, Timing, UnknownFilter
 from deltaid.effects.timing import other_than_delays
-from deltaid.effects.windings import motors_of
+from deltaid.effects.windings import Compliance, motors_of
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition, of_each
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
-from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.setup import WIND_UP, Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -202,9 +202,11 @@ def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
 
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
-    """Positions of links in place of those of motors, where their gears wind up; gears that a
-    contest of causes has found stiff are not searched again."""
-    turned = _turned_back(setup, progress, search=setup.outcome is None or setup.outcome.winds_up)
+    """Positions of links in place of those of motors, where their gears wind up.
+
+    A contest weighs gears against all other effects, so its compliances stand where there was one.
+    """
+    turned = _turned_back(setup, progress)
     gears = [recording.repairs.gears for recording in (*setup.recordings, *turned.recordings)]
     return turned if any(gears) else setup  # with its lags
 
@@ -227,24 +229,36 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
     ]
     traces = [(a, b) for a, b in zip(*pairs, strict=True) if a is not None and b is not None]
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
-    searched = (stated == 0) & (search and setup.settings.compliance == "estimate")
-    if not traces or not (stated.any() or searched.any()):
+    free = (stated == 0) & (search and setup.settings.compliance == "estimate")
+    weighed, deviation = (np.where(free, sizes, 0.0) for sizes in _weighed(setup))
+    searched = free & (setup.outcome is None)
+    if not traces or not (stated.any() or weighed.any() or searched.any()):
         return setup
     progress("looking for gears that wind up")
     narrow, wide = zip(*traces, strict=True)
     rows = TraceRows.for_dynamics(bare.dynamics, bare.additions, bare.settings.prior_spread)
-    gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated))
+    gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated + weighed))
     if not gears.values.any():
         return setup
+    if weighed.any():
+        gears = gears.estimated(deviation)
     for recording, cutoff in cutoffs:
         rate, compliance = recording.log.rate, gears.values.tolist()
         motors = motors_of(bare.robot, gears.p, cutoff, rate, compliance)
         bare = bare.repaired(recording, gears=motors)
     bare = bare.studied()
-    if searched.any() and not _better_than_loads(setup, bare.studies):
+    if free.any() and not _better_than_loads(setup, bare.studies):
         return _turned_back(setup, progress, search=False)
     bare = bare.reported(gears.corrections(bare.robot))
     return lags_corrected(bare, progress)
+
+
+def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:
+    """Compliances that a contest of causes has found, and their standard deviations."""
+    none, outcome = np.zeros(setup.dynamics.dof), setup.outcome
+    if outcome is None or not outcome.winds_up:
+        return none, none
+    return outcome.values[WIND_UP], outcome.deviations.get(WIND_UP, none)
 
 
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
