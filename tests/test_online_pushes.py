@@ -50,6 +50,6 @@ def test_a_minute_of_weak_pushes_does_not_make_it_deaf() -> None:
         limits.append(np.median(least_force(information, u), axis=1))
         if not forces[0]:
             assert not found.contact.any()
+        soon = [found.contact[first : first + 20].any() for first in starts]
+        assert forces[1] < 30 or np.mean(soon) >= 0.9  # at rest friction takes up a push
     assert np.all(limits[1] <= MOST * limits[0])
-    soon = [found.contact[first : first + 20].any() for first in starts]
-    assert np.mean(soon) >= 0.9  # at rest friction takes up a push
