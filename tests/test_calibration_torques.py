@@ -13,7 +13,7 @@ import pytest
 import deltaid
 from calibrated import machine, oracle_of
 from command import refused, run
-from deltaid.calibration.torques import Numbers
+from deltaid.calibration.torques import GeometryNumbers
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.geometry import TorqueSlopes
@@ -75,7 +75,7 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
         spec=TracePoint, dynamics=dynamics, dof=3, slopes=slopes, q=q, motion=Mock(qd=qd, qdd=qdd),
         weighted=lambda slopes: np.stack(slopes, axis=2),
     )  # fmt: skip
-    columns = Numbers(known).columns(point)
+    columns = GeometryNumbers(known).columns(point)
     assert columns.shape[2] == len(known.numbers) + 2
     for k, number in enumerate(known.numbers):
         if number.limb != LIMB:

@@ -16,7 +16,7 @@ from deltaid.online.estimates import friction_bounds
 from deltaid.online.graph import StepGraph
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
-from deltaid.online.online import FeedForward
+from deltaid.online.online import CommandTorques
 from deltaid.online.settings import OnlineSettings
 from deltaid.robot.load import load_robot
 from online_runs import LOAD, Running, outputs, robot, running
@@ -221,7 +221,7 @@ def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -
     rows = run.q[1], run.qd[1], np.array([1.0, -2.0, 3.0])
     expected = model.dynamics.inverse_dynamics(*rows, model.p) / gains
     monkeypatch.setattr(Model, "gains", property(lambda _: gains))
-    assert FeedForward(model, known)(*rows, none, friction) == pytest.approx(expected, rel=1e-9)
+    assert CommandTorques(model, known)(*rows, none, friction) == pytest.approx(expected, rel=1e-9)
 
 
 def test_an_offset_of_friction_near_zero_may_change_its_sign() -> None:

@@ -9,7 +9,7 @@ from deltaid.errors import DeltaidError
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.graph import Field, Layout
 from deltaid.online.knowledge import knowledge
-from deltaid.online.online import FeedForward
+from deltaid.online.online import CommandTorques
 from deltaid.online.settings import OnlineSettings
 from online_runs import LOAD, outputs, robot, running
 from picking import picked
@@ -55,7 +55,7 @@ def test_differenced_speeds_have_no_lag() -> None:
 def test_feed_forward_has_the_load_and_the_friction() -> None:
     model, _ = robot("irb360-6-1600")
     known = knowledge(model, OnlineSettings())
-    ahead, run = FeedForward(model, known), running(model, 5, slice(0, 0))
+    ahead, run = CommandTorques(model, known), running(model, 5, slice(0, 0))
     shown = LOAD[list(known.entries.shown)]
     p = model.with_load(LOAD).p.copy()
     friction = 1.2 * model.p[list(known.followed)]

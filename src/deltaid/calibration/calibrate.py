@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.calibration.fit import fit
-from deltaid.calibration.gauss_newton import Fit
+from deltaid.calibration.gauss_newton import GeometryFit
 from deltaid.calibration.instruments import Instrument, Kind, ProbeReadings
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_sense
@@ -29,7 +29,7 @@ _KINDS: tuple[Kind, ...] = ("points", "probe", "distances")
 
 
 @dataclass(frozen=True)
-class Session:
+class MeasuringSession:
     """Readings of one file.
 
     Attributes:
@@ -98,13 +98,13 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     std: Float[np.ndarray, " numbers"]
     decided: tuple[str, ...]
     shares: Float[np.ndarray, "sources numbers"]
-    sessions: tuple[Session, ...]
+    sessions: tuple[MeasuringSession, ...]
     rank: int
     before: Knows
     after: Knows
     open: tuple[Direction, ...]
     places: Places = field(repr=False)
-    fit: Fit = field(repr=False)
+    fit: GeometryFit = field(repr=False)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -231,7 +231,7 @@ def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
     return list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
 
 
-def result(description: RobotDescription, found: Fit) -> Calibration:
+def result(description: RobotDescription, found: GeometryFit) -> Calibration:
     """What a fit says."""
     known, theta = found.known, found.theta
     over = places(found.loops, known, theta)
@@ -269,7 +269,7 @@ def _knows(over: Places, root: Float[np.ndarray, "numbers _"]) -> Knows:
     return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), over.size(root))
 
 
-def _session(found: Fit, i: int) -> Session:
+def _session(found: GeometryFit, i: int) -> MeasuringSession:
     instrument, used, rows = found.instruments[i], found.used[i], found.rows[i]
     excluded = []
     for k in np.flatnonzero(~used):
@@ -280,7 +280,7 @@ def _session(found: Fit, i: int) -> Session:
         elif (other := _mistaken(instrument, found.errors[i], int(k), ~used)) is not None:
             why += f", it fits the pose of row {instrument.rows[other]}"
         excluded.append(f"row {instrument.rows[k]}: {why}")
-    return Session(
+    return MeasuringSession(
         instrument.kind, instrument.source, len(used), tuple(excluded),
         float(np.sqrt(np.mean(rows.error**2))) * instrument.noise, instrument.noise, found.grown[i],
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
-from deltaid.calibration.gauss_newton import Fit, ends_of, solved, start_of
+from deltaid.calibration.gauss_newton import GeometryFit, ends_of, solved, start_of
 from deltaid.calibration.instruments import Instrument
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import Unknowns
@@ -36,7 +36,7 @@ _CHANCE = 0.01
 _MEDIAN = 0.6745
 
 
-def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Fit:
+def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> GeometryFit:
     """The geometry that explains the readings, with outliers excluded.
 
     Raises:
@@ -60,7 +60,7 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Fit
         ) from None
 
 
-def _without_outliers(found: Fit, stated: Sequence[float]) -> Fit:
+def _without_outliers(found: GeometryFit, stated: Sequence[float]) -> GeometryFit:
     """The fit without readings that noise as stated does not explain, a fifth at most."""
     while True:
         worst = [
@@ -80,8 +80,8 @@ def _spared(used: Bool[np.ndarray, " readings"]) -> int:
 
 
 def _with_predicted(
-    found: Fit, single: Sequence[Bool[np.ndarray, " _"]], stated: Sequence[float]
-) -> Fit:
+    found: GeometryFit, single: Sequence[Bool[np.ndarray, " _"]], stated: Sequence[float]
+) -> GeometryFit:
     """With the noise that residuals show, and all readings that the others predict within it."""
     while True:
         grown = [_level(found, i) for i in range(len(found.rows))]
@@ -93,8 +93,8 @@ def _with_predicted(
         if known.torques is not None:
             known = replace(known, torques=known.torques.with_noise(grown[-1]))
         used = [
-            own | (one & (np.abs(part).max(axis=1) < _OUTLIER * more))
-            for own, one, part, more in zip(
+            own | (alone & (np.abs(part).max(axis=1) < _OUTLIER * more))
+            for own, alone, part, more in zip(
                 found.used, single, found.residuals, grown, strict=False
             )
         ]
@@ -132,7 +132,7 @@ def _single(instrument: Instrument) -> Bool[np.ndarray, " readings"]:
     return np.isin(np.arange(len(flat)), first)
 
 
-def _require_most(found: Fit) -> None:
+def _require_most(found: GeometryFit) -> None:
     """Refuse outliers that are left where no more may be excluded."""
     for instrument, part, own in zip(found.instruments, found.residuals, found.used, strict=True):
         if _outliers(part, own, len(own), _scale(part, own)).any():
@@ -144,7 +144,7 @@ def _require_most(found: Fit) -> None:
             )
 
 
-def _require_fit(found: Fit, i: int) -> None:
+def _require_fit(found: GeometryFit, i: int) -> None:
     """Refuse residuals beyond all that the description's uncertainty could make of readings."""
     rows, n, instrument = found.rows[i], len(found.u), found.instruments[i]
     before = float(np.median(np.linalg.norm(rows.A[:, :n], axis=1)))
@@ -180,7 +180,7 @@ def _outliers(
     return outliers
 
 
-def _level(found: Fit, i: int) -> float:
+def _level(found: GeometryFit, i: int) -> float:
     """How many times larger the noise of some rows is than assumed; 1 where chance explains it."""
     rows = found.rows[i]
     freedom = len(rows.error) - float(np.sum((rows.A @ found.knowledge.inverse) ** 2))

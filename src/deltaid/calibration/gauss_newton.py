@@ -25,7 +25,7 @@ FAR = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class InstrumentRows:
     """Rows of one instrument at some geometry, in units of its noise.
 
     Attributes:
@@ -40,7 +40,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class GeometryFit:
     """Attributes:
     instruments: with the noise that residuals show.
     used: which readings of each.
@@ -59,7 +59,7 @@ class Fit:
     used: tuple[Bool[np.ndarray, " _"], ...]
     states: tuple[np.ndarray, ...]
     u: Float[np.ndarray, " free"]
-    rows: tuple[Rows, ...]
+    rows: tuple[InstrumentRows, ...]
     errors: tuple[Float[np.ndarray, "_ _"], ...]
     residuals: tuple[Float[np.ndarray, "_ _"], ...]
     knowledge: Knowledge
@@ -97,8 +97,8 @@ def solved(
     instruments: Sequence[Instrument],
     used: Sequence[Bool[np.ndarray, " _"]],
     stated: Sequence[float],
-    before: Fit | None = None,
-) -> Fit:
+    before: GeometryFit | None = None,
+) -> GeometryFit:
     n = known.G.shape[1]
     starts = [loops.start(ends_of(instrument)) for instrument in instruments]
     u = np.zeros(n) if before is None else before.u
@@ -144,16 +144,18 @@ def solved(
         for x, part in zip(instruments, every, strict=True)
     )
     grown = tuple(x.noise / noise for x, noise in zip(instruments, stated, strict=True))
-    return Fit(loops, known, tuple(instruments), tuple(used), states, u, rows, errors,
+    return GeometryFit(loops, known, tuple(instruments), tuple(used), states, u, rows, errors,
                residuals, knowledge, grown)  # fmt: skip
 
 
-def _of_torques(known: Unknowns, u: Float[np.ndarray, " free"], own: int) -> tuple[Rows, ...]:
+def _of_torques(
+    known: Unknowns, u: Float[np.ndarray, " free"], own: int
+) -> tuple[InstrumentRows, ...]:
     """Rows of torques, which say nothing of the instruments' unknowns."""
     if known.torques is None:
         return ()
     A = known.torques.A @ known.G
-    return (Rows(np.pad(A, ((0, 0), (0, own))), known.torques.b - A @ u, 1),)
+    return (InstrumentRows(np.pad(A, ((0, 0), (0, own))), known.torques.b - A @ u, 1),)
 
 
 def start_of(
@@ -164,13 +166,13 @@ def start_of(
     return kept.start([points[used] for points in x])
 
 
-def _of(rows: Rows, keep: Bool[np.ndarray, " readings"]) -> Rows:
+def _of(rows: InstrumentRows, keep: Bool[np.ndarray, " readings"]) -> InstrumentRows:
     kept = np.repeat(keep, rows.values)
-    return Rows(rows.A[kept], rows.error[kept], rows.values)
+    return InstrumentRows(rows.A[kept], rows.error[kept], rows.values)
 
 
 def _studentised(
-    rows: Rows, used: Bool[np.ndarray, " readings"], knowledge: Knowledge
+    rows: InstrumentRows, used: Bool[np.ndarray, " readings"], knowledge: Knowledge
 ) -> Float[np.ndarray, "readings values"]:
     """Residuals over their standard deviations: σ² less what the fit took, or more if unused."""
     taken = np.sum((rows.A @ knowledge.inverse) ** 2, axis=1)
@@ -212,7 +214,7 @@ def _rows(
     slopes: Sequence[Sequence[np.ndarray]],
     states: Sequence[np.ndarray],
     own: Sequence[int],
-) -> list[Rows]:
+) -> list[InstrumentRows]:
     n, parts, first = known.G.shape[1], [], known.G.shape[1]
     for instrument, ends, by_u, state, size in zip(
         instruments, x, slopes, states, own, strict=True
@@ -224,6 +226,8 @@ def _rows(
             (tool @ slope).reshape(-1, n) for tool, slope in zip(at.tools, by_u, strict=True)
         )
         A[:, first : first + size] = at.own.reshape(at.error.size, size)
-        parts.append(Rows(A / instrument.noise, at.error.ravel() / instrument.noise, values))
+        parts.append(
+            InstrumentRows(A / instrument.noise, at.error.ravel() / instrument.noise, values)
+        )
         first += size
     return parts

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.gauss_newton import Fit
+from deltaid.calibration.gauss_newton import GeometryFit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.mechanism.kinematics import Kinematics
@@ -108,7 +108,7 @@ def rigid(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "entries 6"]:
     return np.column_stack([*np.tile(np.eye(3), (len(x), 1)).T, *turns])
 
 
-def open_directions(found: Fit, over: Places) -> tuple[Direction, ...]:
+def open_directions(found: GeometryFit, over: Places) -> tuple[Direction, ...]:
     """Combinations that matter and that measurements do not know, the worst first."""
     known, n = found.known, len(found.u)
     C = found.root @ found.root.T

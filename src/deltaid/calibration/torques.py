@@ -40,7 +40,7 @@ _MISFIT = 0.2
 _EXACT = 1e-9
 
 
-class Numbers(UnknownEffect):
+class GeometryNumbers(UnknownEffect):
     """The numbers of a calibration, and behind them turns of gravity."""
 
     name = "calibration"
@@ -114,7 +114,7 @@ def torque_rows(
         RecordingError: a log cannot be used.
         IdentificationError: torques are not those of this robot.
     """
-    kinematics, numbers = Setup(robot, (), Settings()).dynamics.kinematics, Numbers(known)
+    kinematics, numbers = Setup(robot, (), Settings()).dynamics.kinematics, GeometryNumbers(known)
     recordings = open_recordings(logs, kinematics, columns, None, progress)
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), Settings())
     source = ", ".join(str(recording.path) for recording in recordings)

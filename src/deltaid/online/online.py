@@ -107,7 +107,7 @@ class OnlineEstimate(Named):
         return np.maximum(np.stack([low, high], axis=-1), 0.0)
 
 
-class FeedForward:
+class CommandTorques:
     """τ(z, q̇, q̈, load, friction) of one model, as the drives are commanded.
 
     Attributes:
@@ -193,9 +193,9 @@ class Online(Named):
         return self.known.entries
 
     @cached_property
-    def feedforward(self) -> FeedForward:
+    def feedforward(self) -> CommandTorques:
         """Torques of a motion with the load that is held."""
-        return FeedForward(self.model, self.known)
+        return CommandTorques(self.model, self.known)
 
     def step(
         self,

@@ -14,7 +14,7 @@ from deltaid.model.model import Model, load
 from deltaid.recording.mapping import load_mapping
 from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.look import POINTS, MinMax
-from deltaid.studio.runs import Run, output
+from deltaid.studio.runs import FinishedRun, output
 from deltaid.view.numbers import number, percent
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ _SHOWN = 12
 _KINDS = {"good": "good", "poor": "bad"}
 
 
-def describe_fit(folder: Folder, run: Run) -> list[tuple[str, str]]:
+def describe_fit(folder: Folder, run: FinishedRun) -> list[tuple[str, str]]:
     """Sentences about a fit, each with its kind of note: '', 'good', 'doubt' or 'bad'."""
     summary = output(folder, run).get("summary")
     if not isinstance(summary, dict):
@@ -133,7 +133,7 @@ def describe_fit(folder: Folder, run: Run) -> list[tuple[str, str]]:
     return [(str(summary["sentence"]), kind), ("\n".join(summary["lines"]), "")]
 
 
-def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
+def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
     """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
     found = [output(folder, run) for run in pair]
     rows: list[tuple[str, ...]] = [
@@ -153,7 +153,7 @@ def comparison(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     return rows + _parameters(folder, pair)
 
 
-def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
+def _parameters(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
     try:
         models = [load(folder.root / run.file("model.yaml")).identified for run in pair]
     except DeltaidError:
@@ -178,7 +178,7 @@ def _parameters(folder: Folder, pair: Sequence[Run]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def _logs(run: Run) -> str:
+def _logs(run: FinishedRun) -> str:
     files = (read.file for read in run.record.inputs)
     return ", ".join(file for file in files if not file.endswith((".yaml", ".yml")))
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
-from deltaid.studio.runs import Run, did_its_work, inputs_of, keep_inputs, write_record
+from deltaid.studio.runs import FinishedRun, did_its_work, inputs_of, keep_inputs, write_record
 from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -48,7 +48,7 @@ class Job:
     said: str = ""
     out: str = ""
     began: datetime = field(default_factory=lambda: datetime.now(UTC))
-    run: Run | None = None
+    run: FinishedRun | None = None
     _process: asyncio.subprocess.Process | None = None
 
     @property

@@ -47,7 +47,7 @@ class Record(Part):
 
 
 @dataclass(frozen=True)
-class Run:
+class FinishedRun:
     """A finished run.
 
     Attributes:
@@ -144,7 +144,7 @@ def write_record(
     messages: str,
     of: str,
     robot: str,
-) -> Run:
+) -> FinishedRun:
     """Write down how a run ended: its record last, so that what has one is complete."""
     for name, text in ((OUTPUT, out), (MESSAGES, messages)):
         if text:
@@ -164,16 +164,16 @@ def write_record(
     )
     with written_whole(folder.root / run / RECORD) as file:
         file.write(yaml_text(record.model_dump(mode="json")))
-    return Run(run, record)
+    return FinishedRun(run, record)
 
 
-def runs(folder: Folder) -> list[Run]:
+def runs(folder: Folder) -> list[FinishedRun]:
     """All runs that came to their end, the last one first."""
-    found: list[Run] = []
+    found: list[FinishedRun] = []
     for path in (folder.root / RUNS).glob(f"*/{RECORD}"):
         record = _record(path, path.stat().st_mtime_ns) if path.is_file() else None
         if record is not None and _NAME.fullmatch(path.parent.name):
-            found.append(Run(f"{RUNS}/{path.parent.name}", record))
+            found.append(FinishedRun(f"{RUNS}/{path.parent.name}", record))
     return sorted(found, key=lambda run: run.folder, reverse=True)
 
 
@@ -186,7 +186,7 @@ def _record(path: Path, changed: int) -> Record | None:
         return None
 
 
-def output(folder: Folder, run: Run) -> dict[str, Any]:
+def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
     """What a run printed as JSON; empty if nothing."""
     path = folder.root / run.folder / OUTPUT
     if not path.is_file():
@@ -194,7 +194,7 @@ def output(folder: Folder, run: Run) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def messages(folder: Folder, run: Run) -> str:
+def messages(folder: Folder, run: FinishedRun) -> str:
     """What a run said on standard error."""
     path = folder.root / run.folder / MESSAGES
     return path.read_text(encoding="utf-8") if path.is_file() else ""

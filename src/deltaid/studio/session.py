@@ -17,7 +17,7 @@ from deltaid.studio.folder import RUNS, Folder, refusing, stamp
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, ready, try_look
 from deltaid.studio.plan import Checked, Plan, Store, Used
-from deltaid.studio.runs import Run, new_run, output
+from deltaid.studio.runs import FinishedRun, new_run, output
 from deltaid.studio.steps import Step, show_step
 
 _Found = TypeVar("_Found")
@@ -187,7 +187,7 @@ class Session:
         task.add_done_callback(self._tasks.discard)
 
     async def _go(self, job: Job) -> None:
-        """Run a job to an end, whatever comes between."""
+        """FinishedRun a job to an end, whatever comes between."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -199,7 +199,7 @@ class Session:
                 self.store.tell()
 
     async def _run(self, job: Job) -> None:
-        """Run a job, and keep what a check or a fit has come to."""
+        """FinishedRun a job, and keep what a check or a fit has come to."""
         await self._go(job)
         if job.step.kind == "check" and job.run is not None and job.state == "done":
             grade = str(output(self.folder, job.run).get("grade", ""))
@@ -269,7 +269,7 @@ def mapping_name(session: Session, file: str) -> str:
     return session.folder.free_name(f"mapping-{file.partition('.')[0]}.yaml")
 
 
-def fit_runs(found: list[Run]) -> list[Run]:
+def fit_runs(found: list[FinishedRun]) -> list[FinishedRun]:
     """Those that made a model."""
     return [run for run in found if run.record.kind == "fit" and run.succeeded]
 

@@ -11,7 +11,7 @@ from deltaid.studio.edits import difference, own_copy, robot_cured, wanted
 from deltaid.studio.look import Problem, mapping_cured
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
-from deltaid.studio.runs import Run, next_run, output, runs
+from deltaid.studio.runs import FinishedRun, next_run, output, runs
 from deltaid.studio.session import Session, mapping_name, mapping_of
 from deltaid.studio.steps import check_step
 from deltaid.studio.words import page_words
@@ -57,7 +57,7 @@ def _begin(session: Session) -> None:
         parts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
 
 
-def _verdicts(session: Session, run: Run) -> None:
+def _verdicts(session: Session, run: FinishedRun) -> None:
     found = output(session.folder, run)
     grade = str(found.get("grade", ""))
     verdicts: list[dict[str, Any]] = found.get("verdicts", [])

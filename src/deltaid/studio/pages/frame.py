@@ -104,7 +104,8 @@ def _stage(session: Session, stage: str, client: Client) -> None:
 
     def again() -> None:
         nonlocal task, seen
-        if session.store.teller == client.id and not drawing:
+        # A form that told shows its change already, even while its figure is still being drawn.
+        if session.store.teller == client.id and seen == session.store.revision - 1:
             seen = session.store.revision
             nav.refresh()
         elif not drawing:

@@ -10,7 +10,7 @@ from deltaid.studio.look import Problem
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
-from deltaid.studio.runs import Run, runs
+from deltaid.studio.runs import FinishedRun, runs
 from deltaid.studio.session import Session, fit_runs, mapping_of
 from deltaid.studio.steps import validate_step
 from deltaid.view.numbers import percent
@@ -34,7 +34,7 @@ async def body(session: Session) -> None:
     _history(session, everything, chosen)
 
 
-def _shown(session: Session, run: Run) -> None:
+def _shown(session: Session, run: FinishedRun) -> None:
     with parts.panel(f"{run.name}: {session.plan.names.get(run.folder, 'the model')}"):
         for sentence, kind in describe_fit(session.folder, run):
             parts.note(sentence, kind)
@@ -42,12 +42,12 @@ def _shown(session: Session, run: Run) -> None:
         _commands(run)
 
 
-def _commands(run: Run) -> None:
+def _commands(run: FinishedRun) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
         parts.both(run.record)
 
 
-def _validate(session: Session, run: Run) -> None:
+def _validate(session: Session, run: FinishedRun) -> None:
     """A model beside any recording of the folder."""
     known = {recording.file: recording for recording in session.plan.recordings}
     if not known:
@@ -65,7 +65,7 @@ def _validate(session: Session, run: Run) -> None:
         ui.button("Test", on_click=begin).props("outline no-caps").set_enabled(not session.busy)
 
 
-def _history(session: Session, everything: list[Run], chosen: Run) -> None:
+def _history(session: Session, everything: list[FinishedRun], chosen: FinishedRun) -> None:
     with parts.panel("All runs"):
         for run in everything:
             state = "" if run.succeeded else " · failed or cancelled"
@@ -78,7 +78,7 @@ def _history(session: Session, everything: list[Run], chosen: Run) -> None:
                 _provenance(session, run)
 
 
-def _provenance(session: Session, run: Run) -> None:
+def _provenance(session: Session, run: FinishedRun) -> None:
     record = run.record
     rows = [(read.file, read.sha256[:16]) for read in record.inputs]
     parts.table(("made from", "SHA-256, first 16 digits"), [*rows, ("deltaid", record.version)])
@@ -104,7 +104,7 @@ def _provenance(session: Session, run: Run) -> None:
         ui.button("Show and use this model", on_click=use).props("outline no-caps")
 
 
-def _over_time(session: Session, models: list[Run], chosen: Run) -> None:
+def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun) -> None:
     """A panel with everything of some models along one recording."""
     known = {used.file: used for used in session.plan.recordings if session.folder.has(used.file)}
     if not known:
@@ -141,20 +141,20 @@ def _over_time(session: Session, models: list[Run], chosen: Run) -> None:
         ui.timer(0.05, draw, once=True)
 
 
-def _name(session: Session, run: Run) -> str:
+def _name(session: Session, run: FinishedRun) -> str:
     given = session.plan.names.get(run.folder)
     return f"{run.name} {given}" if given else run.name
 
 
 async def _look(
-    session: Session, runs: list[Run], used: Used, span: Any = None
+    session: Session, runs: list[FinishedRun], used: Used, span: Any = None
 ) -> Beside | Problem:
     path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
     models = tuple(str(session.folder.path(run.file("model.yaml"))) for run in runs)
     return await session.look(torques, path, mapping, models, span)
 
 
-async def _along(session: Session, runs: list[Run], used: Used, shown: str) -> None:
+async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:
     """Torques or errors along a recording, on one time axis for all drives."""
     with parts.waiting():
         found = await _look(session, runs, used)
@@ -177,7 +177,7 @@ async def _along(session: Session, runs: list[Run], used: Used, shown: str) -> N
     linked(plot, again)
 
 
-def _everywhere(session: Session, runs: list[Run], known: dict[str, Used]) -> None:
+def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used]) -> None:
     """Every model on every recording."""
     if len(known) < 2:
         return
@@ -193,7 +193,7 @@ def _everywhere(session: Session, runs: list[Run], known: dict[str, Used]) -> No
     place = ui.column().classes("w-full")
 
 
-async def _shares(session: Session, runs: list[Run], used: Used) -> list[str]:
+async def _shares(session: Session, runs: list[FinishedRun], used: Used) -> list[str]:
     found = await _look(session, runs, used)
     if isinstance(found, Problem):
         return [found.what] * len(runs)
