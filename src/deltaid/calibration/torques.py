@@ -45,7 +45,6 @@ class GeometryNumbers(UnknownEffect):
 
     name = "calibration"
     is_candidate = False
-    is_geometry = True
 
     def __init__(self, known: Unknowns) -> None:
         self.known = known
