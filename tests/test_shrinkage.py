@@ -10,7 +10,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.at_platform import AtPlatform, platform_forces
-from deltaid.estimation.shrinkage import CauseColumns, NoiseBlock, Shrunk
+from deltaid.estimation.shrinkage import _ALIKE, CauseColumns, NoiseBlock, Shrunk
 from deltaid.identification.contest import reduced, rivals
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
@@ -91,6 +91,33 @@ def test_a_price_is_what_the_minimum_grows_by_without_the_group() -> None:
     own = full.covariance[np.ix_(group.columns, group.columns)]
     price = float(full.x[group.columns] @ np.linalg.solve(own, full.x[group.columns]))
     assert cost(x) - cost(full.x) == pytest.approx(price, rel=1e-6)
+
+
+def test_more_columns_explain_what_the_minimum_falls_by() -> None:
+    full, rng = problem(size=0.1), np.random.default_rng(4)
+    bare = full.without({"cause"})
+    sets = [
+        np.stack([b.A[:, 2:5] + b.A[:, :1], rng.standard_normal((400, 3))], axis=1)
+        for b in full.blocks
+    ]
+    explained = bare.explained((0, 1), sets)
+    weights = np.repeat(1 / bare.sigma, 400)
+    b = np.concatenate([block.b for block in bare.blocks]) * weights
+    rows = np.vstack([block.A for block in bare.blocks]) * weights[:, None]
+    prior = np.concatenate([[10.0, 10.0], 0.5 * np.repeat(bare.alpha, 2)])
+    before = np.vstack([rows, np.diag(1 / prior)])
+    e = (b - rows @ bare.x).reshape(2, -1)
+    cost = float(np.sum(e**2) + np.sum((bare.x / prior) ** 2))
+    for k, value in enumerate(explained):
+        more = np.concatenate([columns[:, k] for columns in sets]) * weights[:, None]
+        own = np.sqrt(_ALIKE * np.sum(more**2, axis=0))
+        A = np.block(
+            [[before, np.vstack([more, np.zeros((4, 3))])], [np.zeros((3, 4)), np.diag(own)]]
+        )
+        right = np.append(b, np.zeros(7))
+        least = float(np.sum((right - A @ np.linalg.lstsq(A, right)[0]) ** 2))
+        assert value == pytest.approx((cost - least) / np.mean(e**2), rel=1e-6)
+    assert explained[0] > 50 > 20 > explained[1]
 
 
 def test_without_a_group_its_coefficients_are_the_mean_of_their_prior() -> None:

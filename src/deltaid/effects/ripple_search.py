@@ -1,4 +1,4 @@
-"""Orders of ripples in the residual of a contest: the largest of each drive, again and again."""
+"""Orders of ripples beside all that a contest has: the largest of each drive, again and again."""
 
 from collections.abc import Sequence
 
@@ -9,6 +9,7 @@ from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import Added
 from deltaid.estimation.scatter import surprise
+from deltaid.estimation.shrinkage import Shrunk
 
 # Waves over the stroke from which torque over the position is no spring, for it bends, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.
@@ -18,45 +19,45 @@ _NEAR = 41
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
 _PASSED = 0.1
 
-# Of each recording, whose samples differ in number.
-Residuals = Sequence[Float[np.ndarray, "dof _"]]
 Orders = Float[np.ndarray, " orders"]
 
 
 def largest_ripples(
-    points: Sequence[TracePoint], residuals: Residuals, least: float
+    points: Sequence[TracePoint], fit: Shrunk, least: float
 ) -> list[tuple[int, float]]:
     """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
-    in residuals in units of each drive's noise."""
+    beside all that a fit has."""
     ripples = list[tuple[int, float]]()
     for i in range(points[0].dof):
         orders = _orders(points, i)
         if len(orders) < 2:
             continue
-        power, scale = np.zeros(len(orders)), np.zeros(len(orders))
-        for point, residual in zip(points, residuals, strict=True):
-            waves = np.exp(1j * np.outer(orders, point.q[:, i])) * passed(point, i, orders)
-            power += np.abs(waves @ residual[i]) ** 2
-            scale += np.sum(np.abs(waves) ** 2, axis=1)
-        explained = 2 * power / np.maximum(scale, 1e-300)  # of the residuals' sum of squares
+        pairs = [_waves(point, i, orders) for point in points]
+        explained = fit.explained(_blocks(points, i), pairs)
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
-            ripples.append((i, nearest_order(points, residuals, i, float(orders[best]))))
+            ripples.append((i, nearest_order(points, fit, i, float(orders[best]))))
     return ripples
 
 
-def nearest_order(
-    points: Sequence[TracePoint], residuals: Residuals, i: int, order: float
-) -> float:
-    """The order near another that explains most of a drive's residuals, by filtered columns."""
+def nearest_order(points: Sequence[TracePoint], fit: Shrunk, i: int, order: float) -> float:
+    """The order near another that explains most beside all that a fit has, by filtered columns."""
     orders = _orders(points, i)
     near = order + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
     ripples = RippleColumns(points[0].dynamics, (i,) * _NEAR, (1.0,) * (2 * _NEAR), tuple(near))
-    A = np.concatenate([point.added(ripples)[i] for point in points]).reshape(-1, _NEAR, 2)
-    b = A.transpose(1, 2, 0) @ np.concatenate([residual[i] for residual in residuals])
-    normal = np.einsum("sni,snj->nij", A, A)
-    explained = np.einsum("ni,ni->n", b, np.linalg.solve(normal, b[:, :, None])[:, :, 0])
-    return float(near[np.argmax(explained)])
+    pairs = [point.added(ripples)[i].reshape(-1, _NEAR, 2) for point in points]
+    return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
+
+
+def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
+    """Numbers of a drive's blocks, which follow each other recording by recording."""
+    return [k * point.dof + i for k, point in enumerate(points)]
+
+
+def _waves(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samples orders 2"]:
+    """Ripples of a drive as far as they pass the filter."""
+    turns, size = np.outer(point.q[:, i], orders), passed(point, i, orders).T
+    return np.stack([size * np.sin(turns), size * np.cos(turns)], axis=2)
 
 
 def ripple_of(point: TracePoint, drive: int, order: float) -> Added:

@@ -29,6 +29,8 @@ _LOW, _HIGH = 1e-2, 3.0
 _PULL = 1e-2
 # Share of its prior that is left to a coefficient at its bound.
 _HELD = 1e-6
+# Of the square of a column that is tried, the share that stays its own where others explain all.
+_ALIKE = 1e-2
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
 # Of a direction rows say nothing that they know to less than this share of its prior precision.
@@ -298,6 +300,32 @@ class Shrunk:
         D = np.pad(self.D, ((0, 0), (0, len(deviation))))
         alpha = np.append(self.alpha, 1.0)
         return Shrunk(blocks, D, self.d, (*self.groups, group), alpha, self.sigma)._settled()
+
+    def explained(
+        self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]]
+    ) -> Float[np.ndarray, " sets"]:
+        """What sets of k more columns would explain of some blocks beside all others, each set by
+        itself, as a sum of squares in units of these blocks' residuals.
+
+        Args:
+            numbers: of the blocks.
+            sets: columns of all sets, for each block.
+        """
+        width, size = sets[0].shape[1:]
+        own, along = np.zeros((width, size, size)), np.zeros((width, size))
+        mixed, unit = np.zeros((len(self.x), width * size)), list[float]()
+        for number, columns in zip(numbers, sets, strict=True):
+            block, sigma = self.blocks[number], self.sigma[number]
+            e, scaled = self.residual(block) / sigma, columns / sigma
+            own += np.einsum("nwi,nwj->wij", scaled, scaled)
+            along += np.einsum("nwi,n->wi", scaled, e)
+            mixed += block.A.T @ scaled.reshape(len(e), -1) / sigma
+            unit.append(max(float(np.mean(e**2)), np.finfo(float).tiny))
+        others = (self._root @ mixed).reshape(-1, width, size)
+        alone = np.maximum(_ALIKE * np.einsum("wii->wi", own), np.finfo(float).tiny)
+        left = own - np.einsum("nwi,nwj->wij", others, others) + alone[:, :, None] * np.eye(size)
+        best = np.linalg.solve(left, along[:, :, None])[:, :, 0]
+        return np.einsum("wi,wi->w", along, best) / float(np.mean(unit))
 
     @cached_property
     def evidence(self) -> float:

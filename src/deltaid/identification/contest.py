@@ -27,7 +27,6 @@ _RIPPLES = 3
 
 # Of each recording, whose samples differ in number.
 ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
-ResidualOfRecording = Float[np.ndarray, "dof _"]
 
 # Of two fits, one is certain that is a hundred times as probable as the other.
 _CERTAIN = float(np.log(100.0))
@@ -61,14 +60,6 @@ class Contest:
         return next(unknown for unknown in self.unknowns if unknown.name == name)
 
     @property
-    def residuals(self) -> list[ResidualOfRecording]:
-        """Of each recording, each drive's in units of its own size."""
-        dof, rows = self.points[0].dof, [self.shrunk.residual(b) for b in self.shrunk.blocks]
-        sizes = [max(float(np.sqrt(np.mean(row**2))), np.finfo(float).tiny) for row in rows]
-        scaled = [row / size for row, size in zip(rows, sizes, strict=True)]
-        return [np.array(scaled[k : k + dof]) for k in range(0, len(rows), dof)]
-
-    @property
     def noise(self) -> float:
         """Logarithm of the level of the noise, in the mean over the rows of all drives."""
         rows = [len(block.b) for block in self.shrunk.blocks]
@@ -79,7 +70,7 @@ class Contest:
         chance; orders as they are beside all others."""
         contest, ripples = self, list[Added]()
         while len(ripples) < _RIPPLES * self.points[0].dof:
-            found = largest_ripples(self.points, contest.residuals, SEEN)
+            found = largest_ripples(self.points, contest.shrunk, SEEN)
             if not found:
                 break
             ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
@@ -95,14 +86,11 @@ class Contest:
         return contest
 
     def _nearer(self, ripple: Added) -> Added:
-        """A ripple with the order that explains most of what all others leave."""
-        columns, addition = self.group(ripple.name).columns, ripple.addition
+        """A ripple with the order that explains most beside all others."""
+        addition, bare = ripple.addition, self.shrunk.without([ripple.name])
         assert isinstance(addition, RippleColumns)
-        (drive,), (order,), x = addition.drives, addition.orders, self.shrunk.x[columns]
-        dof, blocks = self.points[0].dof, self.shrunk.blocks
-        left = [self.shrunk.residual(block) + block.A[:, columns] @ x for block in blocks]
-        residuals = [np.array(left[k : k + dof]) for k in range(0, len(left), dof)]
-        order = nearest_order(self.points, residuals, drive, order)
+        (drive,), (order,) = addition.drives, addition.orders
+        order = nearest_order(self.points, bare, drive, order)
         return ripple_of(self.points[0], drive, order)
 
     def _with(self, unknown: UnknownEffect) -> "Contest":
