@@ -145,13 +145,6 @@ def print_written(*paths: Path | None) -> None:
             console.print(f"wrote {path}")
 
 
-def print_tables(*tables: Finished) -> None:
-    """Finished tables with an empty line after each."""
-    for finished in tables:
-        console.print(shown(finished))
-        console.print()
-
-
 def shown(finished: Finished) -> Table:
     """A finished table as the terminal prints it."""
     return table(finished.title, finished.columns, finished.rows)

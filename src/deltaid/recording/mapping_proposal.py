@@ -86,12 +86,6 @@ class MappingProposal:
         return self.complete and not self.doubts
 
     @property
-    def valid_data(self) -> dict[str, Any]:
-        """What of `data` a mapping file may hold: quantities whose units are known."""
-        units = {part.quantity: part.units for part in self.found}
-        return {name: entry for name, entry in self.data.items() if all(units[name])}
-
-    @property
     def mapping(self) -> ColumnMapping:
         """The same as a value, to be given as `columns=`.
 

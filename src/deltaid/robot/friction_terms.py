@@ -244,7 +244,6 @@ TERMS: tuple[type[FrictionTerm], ...] = (
     _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _HessSoom,
     _Load,
 )  # fmt: skip
-TERM_OF = {term.kind: term for term in TERMS}
 
 
 def _size(v: Any) -> Any:
