@@ -45,7 +45,7 @@ _KINDS = {
     "recording.log.Log": ("log", "recordings", "recordings"),
     "recording.mapping.ColumnMapping": ("mapping", "recordings", "recordings"),
     "recording.memory.Recording": ("recording", "recordings", "recordings"),
-    "recording.recording.Recording": ("log", "recordings", "recordings"),
+    "recording.recording.PreparedRecording": ("log", "recordings", "recordings"),
     "robot.description.RobotDescription": ("robot", "robots", "robots"),
 }
 
