@@ -66,7 +66,8 @@ def assert_outputs(found: np.ndarray, expected: np.ndarray, precision: Precision
     """Each field to a share of its largest entry; what is left of torques, of the torques, and a
     score, of the one that counts."""
     online, inputs, _ = recording(precision)
-    share = 1e-12 if precision is DOUBLE else 1e-5
+    # Positions of stamped rows are second differences, which single numbers hold less well.
+    share = 1e-12 if precision is DOUBLE else 2e-5
     torque, at = np.abs(np.delete(inputs, (*SPOILT, ABSURD), axis=0)[:, 6:9]).max(), 0
     for field in fields(online):
         place, at = slice(at, at + field.size), at + field.size
