@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import polars as pl
@@ -13,6 +14,7 @@ from deltaid.effects.along_motion import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.point import TracePoint
+from deltaid.effects.ripple_search import _blocks
 from deltaid.identification import contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
@@ -216,6 +218,10 @@ def test_a_ripple_is_no_gear_that_winds_up() -> None:
     judged = judge(ripple, identified(ripple))
     assert set(dict(judged.said)) == {"ripple"}
     assert judged.M < 0.003  # 1.7 % where gears are turned back first
+
+
+def test_each_recording_has_a_block_of_every_drive() -> None:
+    assert _blocks([Mock(spec=TracePoint, dof=3)] * 3, 1) == [1, 4, 7]
 
 
 @pytest.mark.parametrize("waves", [0.8, 1.3])

@@ -10,7 +10,8 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.at_platform import AtPlatform, platform_forces
-from deltaid.estimation.shrinkage import _ALIKE, CauseColumns, NoiseBlock, Shrunk
+from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock
+from deltaid.estimation.shrinkage import _ALIKE, Shrunk
 from deltaid.identification.contest import reduced, rivals
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction

@@ -114,7 +114,7 @@ def solved(
                 for instrument, ends, keep in zip(instruments, x, used, strict=True)
             )
         every = _rows(known, instruments, x, slopes, states, own)
-        rows = tuple(_of(part, keep) for part, keep in zip(every, used, strict=True))
+        rows = tuple(_kept(part, keep) for part, keep in zip(every, used, strict=True))
         rows += _of_torques(known, u, sum(own))
         problem = LinearProblem(
             np.vstack([part.A for part in rows]),
@@ -166,7 +166,7 @@ def start_of(
     return kept.start([points[used] for points in x])
 
 
-def _of(rows: InstrumentRows, keep: Bool[np.ndarray, " readings"]) -> InstrumentRows:
+def _kept(rows: InstrumentRows, keep: Bool[np.ndarray, " readings"]) -> InstrumentRows:
     kept = np.repeat(keep, rows.values)
     return InstrumentRows(rows.A[kept], rows.error[kept], rows.values)
 

@@ -38,7 +38,7 @@ def calibrated_robot(
     assert limbs is not None  # unknowns refuse others
     value = dict(zip(known.names, theta.tolist(), strict=True))
     held = np.ones(len(theta), dtype=bool)
-    each = [_own(value, i) for i in range(limbs.count)]
+    each = [_of_limb(value, i) for i in range(limbs.count)]
     rotary = limbs.drive == "rotary"
     changed = (_rotary if rotary else _linear)(limbs, each)
     for k, number in enumerate(known.numbers):
@@ -78,7 +78,7 @@ def calibrated_robot(
     return robot.changed(**updates), zeros, scales, held
 
 
-def _own(value: dict[str, float], limb: int) -> dict[str, float]:
+def _of_limb(value: dict[str, float], limb: int) -> dict[str, float]:
     prefix = f"limb{limb + 1}."
     return {k.removeprefix(prefix): v for k, v in value.items() if k.startswith(prefix)}
 

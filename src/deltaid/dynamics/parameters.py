@@ -56,29 +56,29 @@ class ParameterLayout:
     @property
     def friction(self) -> slice:
         """Coefficients of all friction terms, p_f."""
-        return self._of("friction")
+        return self._places("friction")
 
     @property
     def viscous(self) -> slice:
         """Viscous coefficients, one for each joint with friction."""
-        return self._of("friction", "viscous")
+        return self._places("friction", "viscous")
 
     @property
     def coulomb(self) -> slice:
         """Coulomb coefficients, one for each joint with friction."""
-        return self._of("friction", "coulomb")
+        return self._places("friction", "coulomb")
 
     @property
     def spring(self) -> slice:
         """Spring stiffnesses, one for each spring."""
-        return self._of("spring")
+        return self._places("spring")
 
     @property
     def rotor(self) -> slice:
         """Rotor inertias, one for each drive with one."""
-        return self._of("rotor")
+        return self._places("rotor")
 
-    def _of(self, kind: ParameterKind, symbol: str | None = None) -> slice:
+    def _places(self, kind: ParameterKind, symbol: str | None = None) -> slice:
         """Where the parameters of one kind stand, side by side."""
         at = [
             k

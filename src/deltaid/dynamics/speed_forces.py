@@ -40,14 +40,14 @@ class SpeedForces:
         """Of one of `body.count` bodies along the motion, gravity taken off."""
         turned = body.rotation
         a = body.origin.acceleration - self.gravity(body)
-        return wrench(turned.R, self._own(body), a, turned.alpha, turned.w)
+        return wrench(turned.R, self._inertia_of(body), a, turned.alpha, turned.w)
 
     def body_columns(self) -> ca.SX:
         """Coefficients of all bodies' parameters, identical bodies summed: their part of Y on u."""
         columns = {name: ca.SX(self._u.numel(), 10) for name in self.layout.bodies}
         for body in self.mechanism.bodies:
             forces = body.count * self.on_speeds(body, self.wrench(body))
-            columns[body.name] += ca.jacobian(forces, self._own(body))
+            columns[body.name] += ca.jacobian(forces, self._inertia_of(body))
         return ca.horzcat(*columns.values())
 
     def of_bodies(self) -> ca.SX:
@@ -76,7 +76,7 @@ class SpeedForces:
         C = ca.SX(self._u.numel(), spins[0].shape[1])
         for body, (V, W), spin in zip(self.mechanism.bodies, rates, spins, strict=True):
             turned = body.rotation
-            found = wrench(turned.R, self._own(body), V, W, turned.w, spin)
+            found = wrench(turned.R, self._inertia_of(body), V, W, turned.w, spin)
             C += body.count * self.on_speeds(body, found)
         return C
 
@@ -93,7 +93,7 @@ class SpeedForces:
         """Energy in gravity and springs [J]."""
         V = ca.SX(0)
         for body in self.mechanism.bodies:
-            V += body.count * potential(body, self._own(body), self.gravity(body))
+            V += body.count * potential(body, self._inertia_of(body), self.gravity(body))
         for k, column in self._coefficients():
             V += self.p[k] * column.potential(self.mechanism.joints[column.joint])
         return V
@@ -137,16 +137,16 @@ class SpeedForces:
     def _coefficients(self) -> Iterator[tuple[int, JointColumn]]:
         return enumerate(joint_columns(self.robot), start=self.layout.coefficients.start)
 
-    def _own(self, body: MovingBody) -> ca.SX:
+    def _inertia_of(self, body: MovingBody) -> ca.SX:
         return self.p[self.layout.body(body.name)]
 
     def _mass(self, body: MovingBody) -> Wrench:
         V, W = self._partials(body)
-        return wrench(body.rotation.R, self._own(body), V, W, ca.SX(3, 1))
+        return wrench(body.rotation.R, self._inertia_of(body), V, W, ca.SX(3, 1))
 
     def _weight(self, body: MovingBody) -> Wrench:
         still = ca.SX(3, 1)
-        return wrench(body.rotation.R, self._own(body), -self.gravity(body), still, still)
+        return wrench(body.rotation.R, self._inertia_of(body), -self.gravity(body), still, still)
 
     def _partials(self, body: MovingBody) -> tuple[ca.SX, ca.SX]:
         """∂v/∂u in L and ∂ω/∂u in B."""

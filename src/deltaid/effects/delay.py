@@ -15,4 +15,4 @@ class Delay(Effect):
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         columns = slopes(fit.trace, fit.p)
         yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
-        yield EffectCandidate(self.kind, "", fit.rows.own(columns))
+        yield EffectCandidate(self.kind, "", fit.rows.per_drive(columns))

@@ -33,7 +33,7 @@ class Drift(DescribedEffect):
                 columns = np.stack([fit.rows.stack(column * course) for column in friction], axis=1)
                 yield EffectCandidate(self.kind, "", columns.sum(axis=1)[:, None], words)
                 yield from self.of_each(joints, columns, words)
-            offset = fit.rows.own(fit.motion.weights.T * course)
+            offset = fit.rows.per_drive(fit.motion.weights.T * course)
             for i, drive in enumerate(fit.drives):
                 yield EffectCandidate(self.kind, drive, offset[:, [i]], words)
 

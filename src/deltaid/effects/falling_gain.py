@@ -83,4 +83,4 @@ class FallingGain(DescribedEffect):
 
 def _cubes(fit: RigidFit) -> Columns:
     """τ³/τ_max², one column a drive."""
-    return fit.rows.own(fit.model * (fit.model / fit.largest[:, None]) ** 2)
+    return fit.rows.per_drive(fit.model * (fit.model / fit.largest[:, None]) ** 2)

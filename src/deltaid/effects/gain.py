@@ -46,7 +46,7 @@ class Gain(DescribedEffect):
     )
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        return self.of_each(fit.drives, fit.rows.own(fit.scaled_model))
+        return self.of_each(fit.drives, fit.rows.per_drive(fit.scaled_model))
 
     def subject(self, cause: Cause) -> str:
         odd = list(odd_gains(cause))
@@ -88,7 +88,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
 def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
     """What each drive's torque is of the model's, up to a common factor, and its deviation."""
     fit, span = cause.fit, cause.others
-    columns = fit.rows.own(fit.scaled_model)
+    columns = fit.rows.per_drive(fit.scaled_model)
     bare = span.without(columns)
     influence = np.linalg.pinv(bare, rcond=_SHOWN).T
     theta = influence.T @ fit.tau

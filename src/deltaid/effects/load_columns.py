@@ -112,16 +112,16 @@ class LoadColumns(Addition):
         return np.arange(len(self.dynamics.layout.names))[self.dynamics.layout.body(self.body)]
 
     @cached_property
-    def _own(self) -> Int[np.ndarray, " entries"]:
+    def _carried_entries(self) -> Int[np.ndarray, " entries"]:
         return self.carried(self.dynamics.regressor_pattern[1])[: 0 if self.is_fixed else None]
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         drives, columns = self.dynamics.regressor_pattern
-        return drives[self._own], columns[self._own] - self._places[0]
+        return drives[self._carried_entries], columns[self._carried_entries] - self._places[0]
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        return own[self._own] * self.held(w, recording)
+        return own[self._carried_entries] * self.held(w, recording)
 
     @property
     def free(self) -> Free:

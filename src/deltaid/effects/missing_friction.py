@@ -20,5 +20,7 @@ class MissingFriction(Effect):
             every = np.arange(fit.dof)
             signs = fit.trace.filtered(lambda w: np.sign(w.qd).T, every)
             speeds = fit.trace.filtered(lambda w: w.qd.T, every)
-            columns = np.hstack([fit.rows.own(rates)[:, without] for rates in (signs, speeds)])
+            columns = np.hstack(
+                [fit.rows.per_drive(rates)[:, without] for rates in (signs, speeds)]
+            )
             yield EffectCandidate(self.kind, "", columns, is_preferred=True)

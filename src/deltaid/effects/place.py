@@ -26,8 +26,8 @@ class PlaceDependence(DescribedEffect):
         w, dof = fit.motion, fit.dof
         x = ((w.z - w.z.mean(axis=0)) / np.maximum(np.ptp(w.z, axis=0), 1e-12)).T
         shapes = [*x, *(x[i] * x[j] for i in range(dof) for j in range(i, dof))]
-        blocks = [fit.rows.own(w.weights.T * shape) for shape in shapes]
-        blocks += [fit.rows.own(fit.model * shape) for shape in x]
+        blocks = [fit.rows.per_drive(w.weights.T * shape) for shape in shapes]
+        blocks += [fit.rows.per_drive(fit.model * shape) for shape in x]
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
             columns = np.stack([block[:, i] for block in blocks], axis=1)

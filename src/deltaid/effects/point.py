@@ -153,7 +153,7 @@ class RigidFit(TracePoint):
         """
         model = self.model
         for _ in range(_SWEEPS):
-            columns = self.rows.own(model)
+            columns = self.rows.per_drive(model)
             residual = self.span.without(self.tau)
             gain = np.linalg.lstsq(self.span.without(columns), residual, rcond=_SHOWN)[0]
             model = self.Y @ self.span.coefficients(self.tau - columns @ gain)

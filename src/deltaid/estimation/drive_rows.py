@@ -59,7 +59,7 @@ class DriveRows:
         """Something of every drive as rows."""
         return (x.T / self.scale).T.reshape(-1, *x.shape[2:])
 
-    def own(self, x: OfDrives) -> Columns:
+    def per_drive(self, x: OfDrives) -> Columns:
         """Something of every drive, one column a drive that is zero for all others."""
         return self.stack(of_own_drives(x[:, :, None]))
 

@@ -8,14 +8,15 @@ well-determined directions of a group, α_g² ← (‖x_g/s_g‖² + ε) / (γ_g
 data does not ask for vanishes. The price of a group is by how much the minimum grows without it.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
+from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock, Normal
 from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import surprise
@@ -27,75 +28,12 @@ _SWEEPS, _SETTLED = 40, 0.02
 _LOW, _HIGH = 1e-2, 3.0
 # Pull of a scale towards zero where data says nothing, as a share of one direction.
 _PULL = 1e-2
-# Share of its prior that is left to a coefficient at its bound.
-_HELD = 1e-6
 # Of the square of a column that is tried, the share that stays its own where others explain all.
 _ALIKE = 1e-2
 # Columns of unit length that others explain up to this share of their square are dependent.
 _DEPENDENT = 1e-12
 # Of a direction rows say nothing that they know to less than this share of its prior precision.
 _NOTHING = 1e-6
-# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
-_SLOW, _REDDEST = 8, 30.0
-
-
-@dataclass(frozen=True, eq=False)
-class CauseColumns:
-    """Columns that one cause has.
-
-    Attributes:
-        deviation: prior standard deviation of each coefficient.
-        mean: of the prior, minus what has been applied already.
-        is_candidate: whether it may be dropped; else it stays whatever its evidence is.
-        is_positive: whether x less the mean, all that is applied, is at least zero by physics.
-        is_possible: whether physics allows such values of x less the mean; a candidate whose
-            estimate it does not allow stands for something else, and is dropped.
-    """
-
-    name: str
-    columns: Int[np.ndarray, " k"]
-    deviation: Float[np.ndarray, " k"]
-    mean: Float[np.ndarray, " k"]
-    is_candidate: bool = True
-    is_positive: bool = False
-    is_possible: Callable[[Float[np.ndarray, " k"]], bool] = lambda _: True
-
-    def allows(self, x: Float[np.ndarray, " n"]) -> bool:
-        """Whether physics allows all that is applied."""
-        return self.is_possible(x[self.columns] - self.mean)
-
-    def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
-        """With coefficients at zero where physics allows no less than x has."""
-        below = self.is_positive & (x[self.columns] < self.mean)
-        return replace(self, deviation=np.where(below, _HELD * self.deviation, self.deviation))
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseBlock:
-    """Rows A x = b of one noise level, the stretch of time of each, and the largest measured value
-    beside them."""
-
-    A: Columns
-    b: Rows
-    stretches: Int[np.ndarray, " rows"]
-    largest: float
-
-    @cached_property
-    def normal(self) -> Float[np.ndarray, "n n"]:
-        return self.A.T @ self.A
-
-    @cached_property
-    def right(self) -> Float[np.ndarray, " n"]:
-        return self.A.T @ self.b
-
-
-@dataclass(frozen=True, eq=False)
-class Normal:
-    """K x = r of rows and of what is known at some noise levels, without the priors of groups."""
-
-    sigma: Float[np.ndarray, " blocks"]
-    K: Float[np.ndarray, "n n"]
-    r: Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +94,7 @@ class Shrunk:
 
     @property
     def _noise(self) -> Float[np.ndarray, " blocks"]:
-        noise = [_noise_of(block, self.residual(block)) for block in self.blocks]
+        noise = [block.noise(self.residual(block)) for block in self.blocks]
         return np.maximum(noise, [NOISE_FLOOR * block.largest for block in self.blocks])
 
     def residual(self, block: NoiseBlock) -> Rows:
@@ -366,12 +304,3 @@ class Shrunk:
         """Surprise of the candidate that rows need least [decades]."""
         candidates = [group for group in self.groups if group.is_candidate]
         return min((self.surprise(group) for group in candidates), default=np.inf)
-
-
-def _noise_of(block: NoiseBlock, residual: Rows) -> float:
-    """Standard deviation of the noise of a block; slow errors of the model count as noise."""
-    count = len(residual) // _SLOW * _SLOW
-    variance = float(np.mean(residual**2))
-    slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
-    red = np.clip(slow / max(variance, 1e-300), 1.0, _REDDEST)
-    return float(np.sqrt(max(variance * red, 1e-300)))

@@ -89,7 +89,7 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
     torque = as_jax([e.z, e.qd, e.qdd, e.p], e.torque)
     speeding = as_jax([e.z, e.qd, tau, e.p], acceleration(subject, e, tau))
 
-    def own(function: Function, *names: str) -> Function:
+    def with_own_parameters(function: Function, *names: str) -> Function:
         """Compiled; the model's parameters where they are left out behind the named arguments."""
         compiled: Any = jax.jit(function)
 
@@ -111,11 +111,15 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
         inverse_kinematics=jax.jit(as_jax([m.z], m.q)),
         jacobian=jax.jit(as_jax([m.z], e.J)),
         task_velocity=jax.jit(as_jax([m.z, e.qd], e.T @ e.qd)),
-        inverse_dynamics=own(lambda q, qd, qdd, p: torque(z_of(q), qd, qdd, p), "q", "qd", "qdd"),
-        inverse_dynamics_at=own(torque, "z", "qd", "qdd"),
-        forward_dynamics=own(lambda q, qd, tau, p: speeding(z_of(q), qd, tau, p), "q", "qd", "tau"),
-        forward_dynamics_at=own(speeding, "z", "qd", "tau"),
-        mass_matrix=own(as_jax([e.z, e.p], e.M), "z"),
-        bias=own(as_jax([e.z, e.qd, e.p], bias(subject, e)), "z", "qd"),
-        gravity=own(as_jax([e.z, e.p], e.g), "z"),
+        inverse_dynamics=with_own_parameters(
+            lambda q, qd, qdd, p: torque(z_of(q), qd, qdd, p), "q", "qd", "qdd"
+        ),
+        inverse_dynamics_at=with_own_parameters(torque, "z", "qd", "qdd"),
+        forward_dynamics=with_own_parameters(
+            lambda q, qd, tau, p: speeding(z_of(q), qd, tau, p), "q", "qd", "tau"
+        ),
+        forward_dynamics_at=with_own_parameters(speeding, "z", "qd", "tau"),
+        mass_matrix=with_own_parameters(as_jax([e.z, e.p], e.M), "z"),
+        bias=with_own_parameters(as_jax([e.z, e.qd, e.p], bias(subject, e)), "z", "qd"),
+        gravity=with_own_parameters(as_jax([e.z, e.p], e.g), "z"),
     )

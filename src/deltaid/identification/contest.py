@@ -18,8 +18,9 @@ from deltaid.effects.contest import SEEN
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import largest_ripples, nearest_order, ripple_of
 from deltaid.effects.unknown import Added, UnknownEffect
+from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import POSITION_ERROR, TraceRows, stretch_numbers
-from deltaid.estimation.shrinkage import CauseColumns, NoiseBlock, Shrunk
+from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 
 # Orders of ripples that a drive has at most.

@@ -116,7 +116,7 @@ def _fit(
     terms = described.changed(friction=dict(described.friction) | dict(laws)).friction_terms
     before = set(described.friction_terms)
     added = iter(rows.columns([(joints[t.joint], of_term(t)) for t in terms if t not in before]).T)
-    columns = [rows.own(t.name) if t in before else next(added) for t in terms]
+    columns = [rows.column_of(t.name) if t in before else next(added) for t in terms]
     columns, tau = rows.rigid.without(np.column_stack(columns)), rows.rigid.without(rows.tau)
     low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
     priors = np.array([t.parameter.prior for t in terms])

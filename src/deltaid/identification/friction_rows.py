@@ -113,7 +113,7 @@ class FrictionRows:
         p[self.dynamics.layout.friction] = self.p[self.dynamics.layout.friction]
         return self.Y @ p[active_columns(self.dynamics)]
 
-    def own(self, name: str) -> Rows:
+    def column_of(self, name: str) -> Rows:
         """The column of one of the robot's parameters."""
         k = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.drive_rows.stack(self.Y[:, :, k])

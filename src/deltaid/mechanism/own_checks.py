@@ -98,7 +98,7 @@ class Checker:
         self._require_reach(mechanism, home)
         self._require_finite(mechanism, home)
         self._require_rigid(mechanism, robot, home)
-        J = self._at(mechanism.scaled_jacobian, home)
+        J = self._evaluated(mechanism.scaled_jacobian, home)
         sizes = np.linalg.svd(J, compute_uv=False) if np.isfinite(J).all() else np.zeros(1)
         if not sizes[-1] > _SINGULAR * sizes[0]:
             raise self.wrong(
@@ -112,7 +112,7 @@ class Checker:
                 raise self.wrong(f"drive {i + 1} does not depend on z")
 
     def _require_reach(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
-        for i, value in enumerate(self._at(mechanism.reach, home).ravel()):
+        for i, value in enumerate(self._evaluated(mechanism.reach, home).ravel()):
             if not value > 0:
                 raise self.wrong(
                     f"entry {i + 1} of reach is {value:.4g} m in {_middle(home)}, so out of reach; "
@@ -128,7 +128,7 @@ class Checker:
         for name, start, end in mechanism.drawing:
             named.append((f"a segment of body '{name}'", ca.vertcat(start, end)))
         for what, expression in named:
-            values = self._at(expression, home)
+            values = self._evaluated(expression, home)
             if not np.isfinite(values).all():
                 wrong = values[~np.isfinite(values)][0]
                 raise self.wrong(f"{what} is {wrong} in {_middle(home)}; check its formula there")
@@ -141,7 +141,7 @@ class Checker:
         aside = np.random.default_rng(0).uniform(-1, 1, (_POSES, mechanism.dof)) * half
         for body in mechanism.bodies:
             for pose in (home, *(home + aside)):
-                R = self._at(body.rotation.R, pose)
+                R = self._evaluated(body.rotation.R, pose)
                 if not np.isfinite(R).all():  # out of reach
                     continue
                 if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
@@ -150,7 +150,7 @@ class Checker:
                         f"det R = 1) at z = {written(pose)}"
                     )
 
-    def _at(self, expression: ca.SX, z: Float[np.ndarray, " dof"]) -> np.ndarray:
+    def _evaluated(self, expression: ca.SX, z: Float[np.ndarray, " dof"]) -> np.ndarray:
         return np.array(ca.Function("f", [self._z], [ca.densify(expression)])(z))
 
 

@@ -51,7 +51,7 @@ class Skeleton:
 
 def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     if robot.mechanism is not None:
-        return _own(robot, mechanism)
+        return _drawn_by_user(robot, mechanism)
     size = _size(robot)
     segments, base = [], []
     held: dict[bool, list[ca.SX]] = {}
@@ -68,7 +68,7 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     return [*segments, *_joining(robot, mechanism, size), *_telescope(mechanism)]
 
 
-def _own(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
+def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     """The lines that the user's function gives, or each body from its frame to its prior's centre
     of mass."""
     if mechanism.drawing:

@@ -244,10 +244,12 @@ def judged_lag(
     clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
     if not clear.any():
         return ()
-    return (_told(np.where(clear, lag.values, delay), lag.interval, delay, model.robot.drives),)
+    return (
+        _delay_doubt(np.where(clear, lag.values, delay), lag.interval, delay, model.robot.drives),
+    )
 
 
-def _told(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
+def _delay_doubt(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
     off: list[int] = np.flatnonzero(found != known).tolist()
     alike = np.ptp(found) == 0 and np.ptp(known) == 0
     if alike:

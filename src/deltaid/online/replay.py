@@ -104,7 +104,7 @@ class Replay:
             begins = True
             for block in segment:
                 for start in range(0, len(block), _BLOCK):
-                    yield self._of(block[start : start + _BLOCK], begins)
+                    yield self._cycles(block[start : start + _BLOCK], begins)
                     begins = False
 
     @cached_property
@@ -129,7 +129,7 @@ class Replay:
         ]
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
 
-    def _of(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
+    def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
         c, dof = self.log.columns, len(self.log.columns.torque)
         time, told = values[:, 0], values[:, c.extra_places]
         gripper = np.full(len(values), NOT_TOLD)

@@ -115,7 +115,7 @@ def locate(
     Raises:
         RecordingError: there is no such column, or one is longer than the others.
     """
-    found = _found(fields, addresses, where, cure)
+    found = _matched(fields, addresses, where, cure)
     plain = [field.shape[field.wide[0]] for field, _ in found if len(field.wide) == 1]
     samples = plain[0] if plain else None
     picks: list[Pick] = []
@@ -158,7 +158,7 @@ def _key(name: str) -> str:
     return name.replace("/", ".").lstrip(".")
 
 
-def _found(
+def _matched(
     fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str
 ) -> list[tuple[RecordedField, str]]:
     found = [(address, find(fields, address)) for address in addresses]

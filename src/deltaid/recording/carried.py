@@ -118,12 +118,12 @@ class Load(Part):
             raise ValueError(
                 "mass_tolerance is more than half the mass; leave the mass out to have it found"
             )
-        own = None if self.inertia is None else RigidBody(self._own()).with_thickness()
+        own = None if self.inertia is None else RigidBody(self._about_centre()).with_thickness()
         if own is not None and own.why_inconsistent:
             raise ValueError(f"the load is not a physical body: {own.why_inconsistent}")
         return self
 
-    def _own(self) -> Float[np.ndarray, " 10"]:
+    def _about_centre(self) -> Float[np.ndarray, " 10"]:
         """The ten parameters about its own centre of mass."""
         m, I = self.mass, self.inertia
         assert I is not None

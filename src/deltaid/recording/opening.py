@@ -147,12 +147,12 @@ def resolved_table(
     except RecordingError as error:
         if is_given or all(any(find(table.fields, n) for n in names) for names in mapping.needed):
             raise
-        table, mapping = _found(table, linear, error)
+        table, mapping = _proposed(table, linear, error)
         columns = resolve_columns(table, linear, mapping, channels)
     return table, columns, mapping
 
 
-def _found(
+def _proposed(
     table: LogTable, linear: tuple[bool, ...], error: RecordingError
 ) -> tuple[LogTable, ColumnMapping]:
     """The table with a warning, and the mapping of columns that are found with certainty.

@@ -195,7 +195,7 @@ class Limbs(Part):
 
     def _limb(self, i: int) -> LimbGeometry:
         upright = rotation("z", self.azimuth_deg[i])
-        tilt = float(_of(self.tilt_deg, i))
+        tilt = float(_of_limb(self.tilt_deg, i))
         rotary = self.drive == "rotary"
         R_WL = upright @ rotation("x", tilt) if rotary else upright
         down = rotation("y", -tilt) @ np.array([0.0, 0.0, -1.0])
@@ -205,11 +205,11 @@ class Limbs(Part):
             base=_point(self.base_points, self.base_radius, upright, i),
             attachment=_point(self.platform_points, self.platform_radius, upright, i),
             rail=down,
-            upper_arm=float(_of(self.upper_arm, i)) if rotary else 0.0,
-            strut=float(_of(self.strut, i)),
+            upper_arm=float(_of_limb(self.upper_arm, i)) if rotary else 0.0,
+            strut=float(_of_limb(self.strut, i)),
             struts=self.struts_per_limb,
-            outwards=_of(self.working_mode, i) == "outwards",
-            spacing=None if self.strut_spacing is None else float(_of(self.strut_spacing, i)),
+            outwards=_of_limb(self.working_mode, i) == "outwards",
+            spacing=None if self.strut_spacing is None else float(_of_limb(self.strut_spacing, i)),
         )
 
 
@@ -237,7 +237,7 @@ def _either(first: str, a: object, second: str, b: object) -> None:
         raise ValueError(f"give either {first} or {second}; {problem}")
 
 
-def _of(value: Any, i: int) -> Any:
+def _of_limb(value: Any, i: int) -> Any:
     """The value of limb i, of one for all or one a limb."""
     return value[i] if isinstance(value, tuple) else value
 
@@ -247,4 +247,4 @@ def _point(
 ) -> Float[np.ndarray, " 3"]:
     if points is not None:
         return np.array(points[i])
-    return float(_of(radius, i)) * upright[:, 0]
+    return float(_of_limb(radius, i)) * upright[:, 0]

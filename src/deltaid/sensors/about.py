@@ -66,7 +66,10 @@ class RowsAbout(SensorRows):
     ) -> Float[np.ndarray, "entries samples"]:
         seen = self._expected(z, qd, qdd)
         entries = self.rows.entries(z, qd, qdd, seen.shown)
-        for of, what in ((self._of("position"), seen.straight), (self._of("rotation"), seen.half)):
+        for of, what in (
+            (self._unknown("position"), seen.straight),
+            (self._unknown("rotation"), seen.half),
+        ):
             if of.any():
                 entries[of] = self.rows.entries(z, qd, qdd, what)[of]
         return entries
@@ -86,7 +89,7 @@ class RowsAbout(SensorRows):
                 np.add.at(total, channels[of], self.rows.entries(z, qd, qdd, seen)[of] * values[of])
             return total
 
-        position, rotation = self._of("position"), self._of("rotation")
+        position, rotation = self._unknown("position"), self._unknown("rotation")
         straight = more(np.zeros((len(self.channels), len(z))), ~(position | rotation))
         moved = straight + more(straight, position)
         turned = half = moved
@@ -95,7 +98,7 @@ class RowsAbout(SensorRows):
             half = 0.5 * (moved + turned)
         return _Expected(straight, half, turned / (1.0 - self._gain))
 
-    def _of(self, symbol: str) -> Bool[np.ndarray, " entries"]:
+    def _unknown(self, symbol: str) -> Bool[np.ndarray, " entries"]:
         """Which entries are of such unknowns."""
         first = len(self.values) - len(self.parameters)
         of = [

@@ -120,7 +120,9 @@ class LiveView:
         with self.server.atomic():
             shapes = self._shapes()
             for body, bars in self._bars.items():
-                placed = along(shapes[self._of(body)], members((body,))[body].radius(self._size))
+                placed = along(
+                    shapes[self._segments_of(body)], members((body,))[body].radius(self._size)
+                )
                 bars.batched_positions = placed.positions.astype(np.float32)
                 bars.batched_wxyzs = placed.wxyz.astype(np.float32)
                 bars.batched_scales = placed.scales.astype(np.float32)
@@ -134,7 +136,7 @@ class LiveView:
     def _shapes(self) -> Float[np.ndarray, "segments 2 3"]:
         return self._skeleton.evaluate(self.view.z[None])[0]
 
-    def _of(self, body: str) -> list[int]:
+    def _segments_of(self, body: str) -> list[int]:
         return [i for i, s in enumerate(self._skeleton.segments) if s.body == body]
 
     @cached_property
@@ -147,7 +149,7 @@ class LiveView:
         """One batch of cylinders for each body."""
         mesh, shapes, bars = cylinder(), self._shapes(), {}
         for body, member in members(self._skeleton.bodies).items():
-            placed = along(shapes[self._of(body)], member.radius(self._size))
+            placed = along(shapes[self._segments_of(body)], member.radius(self._size))
             bars[body] = self.server.scene.add_batched_meshes_simple(
                 f"/robot/{body}",
                 mesh.corners.astype(np.float32),

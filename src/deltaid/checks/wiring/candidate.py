@@ -64,7 +64,7 @@ class WiringHypothesis:
     @cached_property
     def columns(self) -> Float[np.ndarray, "rows drives"]:
         """The torque column of each drive, as weighted rows."""
-        return self.residual.rows.own(self.residual.tau[:, list(self.order)].T)
+        return self.residual.rows.per_drive(self.residual.tau[:, list(self.order)].T)
 
     @property
     def torques(self) -> Float[np.ndarray, " rows"]:

@@ -123,6 +123,6 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     grown, z = grown_torques(dynamics.robot), residual.z[places]
     slopes, axes = TorqueSlopes(grown, z, rates, p, np.array(g)), across(np.array(g))
     D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
-    offsets = residual.rows.own(np.ones((dof, len(kept))))
+    offsets = residual.rows.per_drive(np.ones((dof, len(kept))))
     columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
     return Shifts.from_rows(residual.span, columns, tau, dof, len(axes))

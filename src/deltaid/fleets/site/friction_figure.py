@@ -53,7 +53,9 @@ def time_axis(seen: pl.DataFrame) -> Data:
     first, last = seen["time"].min(), seen["time"].max()
     if not isinstance(first, datetime) or first != last:
         return axis
-    return axis | {"range": [_at(first - timedelta(days=3)), _at(first + timedelta(days=3))]}
+    return axis | {
+        "range": [_minute(first - timedelta(days=3)), _minute(first + timedelta(days=3))]
+    }
 
 
 def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
@@ -99,7 +101,7 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
         traces.append(
             {
                 "type": "scatter",
-                "x": [_at(begin), _at(end), _at(end)],
+                "x": [_minute(begin), _minute(end), _minute(end)],
                 "y": [row["level"], at_end(row["rate_high"]), at_end(row["rate_low"])],
                 "name": "its 95 % interval",
                 "mode": "lines",
@@ -138,7 +140,7 @@ def _end(row: Row, begin: datetime, last: datetime) -> datetime:
 
 def _line(name: str, times: list[datetime], y: list[float], color: str, dash: str) -> Data:
     return {
-        "type": "scatter", "x": [_at(time) for time in times], "y": y, "name": name,
+        "type": "scatter", "x": [_minute(time) for time in times], "y": y, "name": name,
         "mode": "lines", "line": {"color": color, "width": 2, "dash": dash},
     }  # fmt: skip
 
@@ -148,14 +150,14 @@ def _change(row: Row) -> tuple[Data, ...]:
     if row["change"] is None:
         return ()
     on, low, high = (row[key] for key in ("change", "change_low", "change_high"))
-    line = {"type": "line", "x0": _at(on), "x1": _at(on),
+    line = {"type": "line", "x0": _minute(on), "x1": _minute(on),
             "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}}  # fmt: skip
     if low is None or high is None:
         return (line,)
-    band = {"type": "rect", "x0": _at(low), "x1": _at(high), "fillcolor": style.RESIDUAL,
+    band = {"type": "rect", "x0": _minute(low), "x1": _minute(high), "fillcolor": style.RESIDUAL,
             "opacity": 0.18, "line": {"width": 0}}  # fmt: skip
     return line, band
 
 
-def _at(time: datetime) -> str:
+def _minute(time: datetime) -> str:
     return f"{time:%Y-%m-%d %H:%M}"

@@ -63,11 +63,11 @@ def _asked(draft: Draft, group: Group, asker: Asker, *, again: bool) -> Draft:
     """The draft with answers to the questions of a group; again to those that have one too."""
     for question in asked(draft.kind):
         if question.group == group and (again or question.key not in draft.values):
-            draft = draft.answered(question.key, *_one(draft, question, asker))
+            draft = draft.answered(question.key, *_answer(draft, question, asker))
     return draft
 
 
-def _one(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
+def _answer(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
     """One answer and where it comes from."""
     offer = draft.offer(question)
     if question.key in draft.values:  # asked again
@@ -145,7 +145,7 @@ def _with_space(draft: Draft) -> Draft:
     """
     draft = _own_space(draft)
     bare = _but(draft, _SPACE)
-    a = _found(bare, 1.0, -2.0, -1.0).completed().values
+    a = _with_found_space(bare, 1.0, -2.0, -1.0).completed().values
     _require_ordered(a)
     middle, half = height(draft.kind, a), _FIRST * a["strut"]
     if middle <= 2 * half:
@@ -154,7 +154,7 @@ def _with_space(draft: Draft) -> Draft:
             where="--strut",
             cure="a longer strut, or rails that reach farther down",
         )
-    trial = _found(bare, half, -middle - half, -middle + half).completed()
+    trial = _with_found_space(bare, half, -middle - half, -middle + half).completed()
     poses = {key: v for key, v in trial.values.items() if key not in _OF_FORCES}
     if poses == draft.found_for:
         return draft
@@ -163,7 +163,7 @@ def _with_space(draft: Draft) -> Draft:
         # The stroke that is assumed follows from the workspace, and not the reverse.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
-    return replace(_found(draft, space.radius, space.low, space.high), found_for=poses)
+    return replace(_with_found_space(draft, space.radius, space.low, space.high), found_for=poses)
 
 
 # What does not decide where a robot can stand.
@@ -192,7 +192,7 @@ def _but(draft: Draft, keys: tuple[str, ...]) -> Draft:
     )
 
 
-def _found(draft: Draft, radius: float, low: float, high: float) -> Draft:
+def _with_found_space(draft: Draft, radius: float, low: float, high: float) -> Draft:
     return replace(draft, found={"found_radius": radius, "found_low": low, "found_high": high})
 
 

@@ -140,7 +140,7 @@ def _rounded(space: Space) -> Space:
     )
 
 
-def _own(at_rest: AtRest) -> list[int]:
+def _pose_limits(at_rest: AtRest) -> list[int]:
     """The machine's limits of pose: not the workspace's, those of torque, or the tool's range."""
     last = len(at_rest.limits) - len(torque_limits(at_rest.robot))
     return [i for i in range(at_rest.of_workspace, last) if at_rest.limits[i] != "tool angle"]
@@ -149,7 +149,7 @@ def _own(at_rest: AtRest) -> list[int]:
 def _holds(at_rest: AtRest, space: Space) -> bool:
     """Whether the robot stands everywhere in the cylinder, within its limits of pose."""
     poses = at_rest(_points(at_rest, space))
-    return bool(poses.stands.all() and (poses.shares[:, _own(at_rest)] <= _SHARE).all())
+    return bool(poses.stands.all() and (poses.shares[:, _pose_limits(at_rest)] <= _SHARE).all())
 
 
 def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
@@ -158,7 +158,7 @@ def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
     poses = at_rest(_points(at_rest, Space(radius, low, low + _TALL * radius)))
     if not poses.stands.all():
         return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
-    own = _own(at_rest)
+    own = _pose_limits(at_rest)
     shares = poses.shares[:, own].max(axis=0)
     return f"the limit “{at_rest.limits[own[int(shares.argmax())]]}” is at {shares.max():.0%}"
 

@@ -119,7 +119,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     task: asyncio.Task[None] | None = None
     session.store.listeners.append(again)
     client.on_delete(gone)
-    client.on_exception(_told)
+    client.on_exception(_show_error)
     ui.timer(_LOOK, session.store.look)
     again()
 
@@ -135,7 +135,7 @@ async def _body(session: Session, stage: str) -> None:
         parts.problem(error)
 
 
-def _told(error: Exception) -> None:
+def _show_error(error: Exception) -> None:
     """An error of the program where the user sees it; a defect stays one."""
     if not isinstance(error, DeltaidError):
         raise error
