@@ -11,20 +11,25 @@ from rich.cells import cell_len
 from command import run
 from deltaid.cli.screen import print_found
 from deltaid.view.page import Table
+from drifting import write_months
 from identified import identified
 from measured_poses import measured
+from plant import no_workers, plant
 
 ROBOT = "irb360-6-1600"
-# Not here: what runs until it is stopped (studio), prints a file (schema), takes minutes
-# (reproduce), or needs the recordings of months (drift, fleet), which docs/ show.
+# Not here: what runs until it is stopped (studio), prints a file (schema), or takes minutes
+# (reproduce).
 COMMANDS = {
     "base": f"base {ROBOT}",
     "calibrate": "calibrate clavel-delta3 --points points.csv -o own.yaml",
     "check": f"check {ROBOT} log.csv",
     "columns": f"columns log.csv {ROBOT} -o columns.yaml",
     "compare-controllers": f"compare-controllers model.yaml start.csv --plant {ROBOT}",
+    "demo": "demo clavel-delta3 --keep demo",
+    "drift": "drift clavel-delta3 months -o drift.csv",
     "excite": f"excite {ROBOT} --starts 1 --duration 4 -o motion.csv",
     "export": "export model.yaml --to c -o code/",
+    "fleet": "fleet fleet.yaml -o fleet",
     "forces": "forces model.yaml log.csv",
     "gather": f"gather {ROBOT} log.csv -o factors",
     "identify": f"identify {ROBOT} log.csv --verify log.csv -o own.yaml",
@@ -40,7 +45,7 @@ COMMANDS = {
     "validate": "validate model.yaml log.csv",
 }
 WITH_ALL = ("base", "forces", "identify", "sample", "sensors", "show")
-_NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+_NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 @pytest.fixture
@@ -74,7 +79,12 @@ def test_a_result_fits_a_screen(
 ) -> None:
     if command == "calibrate":
         measured(folder, 2)
-    lines = result(command)
+    elif command == "drift":
+        write_months(folder / "months", 12)
+    elif command == "fleet":
+        plant(folder).record("north/2026-01-05")
+    with no_workers():
+        lines = result(command)
     assert len(lines) <= 25
     assert max(map(cell_len, lines)) <= 80
     snapshot(f"$ deltaid {COMMANDS[command]}\n{words(lines)}\n")

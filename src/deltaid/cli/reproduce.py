@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 import typer
 
 from deltaid.cli.options import AsJson
-from deltaid.cli.output import console, print_json, progress, table
+from deltaid.cli.output import console, print_json, progress
+from deltaid.cli.screen import print_found
 from deltaid.files import together
+from deltaid.view.page import Table
 
 if TYPE_CHECKING:
     from deltaid.progress import Progress
+    from deltaid.reproduce.surrogate_page import Rows
     from deltaid.view.page import Page
 
 Example = Literal["surrogate", "irb360"]
@@ -69,13 +72,16 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
         return
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
     _print(
-        "Sec. VII, largest errors along the motion; certified optimum (conic)",
         comparison_columns(result),
         comparison_rows(result),
-        "ID1 and ID2 start from regularisations below and above the truth, clean recordings have "
-        "no noise; the column “the paper” holds its own numbers, all others are simulated here\n"
-        f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the worst "
-        "of all fits",
+        "Sec. VII, largest errors along the motion; certified optimum (conic)",
+        (
+            "ID1 and ID2 start from regularisations below and above the truth, clean recordings "
+            "have no noise; the column “the paper” holds its own numbers, all others are "
+            "simulated here",
+            f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the "
+            "worst of all fits",
+        ),
         folder,
     )
 
@@ -95,10 +101,10 @@ def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool)
     if as_json:
         return
     _print(
-        "Sec. VIII with a simulated stand-in for the machine",
         rms_columns(result),
         rms_rows(result),
-        "rows “the paper” hold its own numbers, of its own machine; all others are simulated here",
+        "Sec. VIII with a simulated stand-in for the machine",
+        ("rows “the paper” hold numbers of its own machine; all others are simulated here",),
         folder,
     )
 
@@ -127,9 +133,7 @@ def _reproduced(
 
 
 def _print(
-    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], note: str, folder: Path
+    columns: tuple[str, ...], rows: "Rows", title: str, notes: Sequence[str], folder: Path
 ) -> None:
-    console.print(table(title, columns, rows))
-    console.print()
-    console.print(note)
+    print_found(notes, [Table(columns, rows, title=title)], full=True)
     console.print(f"wrote {folder}/report.html, results.json, models, robots and recordings")

@@ -122,7 +122,7 @@ def save(table: pl.DataFrame, path: Path) -> None:
     write_bytes(path, buffer.getvalue())
 
 
-_COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit reached", "% a degree")
+_COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit on", "% per K")
 
 
 def drift_shown(drift: RobotDrift) -> Table:
@@ -206,4 +206,4 @@ def _date(day: datetime | None) -> str:
 def _percent(share: Between) -> str:
     if share.value is None or share.low is None or share.high is None:
         return "unknown"
-    return f"{100 * share.value:+.2f} ({100 * share.low:+.2f} … {100 * share.high:+.2f})"
+    return f"{100 * share.value:+.2f} ({100 * share.low:+.2f}…{100 * share.high:+.2f})"

@@ -17,7 +17,7 @@ _PAGES = {
 _OPTIONS = {
     "cutoff": "cut-off",
     "lag": "setting Lag",
-    "keep-all": "the switch “Leave nothing else out”",
+    "keep-all": "the switch “Exclude nothing else”",
     "force": f"the switch “{INSIST}”",
     "periodic": "“The motion goes on as it begins”",
     "strut-spacing": "“Distance of a limb's struts”",

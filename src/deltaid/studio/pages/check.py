@@ -92,7 +92,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
         if verdict["cure"]:
             ui.label(page_words(f"→ {verdict['cure']}"))
         if verdict["key"] == "torque-lag":
-            ui.label("The fit finds this lag too, and puts it right (setting: Lag).").classes("dim")
+            ui.label("The fit corrects this lag too (setting: Lag).").classes("dim")
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):
             changes = wanted(verdict, file)
             if not changes:

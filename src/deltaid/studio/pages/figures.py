@@ -134,7 +134,7 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
     seen = await _drawn(session, used, look.preview, (robot, mapping))
     if seen is not None:
         said.set_text(
-            f"{seen.seconds:.4g} s, {seen.rows / max(seen.seconds, 1e-9):.4g} rows a second; "
+            f"{seen.seconds:.4g} s, {(seen.rows - 1) / max(seen.seconds, 1e-9):.4g} rows a second; "
             "angles in degrees. Do they look like what the robot did?"
         )
 

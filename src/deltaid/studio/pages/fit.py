@@ -40,7 +40,7 @@ _NUMBERS = {
 }
 _SWITCHES = {
     "events": "Detect contacts, stops and spikes, and exclude them",
-    "keep_all": "Leave nothing else out (rest, brakes, reversals)",
+    "keep_all": "Exclude nothing else (rest, brakes, reversals)",
 }
 
 

@@ -25,7 +25,7 @@ _TITLES = {
     "use": ("Use", "Put the model to work."),
 }
 _MARKS = {"done": "check_circle", "wrong": "error", "open": "radio_button_unchecked", "later": ""}
-_WORDS = {"done": "done", "wrong": "to mend", "open": "open", "later": "later"}
+_WORDS = {"done": "done", "wrong": "to fix", "open": "open", "later": "later"}
 _BODIES: dict[str, Callable[[Session], Awaitable[None]]] = {
     "robot": robot.body,
     "recording": recording.body,

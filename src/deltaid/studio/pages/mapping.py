@@ -174,7 +174,7 @@ def _time(state: Form, columns: list[str]) -> None:
 
     def take() -> None:
         def do() -> None:
-            each = parts.number(rate.value, "rate")
+            each = parts.number(rate.value, "samples a second", such="such as 1000")
             state.take(with_time(state.data, column.value, unit.value, each))
 
         parts.attempt(do)
@@ -194,7 +194,10 @@ def _row(
         return lambda event: parts.attempt(lambda: state.set(quantity, drive, key, event.value))
 
     def numbers(key: str) -> Callable[[str], None]:
-        return lambda text: state.set(quantity, drive, key, parts.number(text, key, DEFAULTS[key]))
+        where = f"{quantity} of {name}: {_NUMBERS[key]}"
+        return lambda text: state.set(
+            quantity, drive, key, parts.number(text, where, DEFAULTS[key])
+        )
 
     ui.label(name).classes("drive")
     fields: dict[str, ValueElement[Any]] = {
