@@ -63,7 +63,9 @@ def _said(error: Problem | DeltaidError) -> tuple[str, str]:
     return page_words(what), page_words(error.cure)
 
 
-def number(text: object, key: str, default: Any = None, such: str = "such as 1.5") -> Any:
+def number(
+    text: object, key: str, default: Any = None, such: str = "such as 1.5, with a point"
+) -> Any:
     """The number that is written in a field, or what holds where nothing is.
 
     Raises:
