@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 import deltaid
+import plants
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from measured_poses import real, spans, touched, tracked
@@ -18,7 +21,7 @@ from oracle.composed import ComposedOracle
 from oracle.limb import LimbShape
 from oracle.measured_delta import DRAWINGS, BuiltDelta, BuiltLimb, built
 from oracle.tree import Array
-from plants import GRID, Plant, bodies_of, even_pace, friction_of, rotors_of, true_parameters
+from plants import GRID, Plant, even_pace, friction_of, true_parameters
 
 # Of a path [s]; its share of the largest motion; encoder step [rad]; of the recording [Hz].
 PERIOD, SIZE, STEP, RATE = 4.0, 0.8, 1e-6, 500.0
@@ -45,7 +48,7 @@ class BuiltShape(LimbShape):
 
 
 def oracle_of(machine: BuiltDelta, robot: RobotDescription, p: Array) -> ComposedOracle:
-    """MuJoCo's tree of a Delta with one platform body, as it was built."""
+    """MuJoCo's tree of a machine as it was built."""
     shapes = tuple(
         BuiltShape(
             azimuth=float(np.deg2rad(azimuth)),
@@ -63,14 +66,31 @@ def oracle_of(machine: BuiltDelta, robot: RobotDescription, p: Array) -> Compose
             zip(machine.limbs, machine.drawing.azimuths, strict=True)
         )
     )
-    return ComposedOracle(
-        limbs=shapes,
-        kind="rigid",
-        bodies=bodies_of(robot, p),
-        struts_per_limb=robot.limbs.struts_per_limb,
-        gravity=np.array(robot.gravity),
-        rotor_inertia=rotors_of(robot, p),
+    described = plants.oracle_of(robot, p)
+    half = described.half if machine.half is None else machine.half
+    return replace(described, limbs=shapes, half=half)
+
+
+def poses_at(oracle: ComposedOracle, q: Array, start: Array) -> Array:
+    """Task coordinates of drive coordinates, by Newton's method from near by."""
+    z = start.copy()
+    for _ in range(8):
+        steps = 1e-6 * np.eye(z.shape[1])
+        slopes = [(oracle.positions(z + h) - oracle.positions(z - h)) / 2e-6 for h in steps]
+        gap = oracle.positions(z) - q
+        z = z - np.linalg.solve(np.stack(slopes, axis=2), gap[..., None])[..., 0]
+    assert np.abs(gap).max() < 1e-10
+    return z
+
+
+def as_read(machine: BuiltDelta, drives: int) -> tuple[Array, Array]:
+    """Zeros and scales of all drives, a telescope's too, which is right."""
+    more = drives - len(machine.limbs)
+    zeros, scales = (
+        np.pad([getattr(limb, key) for limb in machine.limbs], (0, more), constant_values=right)
+        for key, right in (("zero", 0.0), ("scale", 1.0))
     )
+    return zeros, scales
 
 
 @dataclass(frozen=True)
@@ -151,20 +171,40 @@ class Machine:
 
 
 def machine(
-    name: str, seed: int, *, length: float, angle: float, noise: float, duration: float = 8.0
+    name: str,
+    seed: int,
+    *,
+    length: float,
+    angle: float,
+    noise: float,
+    duration: float = 8.0,
+    scale: float = 0.0,
+    lean: float = 0.0,
+    colour: float = 0.0,
 ) -> Machine:
-    """A machine that is off its drawing by normal errors, on a random motion."""
+    """A machine that is off its drawing by normal errors, on a random motion.
+
+    Its base leans by `lean` about both axes [rad]; `colour` is the correlation of the torques'
+    noise from row to row.
+    """
     rng, robot = np.random.default_rng(seed), deltaid.load_robot(name)
-    delta = built(rng, DRAWINGS[name], length=length, angle=angle)
+    drawing = replace(DRAWINGS[name], spacing=None)  # whose platform does not tilt
+    delta = built(rng, drawing, length=length, angle=angle, scale=scale)
     p = true_parameters(robot, rng)
     oracle = oracle_of(delta, robot, p)
+    if lean:
+        turn = Rotation.from_rotvec([*rng.normal(0, lean, 2), 0.0])
+        oracle = replace(oracle, gravity=turn.apply(oracle.gravity))
     motion = random_motion(deltaid.Kinematics(robot), rng, period=PERIOD)
     z, _, _ = motion.evaluate(np.arange(GRID) * (PERIOD / GRID))
     plant = Plant(oracle, friction_of(robot, p), motion.centre + SIZE * (z - motion.centre), p)
     truth = plant.move(even_pace(np.arange(round(duration * RATE)) / RATE, PERIOD), rng)
-    zeros, scales = (np.array([getattr(x, key) for x in delta.limbs]) for key in ("zero", "scale"))
+    zeros, scales = as_read(delta, truth.q.shape[1])
     q = STEP * np.round((truth.q - zeros) / scales / STEP)
-    tau = truth.tau + noise * np.abs(truth.tau).max(axis=0) * rng.standard_normal(truth.tau.shape)
+    white = rng.standard_normal(truth.tau.shape)
+    white[1:] *= np.sqrt(1 - colour**2)
+    error = lfilter([1.0], [1.0, -colour], white, axis=0)
+    tau = truth.tau + noise * np.abs(truth.tau).max(axis=0) * error
     columns = {"t": truth.time}
     for key, values in (("q", q), ("tau", tau)):
         columns |= {f"{key}{i + 1}": column for i, column in enumerate(values.T)}

@@ -262,15 +262,24 @@ def test_a_firmware_with_these_numbers_stands_where_the_printer_does(tmp_path: P
 
 def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
     arguments = ("calibrate", CLAVEL, "--probe", files / "bed.csv", "--next", 4)
-    assert "next, 4 points: positions to " in run(*arguments).out
-    plans = {plan["kind"]: plan for plan in json.loads(run(*arguments, "--json").out)["next"]}
-    assert set(plans) == {"points", "probe", "distances"}
-    assert max(plans["probe"]["blocks"]) == 0.1  # a second height shows most
+    out = run(*arguments).out
+    assert "\nbest for its price, " in out
+    assert len(out.splitlines()) <= 25
+    found = json.loads(run(*arguments, "--json").out)
+    plans = {plan["name"]: plan for plan in found["next"]}
+    assert {plan["kind"] for plan in plans.values()} == {"points", "probe", "distances"}
+    assert f"{plans['calliper']['cost']:.0f}" in out
+    worth = [plan["gain"] / plan["cost"] for plan in found["next"]]
+    assert worth == sorted(worth, reverse=True)
+    assert all(plan["position"] < found["after"]["position"] for plan in plans.values())
+    assert plans["bed-probe"]["cost"] == 25.0  # which is there already: work alone
+    assert max(plans["gauge-blocks"]["blocks"]) == 0.1  # a second height shows most
     robot, rng = machine(CLAVEL, 2)
-    ends = np.array(plans["distances"]["poses"]).swapaxes(0, 1)
+    ends = np.array(plans["calliper"]["poses"]).swapaxes(0, 1)
     taken = spans(robot, CLAVEL, *ends, rng)
-    after = deltaid.calibrate(CLAVEL, probe=files / "bed.csv", distances=taken).after.position
-    assert after == pytest.approx(plans["distances"]["position"], rel=0.1)
+    after = deltaid.calibrate(CLAVEL, probe=files / "bed.csv", distances=taken).after
+    assert after.position == pytest.approx(plans["calliper"]["position"], rel=0.1)
+    assert after.size == pytest.approx(plans["calliper"]["size"], rel=0.2)
     worse = [
         deltaid.calibrate(
             CLAVEL,
@@ -279,4 +288,21 @@ def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
         )
         for _ in range(3)
     ]
-    assert after < min(found.after.position for found in worse)
+    assert after.position < min(found.after.position for found in worse)
+
+
+def test_prices_of_next_readings_are_a_users_own(files: Path, tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "currency: CHF\nhourly: 0\noffers:\n"
+        "  lens: {title: a lens, price: 1, reads: {kind: points, noise: 0.001}}\n"
+        "  laser: {title: a laser, price: 2, reads: {kind: points, noise: 0.00002}}\n"
+        "  dear: {title: the same, price: 500, reads: {kind: points, noise: 0.00002}}\n"
+        "  scale: {title: a scale, price: 3, weigh: {quantity: mass, share: 0.1}}\n",
+        encoding="utf-8",
+    )
+    given = ("calibrate", CLAVEL, "--probe", files / "bed.csv", "--next", 6, "--sensors", own)
+    plans = json.loads(run(*given, "--budget", 100, "--json").out)["next"]
+    assert [plan["name"] for plan in plans] == ["laser", "lens"]
+    assert {plan["currency"] for plan in plans} == {"CHF"}
+    assert "at this price" in refused(*given, "--budget", 0.5, folder=tmp_path)

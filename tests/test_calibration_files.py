@@ -13,6 +13,7 @@ import deltaid
 from command import refused
 from measured_poses import (
     CLAVEL,
+    NOISE,
     POINT,
     measured,
 )
@@ -35,6 +36,14 @@ def exchanged(a: str, b: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
     return lambda frame: frame.rename({a: b, b: a})
 
 
+def ten_times_noisier(frame: pl.DataFrame) -> pl.DataFrame:
+    rng = np.random.default_rng(0)
+    return frame.with_columns(
+        pl.col(name) + pl.Series(10 * NOISE * rng.standard_normal(len(frame))) for name in POINT
+    )
+
+
+OUTLIERS = pl.when(pl.int_range(pl.len()).is_in([3, 11, 30])).then(2e-3).otherwise(0) + pl.col("pz")
 ALONE = {name: pl.col(name).first() for name in POINT}
 MISTAKES = {
     "mm": ("points", thousandfold(*POINT), "likely they are in mm"),
@@ -47,11 +56,35 @@ MISTAKES = {
     "shuffled": ("points", changed(**{name: pl.col(name).shuffle(seed=1) for name in POINT}),
                  "points stand in another order"),
     "limbs": ("points", exchanged("q1", "q2"), "or two drives are exchanged"),
+    "sign": ("points", changed(q2=-pl.col("q2")), "if the sign of drive 2 is reversed"),
+    "blocks": ("gauge", changed(block=pl.col("block").shuffle(seed=1)),
+               "blocks stand in another order"),
+    "distances": ("parts", changed(distance=pl.col("distance").shuffle(seed=1)),
+                  "distances stand in another order"),
+    "outliers and mirrored": ("points", changed(px=-pl.col("px"), pz=OUTLIERS),
+                              "the frame is left-handed"),
+    "shuffled and mirrored": (
+        "points",
+        changed(**{name: sign * pl.col(name).shuffle(seed=1)
+                   for name, sign in zip(POINT, (-1, 1, 1), strict=True)}),
+        "points stand in another order (rows 2, 3, 4, 5, 6, 7, …) and the frame is left-handed",
+    ),
+    "mm and order": ("points", changed(**{name: 1e3 * pl.col(name).reverse() for name in POINT}),
+                     "likely they are in mm"),
+    "twice and blocks": (
+        "gauge",
+        lambda frame: pl.concat([frame.with_columns(pl.col("block").shuffle(seed=1)), frame[:2]]),
+        "blocks stand in another order",
+    ),
+    "noise and limbs": ("points", lambda frame: exchanged("q1", "q2")(ten_times_noisier(frame)),
+                        "or two drives are exchanged"),
 }  # fmt: skip
 DAMAGE = {
     "degrees": ("points", changed(q1=57.3 * pl.col("q1")), "likely degrees"),
     "hole": ("points", changed(px=pl.when(pl.int_range(pl.len()) != 9).then(pl.col("px"))),
              "is empty"),
+    "German": ("bed", lambda frame: frame.rename({"x": "Höhe X", "z": "Höhe"}),
+               "its columns are Höhe X, y, Höhe, block"),
     "column": ("points", lambda frame: frame.drop("pz"), "has no column pz"),
     "many": (
         "points",
@@ -129,6 +162,15 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         (*bed, "--columns", own): "did you mean noise?",
     }.items():
         assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
+
+
+def test_noise_that_is_stated_ten_times_too_large_is_named(files: Path, tmp_path: Path) -> None:
+    own = tmp_path / "columns.yaml"
+    own.write_text(f"points: {{noise: {10 * NOISE}}}\n", encoding="utf-8")
+    stated = deltaid.calibrate(CLAVEL, points=files / "points.csv", columns=own)
+    (doubt,) = stated.doubts
+    assert "the stated noise, so intervals are too wide" in doubt
+    assert deltaid.calibrate(CLAVEL, points=files / "points.csv").doubts == ()
 
 
 def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import polars as pl
 import pytest
 
 import deltaid
-from calibrated import machine, oracle_of
+from calibrated import Machine, as_read, machine, oracle_of, poses_at
 from command import refused, run
-from deltaid.calibration.torques import GeometryNumbers
+from deltaid.calibration.torques import GeometryNumbers, torque_rows
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.geometry import TorqueSlopes
@@ -24,12 +24,14 @@ from oracle.measured_delta import DRAWINGS, BuiltDelta, built
 from oracle.tree import EZ, Array, rot_z
 from plants import true_parameters
 
-STEP, LIMB, SAMPLES = 1e-5, 1, 6
+STEP, LIMB, SAMPLES = 1e-5, 1, 3
 CLAVEL = "clavel-delta3"
 
 
 def off(delta: BuiltDelta, kind: str, by: float) -> BuiltDelta:
-    """With one number of a limb off."""
+    """With one number of a limb off, or that of the platform."""
+    if kind == "half":
+        return replace(delta, half=delta.half + by)
     limb = delta.limbs[LIMB]
     out, aside = rot_z(np.deg2rad(delta.drawing.azimuths[LIMB])).T[:2]
     across = out if limb.arm is not None else np.cross(limb.along, aside)
@@ -53,32 +55,35 @@ def off(delta: BuiltDelta, kind: str, by: float) -> BuiltDelta:
     return replace(delta, limbs=[*delta.limbs[:LIMB], limb, *delta.limbs[LIMB + 1 :]])
 
 
-@pytest.mark.parametrize("name", [CLAVEL, "linear-delta-45"])
+@pytest.mark.parametrize("name", [*DRAWINGS])
 def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: str) -> None:
     robot, rng = deltaid.load_robot(name), np.random.default_rng(0)
-    dynamics, known, drawing = compiled(robot), unknowns(robot), DRAWINGS[name]
+    drawing = replace(DRAWINGS[name], spacing=None)
+    dynamics, known = compiled(robot), unknowns(robot)
     p = true_parameters(robot, rng)
     p[dynamics.layout.friction] = 0.0
-    z = drawing.poses(rng, SAMPLES)
+    z = np.tile(dynamics.kinematics.home, (SAMPLES, 1))
+    z[:, : len(drawing.low)] = drawing.poses(rng, SAMPLES)
     q = dynamics.kinematics.inverse(z)
     qd, qdd = rng.normal(0, 1, q.shape), rng.normal(0, 10, q.shape)
 
     def torques(delta: BuiltDelta) -> Array:
-        scale, oracle = [limb.scale for limb in delta.limbs], oracle_of(delta, robot, p)
-        rows = zip(delta.tool_points(q, z), scale * qd, scale * qdd, strict=True)
+        zeros, scales = as_read(delta, q.shape[1])
+        oracle = oracle_of(delta, robot, p)
+        rows = zip(poses_at(oracle, zeros + scales * q, z), scales * qd, scales * qdd, strict=True)
         return np.array([oracle.inverse_dynamics(*row) for row in rows]).T
 
     exact = built(rng, drawing, length=0.0, angle=0.0)
     gravity = np.array(robot.gravity)
     slopes = TorqueSlopes(grown_torques(robot), z, np.hstack([qd, qdd]), p, gravity)
     point = Mock(
-        spec=TracePoint, dynamics=dynamics, dof=3, slopes=slopes, q=q, motion=Mock(qd=qd, qdd=qdd),
-        weighted=lambda slopes: np.stack(slopes, axis=2),
+        spec=TracePoint, dynamics=dynamics, dof=q.shape[1], slopes=slopes, q=q,
+        motion=Mock(qd=qd, qdd=qdd), weighted=lambda slopes: np.stack(slopes, axis=2),
     )  # fmt: skip
     columns = GeometryNumbers(known).columns(point)
     assert columns.shape[2] == len(known.numbers) + 2
     for k, number in enumerate(known.numbers):
-        if number.limb != LIMB:
+        if number.limb not in (LIMB, -1):
             continue
         up, down = (torques(off(exact, number.kind, by)) for by in (STEP, -STEP))
         expected = (up - down) / (2 * STEP)
@@ -114,17 +119,41 @@ def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) ->
     assert row.split()[-1] == "torques"
 
 
-def test_torques_alone_and_of_another_robot_are_refused(tmp_path: Path) -> None:
-    delta = machine(CLAVEL, 1, length=1e-3, angle=1e-3, noise=0.005, duration=4.0)
-    delta.recording.write_csv(tmp_path / "log.csv")
-    pl.DataFrame(delta.measured("probe")["probe"]).write_csv(tmp_path / "bed.csv")
-    log = ("--torques", tmp_path / "log.csv")
-    assert "no poses were measured" in refused("calibrate", CLAVEL, *log, folder=tmp_path)
-    noise = pl.Series(np.random.default_rng(0).normal(0, 30, len(delta.recording)))
-    delta.recording.with_columns(tau2=noise).write_csv(tmp_path / "log.csv")
-    said = refused("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", *log, folder=tmp_path)
-    assert "is unmodelled" in said
-    still = [pl.lit(0.3).alias(f"q{i + 1}") for i in range(3)]
-    delta.recording.with_columns(still).write_csv(tmp_path / "log.csv")
-    said = refused("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", *log, folder=tmp_path)
-    assert "drives stand still" in " ".join(said.split())
+@pytest.fixture(scope="module")
+def recorded() -> Machine:
+    return machine(CLAVEL, 1, length=1e-3, angle=1e-3, noise=0.005, duration=4.0)
+
+
+FAULTS = {
+    "torque reversed": ([-pl.col("tau2")], "the torque of drive2 counts the other way"),
+    "drive reversed": ([-pl.col("q2")], "only with the other sign of drive2"),
+    "exchanged": ([pl.col("tau2").alias("tau1"), pl.col("tau1").alias("tau2")],
+                  "belong together only in another order"),
+    "degrees": ([pl.col("q1", "q2", "q3") * 180 / np.pi], "make sense only times 0.0175"),
+    "N mm": ([pl.col("tau1", "tau2", "tau3") * 1e3], "torques are in mN m"),
+    "copied": ([pl.col("tau1").alias("tau2")], "are one signal"),
+    "noise": ([pl.col("tau2").shuffle(seed=1)], ""),
+    "at rest": ([pl.lit(0.3).alias(f"q{i + 1}") for i in range(3)], "no drive moves"),
+}  # fmt: skip
+
+
+def test_faults_of_recordings_are_named(recorded: Machine, tmp_path: Path) -> None:
+    pl.DataFrame(recorded.measured("probe")["probe"]).write_csv(tmp_path / "bed.csv")
+    given = ("calibrate", CLAVEL, "--probe", tmp_path / "bed.csv", "--torques")
+    for fault, (columns, named) in FAULTS.items():
+        recorded.recording.with_columns(columns).write_csv(tmp_path / "log.csv")
+        said = refused(*given, tmp_path / "log.csv", folder=tmp_path)
+        assert named in " ".join(said.split()), fault
+        assert "log.csv" in said
+    alone = ("calibrate", CLAVEL, "--torques", tmp_path / "log.csv")
+    assert "no poses were measured" in refused(*alone, folder=tmp_path)
+
+
+def test_a_base_that_nobody_says_is_level_may_lean(recorded: Machine) -> None:
+    robot = recorded.robot
+    known, level = unknowns(robot), {"mounting": robot.tolerances.mounting}
+    stated, unstated = (
+        torque_rows(described, [recorded.recording], None, known, lambda _: None).A
+        for described in (robot.changed(tolerances=level), robot)
+    )
+    assert np.linalg.norm(unstated @ known.G) < 0.999 * np.linalg.norm(stated @ known.G)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.calibration.fit import fit
+from deltaid.calibration.fit import fit, is_quiet
 from deltaid.calibration.gauss_newton import GeometryFit
-from deltaid.calibration.instruments import Instrument, Kind, ProbeReadings
+from deltaid.calibration.instruments import KINDS, Instrument, ProbeReadings
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_sense
 from deltaid.calibration.outlook import Direction, Places, open_directions, places
@@ -21,11 +21,13 @@ from deltaid.estimation.information import triangle
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
+from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Half width of a 95 % interval, in standard deviations.
 WIDE = 1.96
-_KINDS: tuple[Kind, ...] = ("points", "probe", "distances")
+# Noise that is so many times as large as stated is doubted.
+_GROWN = 2.0
 
 
 @dataclass(frozen=True)
@@ -39,15 +41,17 @@ class MeasuringSession:
         residual: of those used, root mean square [m].
         noise: standard deviation that the fit took [m].
         grown: how many times that is what was stated.
+        quiet: whether residuals are far below that, as where noise is stated ten times too large.
     """
 
-    kind: Kind
+    kind: PoseKind
     source: str
     readings: int
     excluded: tuple[str, ...]
     residual: float
     noise: float
     grown: float
+    quiet: bool
 
 
 @dataclass(frozen=True)
@@ -124,22 +128,35 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             f"positions to {_mm(self.after.position)} mm ({_mm(self.before.position)} before, "
             f"{_mm(self.after.worst)} at worst); sizes to {_percent(self.after.size)}"
         )
-        noisy = [x for x in self.sessions if x.grown > 2]
+        noisy = [x for x in self.sessions if x.grown > _GROWN]
         if noisy:
             return f"doubtful: {said}, if residuals {noisy[0].grown:.2g}× the noise are noise"
         return f"doubtful: {said}" if self.open else f"good: {said}"
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Numbers that are farther from the description than it allows."""
-        far = np.abs(self.values) / np.array(
-            [number.spread or np.inf for number in self.known.numbers]
-        )
-        return tuple(
+        """Numbers that are farther from the description than it allows, noise that is smaller than
+        stated, and what checks of recordings doubt."""
+        far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
+        doubts = [
             f"{self.names[k]} is {far[k]:.2g} standard deviations from its description"
             for k in np.argsort(-far)[:3]
             if far[k] > 5
-        )
+        ]
+        doubts += [
+            f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so intervals "
+            "are too wide; state how well it reads with --columns"
+            for x in self.sessions
+            if x.quiet
+        ]
+        if (torques := self.known.torques) is not None:
+            doubts += torques.doubts
+            if torques.grown > _GROWN:
+                doubts.append(
+                    f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× their "
+                    "noise; run deltaid check on this recording"
+                )
+        return tuple(doubts)
 
     def save(self, path: str | Path) -> None:
         """Write the calibrated robot file.
@@ -206,7 +223,7 @@ def calibrate(
     )
     given = {"points": points, "probe": probe, "distances": distances}
     instruments: list[Instrument] = []
-    for kind in _KINDS:
+    for kind in KINDS:
         for source in _several(given[kind]):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
             require_sense(loops, known, instruments[-1])
@@ -283,6 +300,7 @@ def _session(found: GeometryFit, i: int) -> MeasuringSession:
     return MeasuringSession(
         instrument.kind, instrument.source, len(used), tuple(excluded),
         float(np.sqrt(np.mean(rows.error**2))) * instrument.noise, instrument.noise, found.grown[i],
+        is_quiet(found, i),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
-from deltaid.calibration.gauss_newton import GeometryFit, ends_of, solved, start_of
+from deltaid.calibration.gauss_newton import GeometryFit, solved, start_of, tools_of
 from deltaid.calibration.instruments import Instrument
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import Unknowns
@@ -111,9 +111,7 @@ def _near(
     loops: Loops, known: Unknowns, instrument: Instrument, used: Bool[np.ndarray, " readings"]
 ) -> Bool[np.ndarray, " readings"]:
     """Readings that some geometry near the described one may explain."""
-    tools = loops.points(q := ends_of(instrument), np.zeros(len(known.numbers)), loops.start(q))
-    x = np.split(tools.x, instrument.q.shape[1])
-    moved = np.split(tools.slopes @ known.G, instrument.q.shape[1])
+    x, moved = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
     while True:
         at = instrument.slopes(x, start_of(instrument, x, used))
         slopes = sum(tool @ slope for tool, slope in zip(at.tools, moved, strict=True))
@@ -182,9 +180,20 @@ def _outliers(
 
 def _level(found: GeometryFit, i: int) -> float:
     """How many times larger the noise of some rows is than assumed; 1 where chance explains it."""
-    rows = found.rows[i]
-    freedom = len(rows.error) - float(np.sum((rows.A @ found.knowledge.inverse) ** 2))
-    square = float(rows.error @ rows.error)
+    square, freedom = _chance(found, i)
     if freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom):
         return 1.0
     return float(np.sqrt(square / freedom))
+
+
+def is_quiet(found: GeometryFit, i: int) -> bool:
+    """Whether noise so much smaller than assumed as to be stated wrongly explains some rows."""
+    square, freedom = _chance(found, i)
+    return bool(freedom >= 1 and square * _GROWN**2 < chi2.ppf(_CHANCE, freedom))
+
+
+def _chance(found: GeometryFit, i: int) -> tuple[float, float]:
+    """Sum of squares of some rows in units of their noise, and what it should be in the mean."""
+    rows = found.rows[i]
+    freedom = len(rows.error) - float(np.sum((rows.A @ found.knowledge.inverse) ** 2))
+    return float(rows.error @ rows.error), freedom

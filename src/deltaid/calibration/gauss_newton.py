@@ -100,14 +100,14 @@ def solved(
     before: GeometryFit | None = None,
 ) -> GeometryFit:
     n = known.G.shape[1]
-    starts = [loops.start(ends_of(instrument)) for instrument in instruments]
     u = np.zeros(n) if before is None else before.u
     states = None if before is None else before.states
     own = [len(instrument.unknowns) for instrument in instruments]
     D = np.eye(n + sum(own))
     D[n:] /= FAR
     for _ in range(_STEPS):
-        x, slopes = _tools(loops, known, instruments, starts, u)
+        tools = [tools_of(loops, known, instrument, u) for instrument in instruments]
+        x, slopes = zip(*tools, strict=True)
         if states is None:
             states = tuple(
                 start_of(instrument, ends, keep)
@@ -186,25 +186,14 @@ def ends_of(instrument: Instrument) -> Float[np.ndarray, "poses drives"]:
     return np.concatenate(list(instrument.q.swapaxes(0, 1)))
 
 
-def _tools(
-    loops: Loops,
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    starts: Sequence[np.ndarray],
-    u: Float[np.ndarray, " free"],
-) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
-    """Tool points of each instrument's ends, and their slopes by u."""
-    q = np.concatenate([ends_of(instrument) for instrument in instruments])
-    tools = loops.points(q, known.G @ u, np.concatenate(starts))
-    slopes = tools.slopes @ known.G
-    x_parts, slope_parts, first = [], [], 0
-    for instrument in instruments:
-        count, ends = instrument.q.shape[:2]
-        last = first + count * ends
-        x_parts.append(np.split(tools.x[first:last], ends))
-        slope_parts.append(np.split(slopes[first:last], ends))
-        first = last
-    return x_parts, slope_parts
+def tools_of(
+    loops: Loops, known: Unknowns, instrument: Instrument, u: Float[np.ndarray, " free"]
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Tool points of each end of an instrument's readings, and their slopes by u."""
+    q = ends_of(instrument)
+    tools = loops.points(q, known.G @ u, loops.start(q))
+    ends = instrument.q.shape[1]
+    return np.split(tools.x, ends), np.split(tools.slopes @ known.G, ends)
 
 
 def _rows(

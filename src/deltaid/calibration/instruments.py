@@ -9,14 +9,15 @@ Distances   |x_A − x_B| of a calliper or ballbar
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from deltaid.sensors.planning.offers import PoseKind
+
 Points = Float[np.ndarray, "rows 3"]
-Kind = Literal["points", "probe", "distances"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Instrument(ABC):
         rows: of the file, for messages.
     """
 
-    kind: ClassVar[Kind]
+    kind: ClassVar[PoseKind]
     readings: ClassVar[str]
     unknowns: ClassVar[tuple[str, ...]] = ()
     source: str
@@ -125,7 +126,7 @@ class DistanceReadings(Instrument):
         return Slopes(self.values - length, (-along, along), np.zeros((len(way), 1, 0)))
 
 
-KINDS: dict[Kind, type[Instrument]] = {
+KINDS: dict[PoseKind, type[Instrument]] = {
     "points": PointReadings, "probe": ProbeReadings, "distances": DistanceReadings,
 }  # fmt: skip
 

@@ -6,12 +6,13 @@ better than what the file says is named with its cure, and nothing is computed f
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from deltaid.calibration.gauss_newton import tools_of
 from deltaid.calibration.instruments import (
     DistanceReadings,
     Instrument,
@@ -51,14 +52,11 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         _require_enough(instrument)
         _require_spread(instrument, x)
         _require_unit(instrument, x)
-    here = _misfit(instrument, x)
-    if here <= _ALLOWED * _allowed(loops, known, instrument):
+    here, allowed = _misfit(instrument, x), _ALLOWED * _allowed(loops, known, instrument)
+    if here <= allowed:
         return
-    better = [
-        (left, what, cure)
-        for left, what, cure in _hypotheses(loops, instrument, ends, x)
-        if left < _EXPLAINS * here
-    ]
+    hypotheses = (*_hypotheses(loops, instrument, ends, x), *_sorted(instrument, x, allowed))
+    better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
     if better:
         least = min(left for left, _, _ in better)
         like = [entry for entry in better if entry[0] <= 1.5 * least]
@@ -140,10 +138,8 @@ def _misfit(instrument: Instrument, x: list[np.ndarray]) -> float:
 
 def _allowed(loops: Loops, known: Unknowns, instrument: Instrument) -> float:
     """What description and noise explain of it [m]."""
-    q = instrument.q[:, 0]
-    tools = loops.points(q, np.zeros(len(known.numbers)), loops.start(q))
-    moved = np.linalg.norm(tools.slopes @ known.G, axis=(1, 2))
-    return float(np.median(moved)) + instrument.noise
+    _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
+    return float(np.median(np.linalg.norm(slopes[0], axis=(1, 2)))) + instrument.noise
 
 
 def _hypotheses(
@@ -151,17 +147,17 @@ def _hypotheses(
 ) -> Iterator[tuple[float, str, str]]:
     """Misfit, what would be the case, and what to do about it."""
     if isinstance(instrument, PointReadings):
-        m = instrument.values
-        state = aligned(x[0], m, mirrored=True)
-        mirrored = float(np.median(np.linalg.norm(instrument.slopes(x, state).error, axis=1)))
-        yield mirrored, "the frame is left-handed", "change the sign of one axis of the points"
-        if len(m) <= _ORDERED:
-            order = _order(x[0], m)
-            left = _misfit(instrument, [x[0][order]])
-            wrong = np.flatnonzero(order != np.arange(len(order)))
+        handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
+        yield _mirrored(instrument, x), handed, turned
+        order = _order(x[0], instrument.values)
+        wrong = np.flatnonzero(order != np.arange(len(order)))
+        if wrong.size:
             rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
             more = ", …" if len(wrong) > 6 else ""
-            yield left, f"points stand in another order (rows {rows}{more})", "sort the points"
+            another, y = f"points stand in another order (rows {rows}{more})", [x[0][order]]
+            sort = "sort the points"
+            yield _misfit(instrument, y), another, sort
+            yield _mirrored(instrument, y), f"{another} and {handed}", f"{sort} and {turned}"
     if isinstance(instrument, ProbeReadings) and np.ptp(instrument.values):
         yield (
             _misfit(replace(instrument, values=-instrument.values), x),
@@ -169,22 +165,52 @@ def _hypotheses(
             "give heights above the lowest block",
         )
     n = ends[0].shape[1]
-    for order in permutations(range(n)):
-        if order == tuple(range(n)):
-            continue
-        y = [loops.start(q[:, order])[:, :3] for q in ends]
+    as_read, straight = tuple(range(n)), (1,) * n
+    exchanged = [(order, straight) for order in permutations(range(n)) if order != as_read]
+    reversed_ = [(as_read, signs) for signs in product((1, -1), repeat=n) if signs != straight]
+    for order, signs in (*exchanged, *reversed_):
+        y = [loops.start(q[:, order] * signs)[:, :3] for q in ends]
         if not all(np.isfinite(part).all() for part in y):
             continue
-        swapped = [str(k + 1) for k in range(n) if order[k] != k]
+        other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
         yield (
             _misfit(instrument, y),
-            f"drives {listed(swapped)} are exchanged",
-            "name the columns of q in the order of the description's limbs",
+            f"drives {other} are exchanged"
+            if signs == straight
+            else f"the sign of drive {other} is reversed",
+            "name the columns of q in the order of the description's limbs"
+            if signs == straight
+            else "change the sign of these columns of q",
         )
 
 
+def _mirrored(instrument: Instrument, x: list[np.ndarray]) -> float:
+    """Typical error of points in a left-handed frame [m]."""
+    state = aligned(x[0], instrument.values, mirrored=True)
+    return float(np.median(np.linalg.norm(instrument.slopes(x, state).error, axis=1)))
+
+
+def _sorted(
+    instrument: Instrument, x: list[np.ndarray], allowed: float
+) -> Iterator[tuple[float, str, str]]:
+    """As `_hypotheses`, of blocks or distances that stand in another order. A few numbers that are
+    sorted resemble any others, so these have to fit."""
+    if isinstance(instrument, PointReadings):
+        return
+    probed = isinstance(instrument, ProbeReadings)
+    size = x[0][:, 2] if probed else np.linalg.norm(x[1] - x[0], axis=1)
+    values = np.empty_like(instrument.values)
+    values[np.argsort(size)] = np.sort(instrument.values, axis=0)
+    if (left := _misfit(replace(instrument, values=values), x)) <= allowed:
+        what = "blocks" if probed else "distances"
+        yield left, f"{what} stand in another order", "write each beside its own pose"
+
+
 def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
-    """Which pose each point is of, by its distances to all others, which no frame changes."""
+    """Which pose each point is of, by its distances to all others, which no frame changes; as they
+    stand where there are too many to search."""
+    if len(m) > _ORDERED:
+        return np.arange(len(m))
     profiles = [
         np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1) for points in (m, x)
     ]

@@ -1,11 +1,12 @@
-"""What to measure next: the readings of each instrument that make positions most certain.
+"""What to measure next, and with what: the readings that make positions most certain, by price.
 
 Of readings with rows a (slopes over noise) that could be taken next, the one is taken that lowers
 the variance of positions over the workspace most,
 
     tr E C Eᵀ − tr E C′ Eᵀ = ‖E C aᵀ (1 + a C aᵀ)^-½‖²,    E the positions' slopes by u, Cov u = C
 
-then the next, up to so many. Nothing is measured for it.
+then the next, up to so many. Nothing is measured for it. What so many readings of an instrument are
+worth is by how much ½ log det(I + E C Eᵀ/ε²) falls, as `deltaid sensors` counts it [nats].
 """
 
 from dataclasses import dataclass, replace
@@ -15,14 +16,19 @@ from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.gauss_newton import FAR
-from deltaid.calibration.instruments import KINDS, Instrument, Kind
+from deltaid.calibration.instruments import KINDS, Instrument
 from deltaid.calibration.outlook import drawn
-from deltaid.calibration.readings import USUAL
+from deltaid.errors import DescriptionError
 from deltaid.sensors.planning.knowledge import Knowledge
+from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
+from deltaid.sensors.planning.shopping import BODIES, Goal
 
-# Places that are tried for each reading, and heights of gauge blocks on the plane [m].
-_PLACES, _BLOCKS = 60, (0.0, 0.05, 0.1)
-_SEED = 2
+# Places that are tried for each reading, and the seed that draws them.
+_PLACES, _SEED = 60, 2
+# Positions that are known to this are known well enough: what a good probe reads to [m].
+_ENOUGH = 1e-5
+# Noise of what was used already is that of an offer within this factor, blocks within this [m].
+_ALIKE, _SAME_BLOCK = 2.0, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,50 +36,93 @@ class NextReadings:
     """Readings of one instrument, the most valuable first.
 
     Attributes:
-        kind: of the instrument.
+        name, title: of the instrument in the list.
+        kind: of its readings.
         poses: commanded platform points of each reading's ends, in the described robot's frame [m].
         blocks: height of the block under each touch of a probe [m].
         position: standard deviation of positions after all of them, rms [m].
+        size: the same of sizes across, as a share.
+        gain: what is learnt of positions [nats].
+        cost: of instrument and work; of an instrument that was used already the work alone.
     """
 
-    kind: Kind
+    name: str
+    title: str
+    kind: PoseKind
     poses: Float[np.ndarray, "readings ends 3"]
     blocks: Float[np.ndarray, " readings"]
     position: float
+    size: float
+    gain: float
+    cost: float
 
 
-def next_readings(found: Calibration, count: int = 6) -> tuple[NextReadings, ...]:
-    """The best next readings of each kind of instrument, the most useful instrument first.
+def next_readings(
+    found: Calibration,
+    count: int = 6,
+    *,
+    offers: Offers | None = None,
+    budget: float | None = None,
+) -> tuple[NextReadings, ...]:
+    """The best next readings of each instrument of a list, that which gains most per price first.
 
     Args:
         found: what is known so far; its instruments' frames and planes stay where they are.
         count: readings of each instrument.
+        offers: instruments with their prices; the list of `deltaid sensors` without.
+        budget: most that one may cost; None for no bound.
+
+    Raises:
+        DescriptionError: the list has no instrument for that money.
     """
-    plans = [_plan(found, kind, count) for kind in KINDS]
-    return tuple(sorted(plans, key=lambda plan: plan.position))
+    offers = offers or shipped_offers()
+    sold = [(name, offer) for name, offer in offers.offers.items() if offer.reads]
+    plans = [_plan(found, name, offer, offers.hourly, count) for name, offer in sold]
+    plans = [plan for plan in plans if budget is None or plan.cost <= budget]
+    if not plans:
+        raise DescriptionError(
+            "the list has no instrument that measures poses at this price",
+            where="--sensors, --budget",
+            cure="raise --budget, or give offers with reads, as deltaid sensors --list shows",
+        )
+    return tuple(sorted(plans, key=lambda plan: plan.cost / plan.gain))
 
 
-def _plan(found: Calibration, kind: Kind, count: int) -> NextReadings:
-    loops, n = found.fit.loops, len(found.fit.u)
-    past = [k for k, instrument in enumerate(found.fit.instruments) if instrument.kind == kind]
-    x, blocks = _candidates(found, kind)
+def _used(found: Calibration, reads: PoseReadings) -> int | None:
+    """Which instrument of a calibration is that of an offer."""
+    for k, past in enumerate(found.fit.instruments):
+        stood = past.values if past.kind == "probe" else np.zeros((1, 1))
+        stated = past.noise / found.fit.grown[k] / reads.noise
+        on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
+        if past.kind == reads.kind and 1 / _ALIKE <= stated <= _ALIKE and all(on):
+            return k
+    return None
+
+
+def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int) -> NextReadings:
+    assert offer.reads is not None
+    loops, n, reads = found.fit.loops, len(found.fit.u), offer.reads
+    kind, past = reads.kind, _used(found, reads)
+    cost = offer.hours * hourly + (offer.price if past is None else 0.0)
+    if past is None and kind == "probe":  # another probe on the same bed
+        past = next((k for k, x in enumerate(found.fit.instruments) if x.kind == kind), None)
+    x, blocks = _candidates(found, reads)
     q = loops.inverse(x.reshape(-1, 3))
     tools = loops.points(q, found.values, loops.start(q))
     ends = x.shape[1]
-    noise = found.fit.instruments[past[0]].noise if past else USUAL[kind]
     instrument: Instrument = KINDS[kind](
-        "", q.reshape(len(x), ends, -1), np.zeros((len(x), 3 if kind == "points" else 1)), noise,
-        np.arange(len(x)),
+        "", q.reshape(len(x), ends, -1), np.zeros((len(x), 3 if kind == "points" else 1)),
+        reads.noise, np.arange(len(x)),
     )  # fmt: skip
     places = [tools.x.reshape(-1, ends, 3)[:, end] for end in range(ends)]
     if kind == "points":
         instrument = replace(instrument, values=places[0])
-    state = found.fit.states[past[0]] if past else instrument.start(places)
+    state = instrument.start(places) if past is None else found.fit.states[past]
     at = instrument.slopes(places, state)
     by_u = (tools.slopes @ found.known.G).reshape(len(x), ends, 3, n)
-    own = sum(len(other.unknowns) for other in found.fit.instruments[: past[0] if past else None])
+    own = sum(len(other.unknowns) for other in found.fit.instruments[:past])
     knowledge = found.fit.knowledge
-    if not past:  # a new instrument's unknowns
+    if past is None:  # a new instrument's unknowns
         new = len(instrument.unknowns)
         root = np.pad(knowledge.root, (0, new))
         root[len(root) - new :, len(root) - new :] = np.eye(new) / FAR
@@ -81,11 +130,12 @@ def _plan(found: Calibration, kind: Kind, count: int) -> NextReadings:
     A = np.zeros((*at.error.shape, len(knowledge.root)))
     A[:, :, :n] = sum(tool @ by_u[:, end] for end, tool in enumerate(at.tools))
     A[:, :, n + own : n + own + at.own.shape[2]] = at.own
-    A /= noise
+    A /= instrument.noise
     E = np.zeros((found.places.moved.shape[0], len(knowledge.root)))
     E[:, :n] = found.places.moved @ found.known.G
-    F = np.linalg.qr(E).R
-    chosen: list[int] = []
+    F = np.linalg.qr(E).R / np.sqrt(len(found.places.x))
+    goal = Goal(BODIES, "positions", F, 1.0, _ENOUGH)
+    before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
         half = A @ knowledge.inverse
         S = np.eye(half.shape[1]) + half @ half.swapaxes(1, 2)
@@ -94,27 +144,31 @@ def _plan(found: Calibration, kind: Kind, count: int) -> NextReadings:
         worth = np.sum(np.linalg.solve(S, moved) * moved, axis=(1, 2))
         chosen.append(int(np.argmax(worth)))
         knowledge = knowledge.and_rows(A[chosen[-1]])
-    position = float(np.linalg.norm(knowledge.std_of(F)) / np.sqrt(len(found.places.x)))
-    return NextReadings(kind, x[chosen], blocks[chosen], position)
+    position = float(np.linalg.norm(knowledge.std_of(F)))
+    size = found.places.size(found.known.G @ knowledge.inverse[:n])
+    gain = max(before - goal.left(knowledge), np.finfo(float).tiny)
+    return NextReadings(
+        name, offer.title, kind, x[chosen], blocks[chosen], position, size, gain, cost
+    )
 
 
 def _candidates(
-    found: Calibration, kind: Kind
+    found: Calibration, reads: PoseReadings
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, " readings"]]:
     """Commanded points of readings that could be taken, and the blocks under them."""
     loops, rng = found.fit.loops, np.random.default_rng(_SEED)
     q = drawn(loops.kinematics, loops.limbs, _PLACES, _SEED)
     x = loops.start(q)[:, :3]
-    if kind == "points":
+    if reads.kind == "points":
         return x[:, None], np.zeros(len(x))
     probes = [k for k, other in enumerate(found.fit.instruments) if other.kind == "probe"]
     plane = found.fit.states[probes[0]][0] if probes else x[:, 2].min()
-    blocks = np.repeat(_BLOCKS if kind == "probe" else (0.0,), len(x))
+    blocks = np.repeat(reads.blocks, len(x))
     on = np.tile(x, (len(blocks) // len(x), 1))
     on[:, 2] = plane + blocks
     inside = found.described.workspace.contains(on)
     on, blocks = on[inside], blocks[inside]
-    if kind == "probe":
+    if reads.kind == "probe":
         return on[:, None], blocks
     pairs = rng.integers(len(on), size=(4 * _PLACES, 2))
     pairs = pairs[np.linalg.norm(on[pairs[:, 0]] - on[pairs[:, 1]], axis=1) > 0]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from deltaid.calibration.instruments import KINDS, Instrument, Kind
+from deltaid.calibration.instruments import KINDS, Instrument
 from deltaid.calibration.loops import Loops
 from deltaid.errors import KinematicsError, RecordingError
 from deltaid.recording.mapping import ColumnMapping
@@ -24,12 +24,13 @@ from deltaid.recording.table import open_table
 from deltaid.recording.units import si_factor
 from deltaid.robot.part import Part
 from deltaid.robot.quantities import Positive
+from deltaid.sensors.planning.offers import PoseKind
 
 # What instruments of each kind usually read to [m]: a good tracker or camera with a tag, a touch
 # probe of a printer or mill, a calliper in a steady hand.
 _POINT, _TOUCH, _CALLIPER = 2e-5, 1e-5, 2e-5
-USUAL: dict[Kind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CALLIPER}
-_READ: dict[Kind, tuple[str, ...]] = {
+USUAL: dict[PoseKind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CALLIPER}
+_READ: dict[PoseKind, tuple[str, ...]] = {
     "points": ("px", "py", "pz"), "probe": ("block",), "distances": ("distance",),
 }  # fmt: skip
 # Units that people forget to state: how many make a metre.
@@ -72,7 +73,9 @@ class Measurements(Part):
     )
 
 
-def read(kind: Kind, given: RecordingLike, columns: InstrumentColumns, loops: Loops) -> Instrument:
+def read(
+    kind: PoseKind, given: RecordingLike, columns: InstrumentColumns, loops: Loops
+) -> Instrument:
     """The readings of one file or table, in SI units.
 
     Raises:
@@ -161,7 +164,8 @@ def _column(
         raise RecordingError(
             f"has no column {column}; its columns are {', '.join(table.header[:12])}",
             where=table.header_place,
-            cure=f"rename it to {name}, or name it under columns with --columns FILE.yaml",
+            cure=f"rename it to {name}, or name it under columns with --columns FILE.yaml"
+            + (f"; or give {name[:-2]}x, {name[:-2]}y, {name[:-2]}z" if name[-2:] == "q1" else ""),
         )
     read_rows = [
         (np.asarray(piece.numbers[0], dtype=float), piece.written[0])

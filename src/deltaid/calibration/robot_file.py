@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.calibration.loops import rail_frame, upright
-from deltaid.calibration.unknowns import Unknowns
+from deltaid.calibration.unknowns import APART, TOOL, Unknowns
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limbs import LimbGeometry, Limbs
+from deltaid.robot.limbs import Limbs
 from deltaid.robot.platform import H4Platform, Par4Platform
 from deltaid.robot.tolerances import LENGTHS, Tolerances
 
@@ -42,11 +42,9 @@ def calibrated_robot(
     rotary = limbs.drive == "rotary"
     changed = (_rotary if rotary else _linear)(limbs, each)
     for k, number in enumerate(known.numbers):
-        leans = (
-            number.kind != "lean_across" or abs(_rail_out(limbs.geometry()[number.limb])) > _LEANS
-        )
-        held[k] = (
-            leans and (number.limb >= 0 or number.kind == "half") and not _of_pair(number.kind)
+        upright_rail = abs(limbs.geometry()[number.limb].rail[0]) <= _LEANS
+        held[k] = number.kind not in (*APART, *TOOL) and not (
+            number.kind == "lean_across" and upright_rail
         )
     updates: dict[str, object] = {
         "limbs": limbs.changed(
@@ -83,14 +81,6 @@ def _of_limb(value: dict[str, float], limb: int) -> dict[str, float]:
     return {k.removeprefix(prefix): v for k, v in value.items() if k.startswith(prefix)}
 
 
-def _of_pair(kind: str) -> bool:
-    return kind in ("strut_difference", "spacing") or kind.startswith("pair_")
-
-
-def _rail_out(limb: LimbGeometry) -> float:
-    return float(limb.rail[0])
-
-
 def _tilts(limbs: Limbs) -> tuple[float, ...]:
     given = limbs.tilt_deg
     return given if isinstance(given, tuple) else (given,) * limbs.count
@@ -115,8 +105,8 @@ def _linear(limbs: Limbs, each: list[dict[str, float]]) -> dict[str, object]:
     for i, (limb, own) in enumerate(zip(limbs.geometry(), each, strict=True)):
         moved = [own["rail_out"], own["rail_across"], -own["zero"]]
         bases.append(tuple((limb.base + rail_frame(limb) @ moved).tolist()))
-        leaning = abs(_rail_out(limb)) > _LEANS
-        sideways = own["lean_across"] / _rail_out(limb) if leaning else 0.0
+        out = float(limb.rail[0])
+        sideways = own["lean_across"] / out if abs(out) > _LEANS else 0.0
         azimuths.append(limbs.azimuth_deg[i] + float(np.rad2deg(sideways)))
         tilts.append(_tilts(limbs)[i] + float(np.rad2deg(own["lean_out"])))
     return {
@@ -132,13 +122,9 @@ def _tolerances(
                 "platform": ("half",)}  # fmt: skip
     lengths = {name: robot.tolerances.of_length(name) for name in LENGTHS}
     for name, starts in prefixes.items():
-        own = [
-            s
-            for s, number in zip(std, known.numbers, strict=True)
-            if number.kind.startswith(starts)
-        ]
+        own = [k for k, number in enumerate(known.numbers) if number.kind.startswith(starts)]
         if own:
-            lengths[name] = float(max(own))
+            lengths[name] = float(std[own].max())
     lengths["platform_radius"] = lengths["base_radius"]
     homing = {drive: robot.tolerances.of_drive(drive) for drive in robot.drives}
     for s, number in zip(std, known.numbers, strict=True):

@@ -16,18 +16,22 @@ import numpy as np
 
 from deltaid.calibration.loops import rail_frame, upright
 from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
+from deltaid.checks.evidence import evidence
+from deltaid.checks.signal import checked_signals
+from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.geometry import TorqueSlopes, across
 from deltaid.dynamics.grown import grown_torques
 from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
 from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import Deviations, UnknownEffect
-from deltaid.errors import IdentificationError
+from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.identification.contest_stage import swept_beside
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.stages import before_contest
 from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.settings import Settings
+from deltaid.model.verdict import Grade
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
@@ -46,8 +50,8 @@ class GeometryNumbers(UnknownEffect):
     name = "calibration"
     is_candidate = False
 
-    def __init__(self, known: Unknowns) -> None:
-        self.known = known
+    def __init__(self, known: Unknowns, mounting: float = Tilt.deviation) -> None:
+        self.known, self.mounting = known, mounting
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         robot, gravity, p = point.dynamics.robot, point.slopes.gravity, point.slopes.p
@@ -59,13 +63,9 @@ class GeometryNumbers(UnknownEffect):
         ])  # fmt: skip
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        robot = point.dynamics.robot
         spreads = [number.spread for number in self.known.numbers]
         tilts = columns.shape[2] - len(spreads)
-        stated = "tolerances" in robot.model_fields_set
-        stated = stated and "mounting" in robot.tolerances.model_fields_set
-        mounting = robot.tolerances.mounting if stated else Tilt.deviation
-        return np.maximum([*spreads, *[mounting] * tilts], _EXACT)
+        return np.maximum([*spreads, *[self.mounting] * tilts], _EXACT)
 
 
 def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:
@@ -110,10 +110,15 @@ def torque_rows(
     """What recordings of torques say of a robot's numbers.
 
     Raises:
-        RecordingError: a log cannot be used.
+        RecordingError: a log cannot be used, or its columns are wrong by the checks of wiring.
         IdentificationError: torques are not those of this robot.
     """
-    kinematics, numbers = Setup(robot, (), Settings()).dynamics.kinematics, GeometryNumbers(known)
+    progress("checking the columns of torques")
+    doubts = _doubts(robot, logs, columns)
+    stated = "tolerances" in robot.model_fields_set
+    stated = stated and "mounting" in robot.tolerances.model_fields_set
+    numbers = GeometryNumbers(known, robot.tolerances.mounting if stated else Tilt.deviation)
+    kinematics = Setup(robot, (), Settings()).dynamics.kinematics
     recordings = open_recordings(logs, kinematics, columns, None, progress)
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), Settings())
     source = ", ".join(str(recording.path) for recording in recordings)
@@ -142,4 +147,38 @@ def torque_rows(
                 cure="run deltaid check on this recording first",
             )
     A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
-    return TorqueRows(source, A, b)
+    return TorqueRows(source, A, b, doubts=doubts)
+
+
+def _doubts(
+    robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None
+) -> tuple[str, ...]:
+    """What checks of columns and signals doubt; what they call wrong is refused.
+
+    Zeros and tilts that leave the loops closed are no fault here: they are what is estimated.
+    """
+    records = [evidence(robot, log, columns) for log in logs]
+    for record in records:
+        if not record.moved.any():
+            raise RecordingError(
+                "no drive moves",
+                where=str(record.table.path),
+                cure="record a motion of all drives",
+            )
+    common, each = checked_wirings(records)
+    doubts = dict[str, None]()
+    for record, wiring in zip(records, each, strict=True):
+        verdicts = (*common, *wiring, *checked_signals(record))
+        wrong = [verdict for verdict in verdicts if verdict.grade is Grade.WRONG]
+        if wrong:
+            raise RecordingError(
+                "; ".join(verdict.finding for verdict in wrong),
+                where=str(record.table.path),
+                cure="; ".join(dict.fromkeys(verdict.cure for verdict in wrong)),
+            )
+        doubts |= {
+            f"{record.table.path}: {verdict.finding}": None
+            for verdict in verdicts
+            if verdict.grade is Grade.DOUBTFUL and verdict.key != "homing-or-tilt"
+        }
+    return tuple(doubts)

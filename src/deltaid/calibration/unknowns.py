@@ -8,7 +8,7 @@ so that the platform may tilt, a limb has five more and the tool three.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -83,16 +83,18 @@ class TorqueRows:
         source: files, for messages.
         A, b: A θ = b in units of the noise.
         grown: how many times larger the noise is than the recordings show.
+        doubts: what checks of the recordings doubt.
     """
 
     source: str
     A: Float[np.ndarray, "rows numbers"]
     b: Float[np.ndarray, " rows"]
     grown: float = 1.0
+    doubts: tuple[str, ...] = ()
 
     def with_noise(self, more: float) -> "TorqueRows":
         """The same with so many times the noise."""
-        return TorqueRows(self.source, self.A / more, self.b / more, self.grown * more)
+        return replace(self, A=self.A / more, b=self.b / more, grown=self.grown * more)
 
 
 @dataclass(frozen=True, eq=False)

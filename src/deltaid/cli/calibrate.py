@@ -83,8 +83,21 @@ def calibrate(
         str, typer.Option(help="Tool from the platform point, m, for --struts-apart: 0,0,-0.05.")
     ] = "0,0,0",
     following: Annotated[
-        int, typer.Option("--next", help="Plan so many further readings.", min=0, max=100)
+        int,
+        typer.Option(
+            "--next", help="Plan so many readings of each instrument of a list.", min=0, max=100
+        ),
     ] = 0,
+    offers: Annotated[
+        Path | None,
+        typer.Option(
+            "--sensors", help="Instruments and prices for --next (YAML), for the shipped ones."
+        ),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        bounded(help="Most that an instrument of --next may cost.", limits=(1e-9, 1e12)),
+    ] = None,
     report: Report = None,
     as_json: AsJson = False,
 ) -> None:
@@ -99,11 +112,18 @@ def calibrate(
     from deltaid.calibration.next_readings import next_readings
     from deltaid.errors import DeltaidError
     from deltaid.files import together, write_bytes
-    from deltaid.view.calibration import calibration_page, next_line, number_table, session_lines
+    from deltaid.sensors.planning.offers import load_offers, shipped_offers
+    from deltaid.view.calibration import (
+        calibration_page,
+        next_line,
+        next_table,
+        number_table,
+        session_lines,
+    )
     from deltaid.view.html import write_page
 
     configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
-    files = [*(points or ()), *(probe or ()), *(distances or ()), *(torques or ()), columns]
+    files = [*(points or ()), *(probe or ()), *(distances or ()), *(torques or ()), columns, offers]
     require_outputs((robot, *files), {"--output": output, "--report": report, **configs})
     try:
         x, y, z = (float(part) for part in tool.split(","))
@@ -111,6 +131,7 @@ def calibrate(
         raise DeltaidError(
             f"must be three numbers such as 0,0,-0.05, not {tool!r}", where="--tool"
         ) from None
+    shop = shipped_offers() if offers is None else load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")
         found = run(
@@ -128,6 +149,7 @@ def calibrate(
             tool=(x, y, z),
             progress=say,
         )
+    plans = next_readings(found, following, offers=shop, budget=budget) if following else ()
     texts = {
         path: firmware_text(found, option.strip("-")) for option, path in configs.items() if path
     }
@@ -138,16 +160,15 @@ def calibrate(
             found.save(output)
         if report is not None:
             write_page(calibration_page(found), report)
-    plans = next_readings(found, following) if following else ()
     if as_json:
-        print_json(as_dictionary(found, plans))
+        print_json(as_dictionary(found, plans, shop.currency))
         return
     print_verdict(found.verdict)
-    table = number_table(found)
+    table = next_table(found, plans, shop.currency) if plans else number_table(found)
     first = wrapped(session_lines(found))
     last = wrapped(
         [
-            *map(next_line, plans),
+            *(next_line(plan, shop.currency) for plan in plans[:1]),
             *(f"doubtful: {doubt}" for doubt in found.doubts),
             *(
                 f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm"
@@ -199,7 +220,9 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def as_dictionary(found: "Calibration", plans: "Sequence[NextReadings]" = ()) -> dict[str, Any]:
+def as_dictionary(
+    found: "Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
+) -> dict[str, Any]:
     """The calibration as one JSON object, in m and rad."""
     return {
         "robot": found.described.name,
@@ -229,8 +252,14 @@ def as_dictionary(found: "Calibration", plans: "Sequence[NextReadings]" = ()) ->
         "left": found.left,
         "next": [
             {
+                "name": plan.name,
+                "title": plan.title,
                 "kind": plan.kind,
+                "cost": plan.cost,
+                "currency": currency,
+                "gain": plan.gain,
                 "position": plan.position,
+                "size": plan.size,
                 "poses": plan.poses.tolist(),
                 "blocks": plan.blocks.tolist(),
             }

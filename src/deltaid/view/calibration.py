@@ -1,5 +1,7 @@
 """A calibrated geometry as lines, tables, figures and a page."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import plotly.graph_objects as go
 import polars as pl
@@ -39,16 +41,36 @@ def session_lines(found: Calibration) -> list[str]:
     return lines
 
 
-def next_line(plan: NextReadings) -> str:
-    """The first of an instrument's next readings, and what all of them would make of positions."""
+def next_line(plan: NextReadings, currency: str) -> str:
+    """The instrument that is worth its price most, and where its first readings are to be."""
     places = [
         " to ".join(f"({', '.join(f'{1e3 * value:.0f}' for value in end)})" for end in ends)
         + (f" on {1e3 * block:.0f}" if block else "")
         for ends, block in zip(plan.poses[:_ROWS], plan.blocks, strict=False)
     ]
     more = ", …" if len(plan.poses) > _ROWS else ""
-    what = f"next, {len(plan.poses)} {KINDS[plan.kind].readings}"
-    return f"{what}: positions to {1e3 * plan.position:.2g} mm, at {', '.join(places)}{more} mm"
+    what = f"best for its price, {plan.cost:.0f} {currency}: {plan.name}, "
+    what += f"{len(plan.poses)} {KINDS[plan.kind].readings}"
+    return f"{what} at {', '.join(places)}{more} mm"
+
+
+def next_table(found: Calibration, plans: Sequence[NextReadings], currency: str) -> Table:
+    """A row an instrument: its price, and what it makes of positions and sizes."""
+    before = found.after
+    now = ("nothing more", "", "", f"{1e3 * before.position:.2g}", percent(before.size))
+    rows = [
+        (plan.name, f"{plan.cost:.0f}", f"{plan.gain:.1f}", f"{1e3 * plan.position:.2g}",
+         percent(plan.size))
+        for plan in plans
+    ]  # fmt: skip
+    return Table(
+        ("with", currency, "gain", "positions, mm", "sizes"),
+        (now, *rows),
+        f"{len(plans[0].poses)} readings of one instrument each, that which gains most per "
+        f"{currency} first. The gain is by how much ½ log det of the positions' covariance falls, "
+        "in nats. Of an instrument that was used already only the work is paid.",
+        muted=frozenset({0}),
+    )
 
 
 def number_table(found: Calibration) -> Table:

@@ -14,12 +14,16 @@ from pydantic import Field, model_validator
 from deltaid.robot.load import load_yaml, parse
 from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed
 from deltaid.robot.part import Part
-from deltaid.robot.quantities import NotNegative, Point, Vector
+from deltaid.robot.quantities import NotNegative, Point, Positive, Vector
 from deltaid.robot.sensors import Sensor, Share
 from deltaid.shown import Shown
 
 # Words for bodies, axes and places that are found in whatever robot the list is used with.
 EACH, LIMB, ALONG, ACROSS, CENTRE = "each", "limb", "along", "across", "centre"
+
+# Keys of an offer that say what it is used for.
+USED_FOR = ("weigh", "measured", "sensors", "reads")
+PoseKind = Literal["points", "probe", "distances"]
 
 _SHIPPED = "catalogue.yaml"
 
@@ -69,8 +73,19 @@ class Weigh(Part):
         return self
 
 
+class PoseReadings(Part):
+    """How an instrument measures poses for `deltaid calibrate`."""
+
+    kind: PoseKind = Field(description="3-D points, touches of a plane, or distances")
+    noise: Positive = Field(description="standard deviation of a reading, m")
+    blocks: tuple[NotNegative, ...] = Field(
+        default=(0.0,), description="heights of what a probe touches above the plane, m"
+    )
+
+
 class Offer(Part):
-    """One thing to buy, and what can be done with it: one of `weigh`, `measured`, `sensors`."""
+    """One thing to buy, and what can be done with it: one of `weigh`, `measured`, `sensors`,
+    `reads`."""
 
     title: str = Field(min_length=1, description="what it is, as in tables")
     price: NotNegative = Field(description="paid once, however often it is used")
@@ -88,6 +103,9 @@ class Offer(Part):
         description="as in a robot's file, all of them together; `strut: each` is one on the "
         "struts of every limb, `drive: each` on every drive, price and hours being those of one",
     )
+    reads: PoseReadings | None = Field(
+        default=None, description="poses that it measures, for `deltaid calibrate`"
+    )
     group: str = Field(
         default="", description="of offers of one group, such as two force plates, one is bought"
     )
@@ -100,11 +118,11 @@ class Offer(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "Offer":
-        given = [key for key in ("weigh", "measured", "sensors") if getattr(self, key)]
+        given = [key for key in USED_FOR if getattr(self, key)]
         if len(given) != 1:
             raise ValueError(
-                f"gives {' and '.join(given) or 'nothing to do with it'}: give one of weigh, "
-                "measured, sensors"
+                f"gives {' and '.join(given) or 'nothing to do with it'}: give one of "
+                f"{', '.join(USED_FOR)}"
             )
         return self
 

@@ -51,6 +51,8 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
     """
     found, left_out = list[Use](), list[str]()
     for key, offer in offers.offers.items():
+        if offer.reads:  # of geometry, not of bodies
+            continue
         if not offer.sensors:
             found += _of_weighings(scene, offers, key, offer)
             continue
