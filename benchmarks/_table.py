@@ -38,6 +38,7 @@ STATED: dict[str, Size] = {
     "drift": {"rows": 10, "robots": 200},
     "drift_files": {"rows": 1, "robots": 200},
     "fleet": {"rows": 15, "samples": 100_000_000},
+    "fleet_nights": {"rows": 4},
     "fleet_walk": {"rows": 7, "robots": 20, "steps": 60},
     "house": {},
     "limits_held": {"rows": 3, "motions": 25},

@@ -10,7 +10,9 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -28,11 +30,13 @@ from damage import changed_bit
 from deltaid import libraries
 from deltaid.errors import DeltaidError
 from deltaid.fleets.cluster import require_shared, workers
+from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.fleets.fleet import find_fleet
 from deltaid.fleets.known import EarlierCalls, recordings_table
 from deltaid.fleets.place import Place
 from deltaid.fleets.pool import LocalPool
 from deltaid.fleets.run import fleet as run_fleet
+from deltaid.fleets.step import Chain
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.robot import own
@@ -92,6 +96,62 @@ def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("deltaid.fleets.run.workers_of", lambda *_: pytest.fail("were started"))
     assert whole.run().computed == (0, 0, 0)
     assert (whole.output / "parameters.parquet").read_bytes() == before
+
+
+def without_results(whole: Plant, folder: Path) -> Path:
+    """The fleet's folder as a call leaves it that was ended once recordings were gathered."""
+    shutil.copytree(whole.output, folder)
+    for name in ("parameters", "friction", "drift", "types", "members"):
+        (folder / f"{name}.parquet").unlink()
+    shutil.rmtree(folder / "members")
+    return folder
+
+
+def test_a_night_reads_each_factor_file_once_for_its_week_and_once_for_all(
+    whole: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads, folder = Counter[str](), without_results(whole, tmp_path / "own")
+
+    def counted(path: Path) -> FactorFile:
+        reads[f"{path.parent.name}/{path.name[:10]}"] += 1
+        return read(path)
+
+    monkeypatch.setattr("deltaid.fleets.place.read", counted)
+    with no_workers():
+        assert run_fleet(whole.manifest, folder, settings=SETTINGS).computed == (0, 4, 2)
+    assert reads == {**{f"north/{day}": 2 for day in DAYS}, f"south/{DAYS[0]}": 1}
+    for name in ("parameters", "drift", "members"):
+        assert (
+            pl.read_parquet(folder / f"{name}.parquet")
+            .drop("key")
+            .equals(whole.table(f"{name}.parquet"))
+        )
+
+
+def test_what_a_worker_has_done_before_it_dies_counts(
+    whole: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = without_results(whole, tmp_path / "own")
+
+    def dying(work: object, chains: list[Chain], failed: Callable[[Chain, str], object]) -> list:
+        """North is fitted by all of its recordings, and nothing else is done."""
+        for step, job in (chain[0] for chain in chains if len(chain) > 1):
+            if job.robot == "north":
+                step.work(job, Place.named(folder))
+        return [failed(chain, "died") for chain in chains]
+
+    here = Mock(done=dying)
+    monkeypatch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
+    done = run_fleet(whole.manifest, folder, settings=SETTINGS)
+    assert [(fit.job.robot, fit.job.names[-1]) for fit in done.fits if not fit.reason] == [
+        ("north", "all")
+    ]
+    assert [(study.job.robot, study.reason) for study in done.studies] == [("north", "died")]
+    assert not done.types
+    with no_workers():
+        again = run_fleet(whole.manifest, folder, settings=SETTINGS)
+    assert again.computed == (0, 3, 2)
+    assert [line.what for line in again.quarantine] == ["recording"]
 
 
 def test_the_command_tells_what_it_has_done(whole: Plant) -> None:

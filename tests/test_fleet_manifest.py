@@ -44,6 +44,16 @@ def test_names_that_no_file_can_have_are_of_none(tmp_path: Path, name: str) -> N
     assert absent.reason.startswith("no such file\n  → ")
 
 
+def test_what_two_patterns_refuse_is_reported_once(tmp_path: Path) -> None:
+    own = plant(tmp_path)
+    own.path("north/undated").parent.mkdir()
+    own.path("north/undated").touch()
+    both = "[north/*.parquet, north/u*.parquet]"
+    own.manifest.write_text(MANIFEST.replace("north/*.parquet", both), encoding="utf-8")
+    (absent,) = find_fleet(str(own.manifest)).absent
+    assert "nothing says when it was made" in absent.reason
+
+
 @pytest.mark.parametrize("time", ["2026-02-03", "2026-02-03T08:30", "'2026-02-03 08:30:00'"])
 def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> None:
     own = plant(tmp_path).record(*FIRST)

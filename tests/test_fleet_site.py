@@ -245,14 +245,16 @@ def test_numbers_of_the_quarantine_agree(tmp_path: Path) -> None:
 
 
 def test_a_wrong_torque_constant_is_named(tmp_path: Path) -> None:
-    """Of ratios, whose product is 1, the drive unlike the others; else each that is not 1."""
-    folder = write_tables(tmp_path, 3, 3, rising=(), foreign=())
+    """Of ratios, whose product is 1, the drive unlike the others; else each that is not 1. A single
+    one is no ratio."""
+    folder = write_tables(tmp_path, 4, 3, rising=(), foreign=())
     path = folder / "parameters.parquet"
     frame = pl.read_parquet(path)
-    values = {"R001": (0.95, 1.026, 1.026), "R002": (0.93, 0.93, 0.93), "R003": (1.0, 1.0, 1.0)}
+    values = {"R001": (0.95, 1.026, 1.026), "R002": (0.93, 0.93, 0.93), "R003": (1.0, 1.0, 1.0),
+              "R004": (1.0025,)}  # fmt: skip
     for robot, gains in values.items():
         own = frame.filter((pl.col("robot") == robot) & (pl.col("parameter") == "EE.m"))
-        for drive, gain in zip(("q1", "q2", "q3"), gains, strict=True):
+        for drive, gain in zip(("q1", "q2", "q3"), gains, strict=False):
             rows = own.with_columns(
                 parameter=pl.lit(f"gain.{drive}"), value=gain, std=0.001, low=gain - 0.002,
                 high=gain + 0.002, unit=pl.lit(""), prior=1.0,
@@ -261,7 +263,8 @@ def test_a_wrong_torque_constant_is_named(tmp_path: Path) -> None:
     frame.write_parquet(path)
     write(folder)
     said = words(folder / "site" / "index.html")
-    assert "2 of 3 robots need attention." in said
+    assert "3 of 4 robots need attention." in said
+    assert "R004: q1 gives 1.002 ± 0.001 times the torque that it records: torque const" in said
     assert "R001: q1 gives 0.926 ± 0.001 times the torque that it records, against other" in said
     assert "R001: q2" not in said
     assert "R002: q1 gives 0.930 ± 0.001 times the torque that it records: torque const" in said

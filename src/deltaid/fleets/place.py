@@ -1,7 +1,7 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -137,3 +137,19 @@ class Place:
             path = Path(folder) / name.rpartition("/")[2]
             write(path)
             self.write(name, path.read_bytes())
+
+
+@dataclass(frozen=True)
+class ReadOnce(Place):
+    """The folder for some jobs in turn: each factor file is read once, however many ask for it."""
+
+    kept: dict[str, FactorFile] = field(default_factory=dict[str, FactorFile], compare=False)
+
+    def factors(self, name: str, key: str | None = None) -> FactorFile | None:
+        """As of `Place`."""
+        if name not in self.kept:
+            file = super().factors(name)
+            if file is None:
+                return None
+            self.kept[name] = file
+        return self.kept[name] if key in (None, self.kept[name].key) else None

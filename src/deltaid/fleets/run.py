@@ -30,7 +30,7 @@ from deltaid.fleets.known import (
 from deltaid.fleets.place import Place
 from deltaid.fleets.pool import Workers
 from deltaid.fleets.site.site import SITE, write_site
-from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult
+from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult, run_chains
 from deltaid.fleets.steps import (
     DRIFTS,
     FITS,
@@ -40,7 +40,7 @@ from deltaid.fleets.steps import (
     TYPE_FITS,
     fit_jobs,
     member_file,
-    study_jobs,
+    robot_chains,
     type_jobs,
 )
 from deltaid.forked import require_threads
@@ -145,21 +145,21 @@ def fleet(
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
     """All steps of a call, then its tables and pages."""
 
-    def fit_all() -> tuple[list[JobResult], int]:
+    def robots_done() -> tuple[dict[FleetStep, list[JobResult]], dict[FleetStep, int]]:
         jobs = fit_jobs(outcomes, call.fleet.period, call.plan.robots, call.plan.settings)
-        return FITS.run(call, jobs)
+        return run_chains(call, robot_chains(jobs, outcomes, drift), ("fitted", "periods"))
 
     outcomes, gathered = gather_all(call)
-    fits, fitted = fit_all()
-    damaged = {file for fit in fits for file in fit.damaged}
-    if damaged:
+    done, count = robots_done()
+    if damaged := {file for fit in done.get(FITS, []) for file in fit.damaged}:
         outcomes, more = gather_again(call, outcomes, damaged)
-        fits, again = fit_all()
-        gathered, fitted = gathered + more, fitted + again
-    jobs = study_jobs(fits, outcomes, drift)
-    studies, studied = DRIFTS.run(call, jobs)
-    robots, _ = ROBOTS.run(call, jobs)
-    types, _ = TYPE_FITS.run(call, type_jobs(robots))
+        done, count = robots_done()
+        gathered += more
+    fits, studies, robots = (done.get(step, []) for step in (FITS, DRIFTS, ROBOTS))
+    of_types = run_chains(
+        call, [((TYPE_FITS, job),) for job in type_jobs(robots)], ("compared", "types")
+    )
+    types = of_types[0].get(TYPE_FITS, [])
     results = {FITS: fits, DRIFTS: studies, ROBOTS: robots, TYPE_FITS: types}
     finished = FleetRun(
         tuple(outcomes),
@@ -167,7 +167,7 @@ def _run(call: Call, drift: DriftSettings) -> FleetRun:
         tuple(studies),
         tuple(types),
         tuple(_quarantine(call.fleet, outcomes, results)),
-        (gathered, fitted, studied),
+        (gathered, count.get(FITS, 0), count.get(DRIFTS, 0)),
     )
     call.say("writing tables")
     tables = _write(call, finished, results)

@@ -17,7 +17,7 @@ from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan
 from deltaid.fleets.known import EarlierCalls
-from deltaid.fleets.place import Place
+from deltaid.fleets.place import Place, ReadOnce
 from deltaid.fleets.pool import Workers
 from deltaid.fleets.store import StoreError
 from deltaid.model.record import Settings
@@ -133,23 +133,23 @@ class FleetStep:
 
     Attributes:
         what: as the quarantine calls it.
-        words: for progress, such as 'fitted' 'periods'.
         read: what a job needs, from the fleet's folder.
         make: tables from a job, what it needs, and the fleet's folder, into which it writes the
             file.
         tables: their columns, by name.
         file: that it leaves behind, seen from the fleet's folder; empty if there is none.
+        leads: whether no later step of a robot is done where this one fails.
     """
 
     what: str
-    words: tuple[str, str]
     read: Callable[[Any, Place], Any]
     make: Callable[[Any, Any, Place], Tables]
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     file: Callable[[Any], str] = _no_file
+    leads: bool = False
 
-    def run(self, call: Call, jobs: Sequence[FleetJob]) -> tuple[list[JobResult], int]:
-        """What became of all jobs, in their order, and how many were done now."""
+    def known(self, call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
+        """What earlier calls have come to, by key; jobs that are left have none."""
         results = dict[str, JobResult]()
         keys = [frozenset(call.known.tables[name]["key"]) for name in self.tables]
         absent = {self.file(job) for job in jobs} - {""}
@@ -160,41 +160,105 @@ class FleetStep:
                 results[job.key] = JobResult(job)
             elif job.key in call.known.refused:
                 results[job.key] = JobResult(job, reason=call.known.refused[job.key])
-        left = [job for job in jobs if job.key not in results]
+        return results
 
-        def failed(job: FleetJob, why: str) -> JobResult:
-            return JobResult(job, reason=why, lasting=False)
-
-        for result in call.done(self.words, self.work, left, failed):
-            results[result.job.key] = result
-        return [results[job.key] for job in jobs], len(left)
+    def finished(self, job: FleetJob, place: Place) -> JobResult | None:
+        """What a call that was ended before its end has left of a job; None if it is not done."""
+        left = {name: place.finished(_journal(job, name)) for name in self.tables}
+        whole = {name: table for name, table in left.items() if table is not None}
+        file = self.file(job)
+        done = len(whole) == len(left) and (not file or place.size(file) > 0)
+        return JobResult(job, whole) if done else None
 
     def work(self, job: FleetJob, place: Place) -> JobResult:
         """Do a job, unless a call that was ended before its end has done it.
 
         What cannot be done has its reason, and is no error.
         """
-        with ALONE, threads(1):
-            left = {name: place.finished(_journal(job, name)) for name in self.tables}
-            whole = {name: table for name, table in left.items() if table is not None}
-            file = self.file(job)
-            if len(whole) == len(left) and (not file or place.size(file)):
-                return JobResult(job, whole)
-            try:
-                given = self.read(job, place)
-            except DeltaidError as error:
-                damaged = error.files if isinstance(error, DamagedFactorsError) else ()
-                return JobResult(job, reason=str(error), lasting=False, damaged=damaged)
-            try:
-                made = {
-                    name: table.with_columns(key=pl.lit(job.key))
-                    for name, table in self.make(job, given, place).items()
-                }
-                for name, table in made.items():
-                    place.save(_journal(job, name), table)
-            except DeltaidError as error:
-                return JobResult(job, reason=str(error), lasting=not isinstance(error, StoreError))
+        if (finished := self.finished(job, place)) is not None:
+            return finished
+        try:
+            given = self.read(job, place)
+        except DeltaidError as error:
+            damaged = error.files if isinstance(error, DamagedFactorsError) else ()
+            return JobResult(job, reason=str(error), lasting=False, damaged=damaged)
+        try:
+            made = {
+                name: table.with_columns(key=pl.lit(job.key))
+                for name, table in self.make(job, given, place).items()
+            }
+            for name, table in made.items():
+                place.save(_journal(job, name), table)
+        except DeltaidError as error:
+            return JobResult(job, reason=str(error), lasting=not isinstance(error, StoreError))
         return JobResult(job, made)
+
+
+# Steps of a robot, each with its job, in the order in which they follow from each other.
+Chain = tuple[tuple[FleetStep, FleetJob], ...]
+# What became of them, each with what the quarantine calls its step.
+ChainResults = list[tuple[str, JobResult]]
+
+
+def run_chains(
+    call: Call, chains: Sequence[Chain], words: tuple[str, str]
+) -> tuple[dict[FleetStep, list[JobResult]], dict[FleetStep, int]]:
+    """What became of all jobs, by step and in their order, and how many were done now.
+
+    What is left of a chain is done by one worker, which reads each factor file once.
+
+    Args:
+        words: what is said, such as 'fitted' 'periods'.
+    """
+    jobs = dict[FleetStep, list[FleetJob]]()
+    for step, job in (link for chain in chains for link in chain):
+        jobs.setdefault(step, []).append(job)
+    results = {step: step.known(call, own) for step, own in jobs.items()}
+    by_name = {step.what: step for step in jobs}
+
+    def reached(chain: Chain) -> Chain:
+        """The chain as far as its leading steps succeed."""
+        for k, (step, job) in enumerate(chain, start=1):
+            if step.leads and (known := results[step].get(job.key)) and known.reason:
+                return chain[:k]
+        return chain
+
+    def failed(chain: Chain, why: str) -> ChainResults:
+        """What was done before a worker died of the rest."""
+        done: ChainResults = []
+        for step, job in chain:
+            known = step.finished(job, call.place)
+            done.append((step.what, known or JobResult(job, reason=why, lasting=False)))
+            if step.leads and known is None:
+                break
+        return done
+
+    left = [
+        tuple((step, job) for step, job in reached(chain) if job.key not in results[step])
+        for chain in chains
+    ]
+    count = dict.fromkeys(jobs, 0)
+    for done in call.done(words, work_chain, [chain for chain in left if chain], failed):
+        for what, result in done:
+            step = by_name[what]
+            results[step][result.job.key] = result
+            count[step] += 1
+    ordered: dict[FleetStep, list[JobResult]] = {step: [] for step in jobs}
+    for chain in map(reached, chains):
+        for step, job in chain:
+            ordered[step].append(results[step][job.key])
+    return ordered, count
+
+
+def work_chain(chain: Chain, place: Place) -> ChainResults:
+    """Jobs one after the other, until a leading one fails."""
+    done, place = list[tuple[str, JobResult]](), ReadOnce(place.root)
+    with ALONE, threads(1):
+        for step, job in chain:
+            done.append((step.what, step.work(job, place)))
+            if step.leads and done[-1][1].reason:
+                break
+    return done
 
 
 class DamagedFactorsError(StoreError):

@@ -23,7 +23,7 @@ from deltaid.fleets.next_robot import save_next
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
 from deltaid.fleets.robot_drift import robot_drift
-from deltaid.fleets.step import FleetJob, FleetStep, JobResult, Tables, read_factors
+from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult, Tables, read_factors
 from deltaid.fleets.store import StoreError, local_file
 from deltaid.fleets.type_fit import PopulationSettings, fitted
 from deltaid.model.model import load
@@ -135,12 +135,7 @@ def _model_of_all(job: FleetJob) -> str:
 
 
 FITS = FleetStep(
-    "fit",
-    ("fitted", "periods"),
-    read_factors,
-    _fit,
-    {"parameters": PARAMETERS | _KEY},
-    _model_of_all,
+    "fit", read_factors, _fit, {"parameters": PARAMETERS | _KEY}, _model_of_all, leads=True
 )
 
 
@@ -157,20 +152,15 @@ class StudyJob(FleetJob):
     drift: DriftSettings
 
 
-def study_jobs(
-    fits: Sequence[JobResult], outcomes: Iterable[GatherResult], drift: DriftSettings
-) -> list[StudyJob]:
-    """One for each robot that has been fitted by all of its recordings."""
-    by_file = {outcome.file: outcome.recorded for outcome in outcomes if outcome.file}
-    asked = {key: str(value) for key, value in asdict(drift).items()}
-    jobs = list[StudyJob]()
-    for fit in (fit.job for fit in fits if ALL in fit.job.names and not fit.reason):
-        recorded = tuple(by_file[name] for name in fit.files)
-        known = [(str(x.time), x.load, x.temperature, x.path) for x in recorded]
-        key = digest([version("deltaid"), fit.key, known, asked])
-        robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
-        jobs.append(StudyJob(*robot, recorded, drift))
-    return jobs
+def _study(
+    fit: FleetJob, recorded: Mapping[str, Recorded], drift: DriftSettings, asked: Mapping[str, str]
+) -> StudyJob:
+    """What follows from the fit of all recordings of a robot; `recorded` by factor file."""
+    own = tuple(recorded[name] for name in fit.files)
+    known = [(str(x.time), x.load, x.temperature, x.path) for x in own]
+    key = digest([version("deltaid"), fit.key, known, asked])
+    robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
+    return StudyJob(*robot, own, drift)
 
 
 def _with_model(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedModel]:
@@ -202,7 +192,6 @@ def _drift(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], place
 
 DRIFTS = FleetStep(
     "drift",
-    ("studied", "robots"),
     _with_model,
     _drift,
     {  # the bound of false alarms as a number, and in words
@@ -224,7 +213,23 @@ def _member(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
     return {}
 
 
-ROBOTS = FleetStep("type", ("condensed", "robots"), read_factors, _member, file=member_file)
+ROBOTS = FleetStep("type", read_factors, _member, file=member_file)
+
+
+def robot_chains(
+    fits: Iterable[FleetJob], outcomes: Iterable[GatherResult], drift: DriftSettings
+) -> list[Chain]:
+    """Fits, and what follows from those of all recordings of a robot."""
+    recorded = {outcome.file: outcome.recorded for outcome in outcomes if outcome.file}
+    asked = {key: str(value) for key, value in asdict(drift).items()}
+    chains = list[Chain]()
+    for fit in fits:
+        chain: Chain = ((FITS, fit),)
+        if ALL in fit.names:
+            study = _study(fit, recorded, drift, asked)
+            chain += ((DRIFTS, study), (ROBOTS, study))
+        chains.append(chain)
+    return chains
 
 
 def type_jobs(robots: Iterable[JobResult]) -> list[FleetJob]:
@@ -262,7 +267,6 @@ def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
 
 TYPE_FITS = FleetStep(
     "type",
-    ("compared", "types"),
     _members,
     _type,
     {"types": TYPES | _KEY, "members": MEMBERS | _KEY},

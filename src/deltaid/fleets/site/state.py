@@ -218,11 +218,11 @@ def _soonest(drive: Row) -> tuple[bool, datetime]:
 
 
 def _gains(parameters: pl.DataFrame) -> list[Concern]:
-    """Torque constants that are wrong: in N m, or where only ratios are known (their product is 1)
-    against those of most drives."""
+    """Torque constants that are wrong: in N m, or where only ratios of several are known (their
+    product is 1) against those of most drives."""
     own = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
     logs, stds = own["value"].log(), own["std"] / own["value"]
-    is_ratio = abs(float(logs.sum())) <= _SURE * float(stds.sum())
+    is_ratio = len(own) > 1 and abs(float(logs.sum())) <= _SURE * float(stds.sum())
     usual = median(own["value"].to_list() or [1.0]) if is_ratio else 1.0
     against = ", against other drives" if is_ratio else ""
     return [
