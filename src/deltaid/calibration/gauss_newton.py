@@ -162,7 +162,8 @@ def start_of(
     instrument: Instrument, x: Sequence[np.ndarray], used: Bool[np.ndarray, " readings"]
 ) -> np.ndarray:
     """The state of an instrument that fits its used readings."""
-    kept = replace(instrument, values=instrument.values[used])
+    q, values, rows = (part[used] for part in (instrument.q, instrument.values, instrument.rows))
+    kept = replace(instrument, q=q, values=values, rows=rows)
     return kept.start([points[used] for points in x])
 
 
