@@ -1,4 +1,4 @@
-"""The choice of friction laws by cross-validation, on simulated recordings with noise."""
+"""The choice of friction laws, on simulated recordings with noise."""
 
 from pathlib import Path
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import IdentificationError
+from deltaid.identification import fit as fit_module
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -124,3 +126,19 @@ def test_directions_and_load(tmp_path):
     assert friction["drive2"].load is not None
     for name in values:
         assert result.model.value(name) == pytest.approx(truth[name], rel=0.1), name
+
+
+@pytest.mark.slow
+def test_a_chosen_load_term_that_does_not_settle_is_dropped(tmp_path, monkeypatch):
+    """A described one is refused: only who wrote it knows why it is there."""
+    settled = fit_module.settled
+    monkeypatch.setattr(
+        fit_module,
+        "settled",
+        lambda posed_with, load: (settled(posed_with, load)[0], load is None),
+    )
+    laws, values = {"drive2": {"load": 0.1}}, {"load.drive2": 0.12}
+    result, _ = chosen(tmp_path, laws, "clavel-delta3", values)
+    assert result.model.robot.friction["drive2"].load is None
+    with pytest.raises(IdentificationError, match="does not settle"):
+        identify(robot_with(laws, "clavel-delta3"), [tmp_path / "log.csv"])

@@ -89,6 +89,10 @@ class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
 
 
+class UnsettledFrictionError(IdentificationError):
+    """Friction that depends on load changes from one round of the fit to the next."""
+
+
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """'did you mean P.m? ', or nothing where no known name is like it."""
     names = list(known)

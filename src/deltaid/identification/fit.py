@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
-from deltaid.errors import IdentificationError
+from deltaid.errors import IdentificationError, UnsettledFrictionError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information
@@ -118,16 +118,15 @@ def fit(
         load = prior_parameters(robot) if robot.load_drives else None
         problem, is_settled = settled(posed_with, load)
         if not is_settled:
-            raise IdentificationError(
+            raise UnsettledFrictionError(
                 "friction that depends on load does not settle: the recording cannot separate it "
-                "from "
-                "the rest",
+                "from the rest",
                 cure="leave the load term out of the friction law of "
                 + ", ".join(robot.load_drives),
             )
     except IdentificationError as error:
         where = error.where or ", ".join(str(recording.path) for recording in recordings)
-        raise IdentificationError(error.what, where=where, cure=error.cure) from error
+        raise type(error)(error.what, where=where, cure=error.cure) from error
     return problem
 
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import fitted_effects
 from deltaid.estimation.additions import of_each
+from deltaid.errors import UnsettledFrictionError
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
@@ -160,6 +161,18 @@ def identify(
 
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
+    """The confirmed fit of a setup; without friction of load where that does not settle and only
+    the choice of laws has it."""
+    try:
+        return _confirmed(first, progress)
+    except UnsettledFrictionError:
+        if first.robot.load_drives:
+            raise
+        barred = first.barred | {(joint, "load") for joint in first.robot.friction}
+        return _confirmed(first.changed(barred=barred), progress)
+
+
+def _confirmed(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
     excerpts missed anything, and without corrections that it does not confirm, and terms of
     friction and effects that it puts at zero."""
@@ -175,11 +188,11 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
             setup, problem = confirmed, fitted(confirmed)
     setup, detected = unwatched(setup)
     if detected:
-        return _fitted(first.changed(closely=True), progress)
+        return _confirmed(first.changed(closely=True), progress)
     needless = idle(setup, problem)
     barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
     if (barred, effects) != (first.barred, first.barred_effects):
-        return _fitted(first.changed(barred=barred, barred_effects=effects), progress)
+        return _confirmed(first.changed(barred=barred, barred_effects=effects), progress)
     return setup, problem
 
 
