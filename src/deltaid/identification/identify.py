@@ -10,8 +10,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import fitted_effects
-from deltaid.estimation.additions import of_each
 from deltaid.errors import UnsettledFrictionError
+from deltaid.estimation.additions import of_each
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
