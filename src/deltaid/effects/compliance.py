@@ -55,7 +55,7 @@ _SWEEPS, _SETTLED, _BETTER = 8, 0.3, 2.5
 # The search stops after a first step below these.
 _HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
 # How far gears wind up at most, as a share of a drive's range, to begin with.
-_SHARES = 2e-3 * 2.0 ** np.arange(6)
+_SHARES = 1e-3 * 2.0 ** np.arange(7)
 # The same for any gear: beyond that the linearised winding means nothing.
 _SOFTEST = 4.0 * _SHARES[-1]
 # A gear that winds up by so many radians or metres at a drive's largest torque, for differences.

@@ -31,6 +31,9 @@ class Zeros(UnknownEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.weighted([point.slopes.of_zero(i) for i in range(point.dof)])
 
+    def stated(self, robot: RobotDescription) -> Deviations:
+        return np.array([robot.tolerances.of_drive(drive) for drive in robot.drives])
+
 
 class GearRatios(UnknownEffect):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
@@ -93,6 +96,9 @@ class Lengths(UnknownEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         lengths = lengths_of(point.dynamics.robot)
         return point.weighted([point.slopes.of_length(number) for _, _, number in lengths])
+
+    def stated(self, robot: RobotDescription) -> Deviations:
+        return np.array([robot.tolerances.of_length(name) for name, _, _ in lengths_of(robot)])
 
     def subjects(self, robot: RobotDescription) -> Sequence[str]:
         return [f"{name} of limb {i + 1}" for name, i, _ in lengths_of(robot)]

@@ -25,6 +25,8 @@ SIZE = 0.05
 # Coulomb's: over speed, by direction; and of how it changes over a recording, by the degree of the
 # polynomial.
 _CURVE, _ONE_WAY, _WARM = 0.15, 0.1, (0.1, 0.03)
+# What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
+_USUAL = 1e-3
 
 Deviations = Float[np.ndarray, " coefficients"]
 
@@ -66,6 +68,10 @@ class UnknownEffect(ABC):
             return np.full(columns.shape[2], self.deviation)
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
+
+    def stated(self, robot: RobotDescription) -> Deviations:
+        """Standard deviations that a description states itself; one zero where it has none."""
+        return np.zeros(1)
 
     def is_possible(self, values: Deviations) -> bool:
         """Whether physics allows such coefficients; others stand for another cause."""
@@ -190,7 +196,6 @@ class WindUp(UnknownEffect):
     name = "compliance"
     is_candidate = False
     is_positive = True
-    deviation = 3e-5
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         dof, rate = point.dof, point.trace.low_pass.rate
@@ -206,6 +211,10 @@ class WindUp(UnknownEffect):
         return point.weighted([
             point.slopes.of_motion(*(turn * own for turn in turns)) for own in np.eye(dof)
         ])  # fmt: skip
+
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
+        """As gears usually wind up at the largest torque of each drive."""
+        return _USUAL * np.ptp(point.q, axis=0) / point.largest
 
 
 BESIDE: tuple[UnknownEffect, ...] = (

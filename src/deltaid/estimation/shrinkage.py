@@ -142,7 +142,7 @@ class Shrunk:
 
     def deviation(self, group: CauseColumns) -> Float[np.ndarray, " k"]:
         """Standard deviations of a group's coefficients, by scatter where that is larger."""
-        return np.sqrt(np.diag(self.covariance)[group.columns]) * np.sqrt(self._level(group))
+        return np.sqrt(np.diag(self.covariance)[group.columns]) * np.sqrt(self.level(group))
 
     def price(self, group: CauseColumns) -> float:
         """What the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g."""
@@ -152,7 +152,14 @@ class Shrunk:
 
     def surprise(self, group: CauseColumns) -> float:
         """Of the price of a group, by the scatter of its rows [decades]."""
-        return surprise(self.price(group) / self._level(group), len(group.columns))
+        return surprise(self.price(group) / self.level(group), len(group.columns))
+
+    def is_beyond(self, group: CauseColumns, stated: Float[np.ndarray, " k"]) -> bool:
+        """Whether rows ask for more of a group than the largest scale of its prior, and of standard
+        deviations that are stated besides."""
+        x = np.abs(self.x[group.columns] - group.mean)
+        is_stated = np.sqrt(np.mean(x**2)) <= _HIGH * np.sqrt(np.mean(stated**2))
+        return bool(self.alpha[self.groups.index(group)] >= _HIGH and not is_stated)
 
     def size(self, group: CauseColumns) -> float:
         """RMS of what no other column explains of a group, as a share of the largest value."""
@@ -160,7 +167,7 @@ class Shrunk:
         rows = sum(len(block.b) for block in self.blocks)
         return float(np.sqrt(self.price(group) / rows * np.mean(np.square(shares))))
 
-    def _level(self, group: CauseColumns) -> float:
+    def level(self, group: CauseColumns) -> float:
         """Variance of the noise along a group's columns by its scatter between stretches, as a
         multiple of the white noise's, and at least that."""
         scatter = white = 0.0
@@ -202,7 +209,7 @@ class Shrunk:
         S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
         w, V = np.linalg.eigh(S)
         w, V = w[w > _NOTHING], V[:, w > _NOTHING]
-        level = self._level(group)
+        level = self.level(group)
         s = V.T @ ((r[own] - half.T @ right) * unit)
         return np.sqrt(w / level)[:, None] * V.T / unit, s / np.sqrt(w * level)
 

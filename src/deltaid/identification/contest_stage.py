@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import Parameters, compiled
+from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import AtDrives, DriveSpring, with_rests
 from deltaid.effects.at_platform import AtPlatform, platform_forces
-from deltaid.effects.contest import SEEN
 from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.effects.unknown import Added, UnknownEffect
@@ -17,15 +16,15 @@ from deltaid.effects.windings import motors_of
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
+from deltaid.identification.contest_outcome import decided, doubted, is_settled, refuted, why_not
 from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
 from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Progress, Setup
-from deltaid.identification.study import ADEQUATE, rests
-from deltaid.model.corrections import Inseparable, Kind, cause_in_words
-from deltaid.model.verdict import listed, percent
+from deltaid.model.corrections import Kind
+from deltaid.recording.gears import Gears
 from deltaid.recording.readings import Readings
 
-# Sweeps at most, and the step of what is applied, in standard deviations, below which they end.
-_SWEEPS, _SETTLED = 8, 0.2
+# Sweeps at most.
+_SWEEPS = 8
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
 # the fit widens it as much and says so.
 _WIDER = 10.0
@@ -56,17 +55,17 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         last = full.reduced()
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
-        after, sweep = _outcome(before, last).within_limits(), sweep + 1
+        after, sweep = decided(before, last).within_limits(), sweep + 1
         now = _read(bare, after, largest, last.p)
         if after.doubts != before.doubts:
             sweep = 0  # others may take part in its place
-        elif sweep == _SWEEPS or _is_settled(before, after):
-            if not after.kept:
+        elif sweep == _SWEEPS or is_settled(before, after):
+            if not after.kept and (_gears(bare) or not after.winds_up):
                 return bare.changed(outcome=after) if after.doubts else bare
-            after = _doubted(after, full, last, undecided)
+            after = doubted(after, full, last, undecided)
             setup = _finished(now, after, last)
-            if (left := _left(setup)) > ADEQUATE:
-                return bare.changed(outcome=_refuted(after, left, last.p - plain))
+            if why := why_not(setup, last):
+                return bare.changed(outcome=refuted(after, why, last.p - plain))
             return estimated_anew(setup, progress)
         before, full = after, _swept(now, after, _traces(now), last.p, sweep)
 
@@ -99,9 +98,13 @@ def _swept(
 
 def _begun(bare: Setup) -> ContestOutcome:
     """Nothing but gears that wind up, as far as they have been turned back."""
-    gears = [r.repairs.gears for r in bare.recordings if r.repairs.gears is not None]
-    wound = {WIND_UP: np.array(gears[0].compliance)} if gears else {}
+    wound = {WIND_UP: np.array(gears[0].compliance)} if (gears := _gears(bare)) else {}
     return ContestOutcome(bare.robot, values=wound)
+
+
+def _gears(setup: Setup) -> list[Gears]:
+    """Those that are turned back, a recording each."""
+    return [r.repairs.gears for r in setup.recordings if r.repairs.gears is not None]
 
 
 def _bare(setup: Setup) -> Setup:
@@ -146,79 +149,6 @@ def _allowed(
             or unknown.name in before.doubts
         )
     )  # fmt: skip
-
-
-def _outcome(before: ContestOutcome, last: Contest) -> ContestOutcome:
-    """What is kept, with what had been applied before."""
-    kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
-    winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
-    exact = (*kept, WIND_UP) if winds_up else kept
-    for unknown in UNKNOWNS:
-        if not (unknown.corrects or unknown.name == WIND_UP):
-            continue
-        if unknown.name not in exact:
-            values.pop(unknown.name, None)
-            continue
-        group = last.group(unknown.name)
-        values[unknown.name] = unknown.possible(last.shrunk.x[group.columns] - group.mean)
-        deviations[unknown.name] = last.shrunk.deviation(group)
-    return ContestOutcome(before.described, kept, values, deviations, doubts=before.doubts)
-
-
-def _doubted(
-    outcome: ContestOutcome, full: Contest, last: Contest, undecided: Parameters
-) -> ContestOutcome:
-    """With what is uncertain about it.
-
-    Args:
-        undecided: what parameters move by where all causes may be as large as rows allow.
-    """
-    names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
-    exact = (*outcome.kept, *outcome.values)
-    held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
-    moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
-    return replace(
-        outcome,
-        moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
-        inseparable=tuple(
-            Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
-            for kept, other in rivals
-        ),
-    )
-
-
-def _left(setup: Setup) -> float:
-    """The largest share of a drive's torque that is more than noise and no effect explains."""
-    every = (rest for study in setup.studies if study for rest in rests(study))
-    return max((rest.part for rest in every if rest.is_unexplained), default=0.0)
-
-
-def _refuted(outcome: ContestOutcome, left: float, move: Parameters) -> ContestOutcome:
-    """Nothing is corrected that would leave too much: something else acts on the robot.
-
-    Args:
-        move: of parameters, by what would have been corrected.
-    """
-    kinds = dict.fromkeys(name.split(" of ")[0] for name in outcome.kept)
-    named = listed([cause_in_words(kind) for kind in kinds])
-    doubt = (
-        f"something acts on the robot that no known effect explains: with corrections of {named} "
-        f"{percent(left)} of a drive's torque would be left, so nothing of it is corrected; "
-        "intervals count what these would change"
-    )
-    names = compiled(outcome.described).layout.names
-    moves = (*outcome.moves, dict(zip(names, move.tolist(), strict=True)))
-    return ContestOutcome(
-        outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt}
-    )
-
-
-def _is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
-    same = before.kept == after.kept and before.values.keys() == after.values.keys()
-    return same and all(
-        np.all(np.abs(values - before.values[name]) <= _SETTLED * after.deviations[name])
-        for name, values in after.values.items()
-    )
 
 
 def _read(bare: Setup, outcome: ContestOutcome, largest: Coefficients, p: Parameters) -> Setup:

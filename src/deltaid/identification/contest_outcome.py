@@ -1,0 +1,126 @@
+"""What a contest of causes has come to: what it keeps, by how much, how uncertain that is, and
+whether it may be what acts on the robot."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Parameters, compiled
+from deltaid.effects.all import UNKNOWNS
+from deltaid.effects.contest import SEEN
+from deltaid.effects.lag_groups import agree, common_lag
+from deltaid.identification.contest import Contest
+from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Setup
+from deltaid.identification.study import ADEQUATE, rests
+from deltaid.model.corrections import Inseparable, cause_in_words
+from deltaid.model.verdict import listed, percent
+from deltaid.robot.description import RobotDescription
+
+# The step of what is applied, in standard deviations, below which sweeps end.
+_SETTLED = 0.2
+
+
+def decided(before: ContestOutcome, last: Contest) -> ContestOutcome:
+    """What is kept, with what had been applied before."""
+    kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
+    winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
+    exact = (*kept, WIND_UP) if winds_up else kept
+    for unknown in UNKNOWNS:
+        if not (unknown.corrects or unknown.name == WIND_UP):
+            continue
+        if unknown.name not in exact:
+            values.pop(unknown.name, None)
+            continue
+        group = last.group(unknown.name)
+        values[unknown.name] = unknown.possible(last.shrunk.x[group.columns] - group.mean)
+        deviations[unknown.name] = last.shrunk.deviation(group)
+    if winds_up:
+        values[WIND_UP] = _wound(before.described, last, values[WIND_UP])
+    return ContestOutcome(before.described, kept, values, deviations, doubts=before.doubts)
+
+
+def _wound(robot: RobotDescription, last: Contest, compliance: Coefficients) -> Coefficients:
+    """Compliances of gears: the same for identical limbs unless these contradict it, and none that
+    is within its standard deviation."""
+    group, limbs = last.group(WIND_UP), robot.limbs
+    if limbs is not None and limbs.identical:
+        own = group.columns[: limbs.count]
+        covariance = last.shrunk.covariance[np.ix_(own, own)] * last.shrunk.level(group)
+        if agree(compliance[: limbs.count], covariance):
+            common = common_lag(compliance[: limbs.count], covariance)[0]
+            compliance = np.append(np.full(limbs.count, common), compliance[limbs.count :])
+    return np.where(compliance > last.shrunk.deviation(group), compliance, 0.0)
+
+
+def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
+    same = before.kept == after.kept and before.values.keys() == after.values.keys()
+    return same and all(
+        np.all(np.abs(values - before.values[name]) <= _SETTLED * after.deviations[name])
+        for name, values in after.values.items()
+    )
+
+
+def doubted(
+    outcome: ContestOutcome, full: Contest, last: Contest, undecided: Parameters
+) -> ContestOutcome:
+    """With what is uncertain about it.
+
+    Args:
+        undecided: what parameters move by where all causes may be as large as rows allow.
+    """
+    names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
+    exact = (*outcome.kept, *outcome.values)
+    held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
+    moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    return replace(
+        outcome,
+        moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
+        inseparable=tuple(
+            Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
+            for kept, other in rivals
+        ),
+    )
+
+
+def why_not(setup: Setup, last: Contest) -> str:
+    """Why what is kept is not what acts on the robot; empty where it may be.
+
+    One gross error of a description explains all by itself. Where it needs others beside it, it
+    stands for something else.
+    """
+    kept, robot = last.shrunk.candidates, last.rows.dynamics.robot
+    errors = [unknown for unknown in UNKNOWNS if unknown.name in kept]
+    beyond = [
+        unknown.name for unknown in errors
+        if last.shrunk.is_beyond(last.group(unknown.name), unknown.stated(robot))
+    ]  # fmt: skip
+    if beyond and len(kept) > 1:
+        return f"{_named(beyond)} would be further off than they ever are"
+    every = (rest for study in setup.studies if study for rest in rests(study))
+    left = max((rest.part for rest in every if rest.is_unexplained), default=0.0)
+    return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
+
+
+def refuted(outcome: ContestOutcome, why: str, move: Parameters) -> ContestOutcome:
+    """Nothing is corrected: something else acts on the robot.
+
+    Args:
+        move: of parameters, by what would have been corrected.
+    """
+    doubt = (
+        "something acts on the robot that no known effect explains: with corrections of "
+        f"{_named(outcome.kept)} {why}, so nothing of it is corrected; intervals count what these "
+        "would change"
+    )
+    names = compiled(outcome.described).layout.names
+    moves = (*outcome.moves, dict(zip(names, move.tolist(), strict=True)))
+    return ContestOutcome(
+        outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt}
+    )
+
+
+def _named(effects: Collection[str]) -> str:
+    """Their kinds in words, each once."""
+    kinds = dict.fromkeys(name.split(" of ")[0] for name in effects)
+    return listed([cause_in_words(kind) for kind in kinds])
