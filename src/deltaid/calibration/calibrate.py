@@ -16,7 +16,7 @@ from deltaid.calibration.outlook import Direction, Places, open_directions, plac
 from deltaid.calibration.readings import Measurements, ReadingsLike, read
 from deltaid.calibration.robot_file import calibrated_robot
 from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
@@ -138,14 +138,22 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         """Numbers that are farther from the description than it allows, noise that is smaller than
         stated, and what checks of recordings doubt."""
         far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
-        doubts = [
-            f"{self.names[k]} is {far[k]:.2g} standard deviations from its description"
+        doubts: list[str] = [
+            Doubt(
+                f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
+                cause="a tolerance that is too small for the part",
+                cure="measure it, or state its tolerance in the robot file",
+            )
             for k in np.argsort(-far)[:3]
             if far[k] > 5
         ]
         doubts += [
-            f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so intervals "
-            "are too wide; state how well it reads with --columns"
+            Doubt(
+                f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so "
+                "intervals are too wide",
+                cause="an instrument that reads better than stated",
+                cure="state how well it reads with --columns",
+            )
             for x in self.sessions
             if x.quiet
         ]
@@ -153,8 +161,12 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             doubts += torques.doubts
             if torques.grown > _GROWN:
                 doubts.append(
-                    f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× their "
-                    "noise; run deltaid check on this recording"
+                    Doubt(
+                        f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× "
+                        "their noise",
+                        cause="a fault of this recording",
+                        cure="run deltaid check on it",
+                    )
                 )
         return tuple(doubts)
 

@@ -177,7 +177,7 @@ def _doubts(
                 cure="; ".join(dict.fromkeys(verdict.cure for verdict in wrong)),
             )
         doubts |= {
-            f"{record.table.path}: {verdict.finding}": None
+            f"{record.table.path}: {verdict.sentence}": None
             for verdict in verdicts
             if verdict.grade is Grade.DOUBTFUL and verdict.key != "homing-or-tilt"
         }
