@@ -158,7 +158,9 @@ def test_noise_larger_than_stated_widens_intervals_and_excludes_nothing(seed: in
     found = deltaid.calibrate(CLAVEL, points=readings)
     assert found.sessions[0].excluded == ()
     assert found.sessions[0].grown == pytest.approx(10, rel=0.2)
-    assert "if residuals" in found.verdict
+    assert found.verdict.startswith("doubtful: ")
+    (doubt,) = found.doubts
+    assert "× the stated noise; likeliest cause: rows beside other poses" in doubt
 
 
 @pytest.fixture(scope="module")

@@ -95,6 +95,7 @@ DAMAGE = {
     "nothing": ("points", lambda frame: frame.head(0), "has no rows"),
     "one place": ("points", changed(**ALONE), "in one place"),
     "line": ("bed", changed(x=pl.lit(0.0)), "lie on a line"),
+    "z down": ("bed", changed(z=-pl.col("z")), "does not stand at this point"),
     "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
     "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
     "negative": ("parts", changed(distance=-pl.col("distance")), "not positive"),
@@ -171,6 +172,19 @@ def test_noise_that_is_stated_ten_times_too_large_is_named(files: Path, tmp_path
     (doubt,) = stated.doubts
     assert "the stated noise, so intervals are too wide" in doubt
     assert deltaid.calibrate(CLAVEL, points=files / "points.csv").doubts == ()
+
+
+def test_readings_that_are_given_twice_or_to_another_option_are_refused(
+    files: Path, tmp_path: Path
+) -> None:
+    points, longer = files / "points.csv", tmp_path / "longer.csv"
+    frame = pl.read_csv(points)
+    pl.concat([frame, frame[:3] + 1e-4]).write_csv(longer)  # exported again with more poses
+    for again in (points, longer):
+        given = ("calibrate", CLAVEL, "--points", points, "--points", again)
+        assert "40 rows are the same as in " in refused(*given, folder=tmp_path)
+    touches = ("calibrate", CLAVEL, "--probe", points)
+    assert "give the file with --points" in refused(*touches, folder=tmp_path)
 
 
 def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:

@@ -5,53 +5,30 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from deltaid.calibration.fit import fit, is_quiet
+from deltaid.calibration.fit import fit
 from deltaid.calibration.gauss_newton import GeometryFit
-from deltaid.calibration.instruments import KINDS, Instrument, ProbeReadings
+from deltaid.calibration.instruments import KINDS, Instrument
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.mistakes import require_sense
+from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ReadingsLike, read
 from deltaid.calibration.robot_file import calibrated_robot
+from deltaid.calibration.sessions import MeasuringSession, session
 from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
 from deltaid.errors import Doubt, RecordingError
 from deltaid.estimation.information import triangle
+from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
-from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Half width of a 95 % interval, in standard deviations.
 WIDE = 1.96
 # Noise that is so many times as large as stated is doubted.
 _GROWN = 2.0
-
-
-@dataclass(frozen=True)
-class MeasuringSession:
-    """Readings of one file.
-
-    Attributes:
-        kind, source: of the instrument, and its file.
-        readings: how many there are.
-        excluded: what was excluded, in words.
-        residual: of those used, root mean square [m].
-        noise: standard deviation that the fit took [m].
-        grown: how many times that is what was stated.
-        quiet: whether residuals are far below that, as where noise is stated ten times too large.
-    """
-
-    kind: PoseKind
-    source: str
-    readings: int
-    excluded: tuple[str, ...]
-    residual: float
-    noise: float
-    grown: float
-    quiet: bool
 
 
 @dataclass(frozen=True)
@@ -126,17 +103,15 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         """The main result in one sentence or two."""
         said = (
             f"positions to {_mm(self.after.position)} mm ({_mm(self.before.position)} before, "
-            f"{_mm(self.after.worst)} at worst); sizes to {_percent(self.after.size)}"
+            f"{_mm(self.after.worst)} at worst); sizes to {percent(self.after.size)}"
         )
-        noisy = [x for x in self.sessions if x.grown > _GROWN]
-        if noisy:
-            return f"doubtful: {said}, if residuals {noisy[0].grown:.2g}× the noise are noise"
-        return f"doubtful: {said}" if self.open else f"good: {said}"
+        noisy = any(x.grown > _GROWN for x in self.sessions)
+        return f"doubtful: {said}" if self.open or noisy else f"good: {said}"
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Numbers that are farther from the description than it allows, noise that is smaller than
-        stated, and what checks of recordings doubt."""
+        """Numbers that are farther from the description than it allows, noise that is larger or
+        smaller than stated, and what checks of recordings doubt."""
         far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
         doubts: list[str] = [
             Doubt(
@@ -146,6 +121,15 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             )
             for k in np.argsort(-far)[:3]
             if far[k] > 5
+        ]
+        doubts += [
+            Doubt(
+                f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
+                cause="rows beside other poses, or numbers held or shared that differ",
+                cure="compare the rows with their poses, or state the noise with --columns",
+            )
+            for x in self.sessions
+            if x.grown > _GROWN
         ]
         doubts += [
             Doubt(
@@ -238,6 +222,7 @@ def calibrate(
     for kind in KINDS:
         for source in _several(given[kind]):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
+            require_own(instruments[-1], instruments[:-1])
             require_sense(loops, known, instruments[-1])
     if not instruments:
         raise RecordingError(
@@ -283,7 +268,7 @@ def result(description: RobotDescription, found: GeometryFit) -> Calibration:
         std=found.std,
         decided=decided,
         shares=shares,
-        sessions=tuple(_session(found, i) for i in range(len(found.instruments))),
+        sessions=tuple(session(found, i) for i in range(len(found.instruments))),
         rank=int(np.sum(s > 1)),
         before=_knows(over, known.G),
         after=_knows(over, known.G @ found.root),
@@ -298,47 +283,5 @@ def _knows(over: Places, root: Float[np.ndarray, "numbers _"]) -> Knows:
     return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), over.size(root))
 
 
-def _session(found: GeometryFit, i: int) -> MeasuringSession:
-    instrument, used, rows = found.instruments[i], found.used[i], found.rows[i]
-    excluded = []
-    for k in np.flatnonzero(~used):
-        same = _earlier(instrument, int(k))
-        why = f"off by {1e3 * np.abs(found.errors[i][k]).max():.3g} mm"
-        if same is not None:
-            why = f"the same as row {instrument.rows[same]}"
-        elif (other := _mistaken(instrument, found.errors[i], int(k), ~used)) is not None:
-            why += f", it fits the pose of row {instrument.rows[other]}"
-        excluded.append(f"row {instrument.rows[k]}: {why}")
-    return MeasuringSession(
-        instrument.kind, instrument.source, len(used), tuple(excluded),
-        float(np.sqrt(np.mean(rows.error**2))) * instrument.noise, instrument.noise, found.grown[i],
-        is_quiet(found, i),
-    )  # fmt: skip
-
-
-def _earlier(instrument: Instrument, k: int) -> int | None:
-    """An earlier row with the same numbers."""
-    flat = np.hstack([instrument.q.reshape(len(instrument.q), -1), instrument.values])
-    same = np.flatnonzero((flat[:k] == flat[k]).all(axis=1))
-    return int(same[0]) if same.size else None
-
-
-def _mistaken(
-    instrument: Instrument,
-    errors: Float[np.ndarray, "readings values"],
-    k: int,
-    excluded: Bool[np.ndarray, " readings"],
-) -> int | None:
-    """The other excluded row whose prediction a reading fits, to a hundredth of its error."""
-    predicted = instrument.values - errors
-    far = np.linalg.norm(instrument.values[k] - predicted, axis=1)
-    others = np.flatnonzero(excluded & (far < 0.01 * far[k]))
-    return int(others[0]) if others.size and not isinstance(instrument, ProbeReadings) else None
-
-
 def _mm(value: float) -> str:
     return f"{1e3 * value:.2g}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"

@@ -43,7 +43,7 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
         IdentificationError: no geometry is found, or more than a fifth of an instrument's readings
             fit none.
     """
-    single = [_single(instrument) for instrument in instruments]
+    single = [x.repeats == np.arange(len(x.repeats)) for x in instruments]
     used = [
         _near(loops, known, instrument, own)
         for instrument, own in zip(instruments, single, strict=True)
@@ -121,13 +121,6 @@ def _near(
         if not worst.any():
             return used
         used = used & ~worst
-
-
-def _single(instrument: Instrument) -> Bool[np.ndarray, " readings"]:
-    """Readings but those that stand in the file before, digit by digit."""
-    flat = np.hstack([instrument.q.reshape(len(instrument.q), -1), instrument.values])
-    first = np.unique(flat, axis=0, return_index=True)[1]
-    return np.isin(np.arange(len(flat)), first)
 
 
 def _require_most(found: GeometryFit) -> None:

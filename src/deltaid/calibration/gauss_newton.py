@@ -133,7 +133,8 @@ def solved(
         raise IdentificationError(
             "the geometry does not settle",
             where=", ".join(instrument.source for instrument in instruments),
-            cure="hold numbers that the readings cannot know, such as --hold upper_arm",
+            cure="check that these are readings of this robot by this instrument; or hold numbers "
+            "that they cannot know, such as --hold upper_arm",
         )
     knowledge = Knowledge(D).and_rows(np.vstack([part.A for part in rows]))
     residuals = tuple(

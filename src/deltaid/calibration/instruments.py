@@ -9,6 +9,7 @@ Distances   |x_A − x_B| of a calliper or ballbar
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -56,6 +57,17 @@ class Instrument(ABC):
     values: Float[np.ndarray, "rows values"]
     noise: float
     rows: Int[np.ndarray, " rows"]
+
+    @cached_property
+    def numbers(self) -> Float[np.ndarray, "rows numbers"]:
+        """All numbers of each reading."""
+        return np.hstack([self.q.reshape(len(self.q), -1), self.values])
+
+    @cached_property
+    def repeats(self) -> Int[np.ndarray, " rows"]:
+        """Of each reading, the first that has the same numbers, digit by digit."""
+        _, first, which = np.unique(self.numbers, axis=0, return_index=True, return_inverse=True)
+        return first[which.ravel()]
 
     @abstractmethod
     def start(self, x: Sequence[Points]) -> np.ndarray:

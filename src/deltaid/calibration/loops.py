@@ -16,14 +16,15 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.unknowns import Unknowns
+from deltaid.calibration.unknowns import TOOL, Unknowns
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.platform import build_platform
-from deltaid.mechanism.rotation import Path, fixed, skew
+from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limbs import LimbGeometry, rotation
+from deltaid.robot.limbs import LimbGeometry
+from deltaid.robot.limbs import rotation as turned
 
 # Newton's method doubles its digits a step: from a centimetre to rounding in five; more are for
 # poses near singularities. Loops count as closed below a picometre.
@@ -66,20 +67,22 @@ class Loops:
         n, theta = len(known.numbers), ca.SX.sym("theta", len(known.numbers))
         size = 6 if known.apart else self.limbs
         y, q = ca.SX.sym("y", size), ca.SX.sym("q", self.limbs)
-        value = {number.name: theta[k] for k, number in enumerate(known.numbers)}
+        limbs = [
+            {kind: theta[k] for kind, k in known.of_limb(i).items()}
+            for i in (*range(self.limbs), -1)
+        ]
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
         rest = ca.SX.zeros(z.numel())
         motion = Path(z, rest, rest)
-        points = build_platform(robot, motion, value.get("platform.half")).points
+        points = build_platform(robot, motion, limbs[-1].get("half")).points
         turn = _turned(y[3:6]) if known.apart else ca.SX.eye(3)
         gaps, x = [], y[:3]
         for i, limb in enumerate(robot.limb_geometry):
-            own = {key.partition(".")[2]: v for key, v in value.items() if f"limb{i + 1}." in key}
             seat = points[i].at - y[:3]
             sides = (-0.5, 0.5) if known.apart else (0.0,)
-            gaps += [_gap(limb, own, q[i], (y[:3], turn, seat), side) for side in sides]
+            gaps += [_gap(limb, limbs[i], q[i], (y[:3], turn, seat), side) for side in sides]
         if known.apart:
-            offset = ca.DM(list(tool)) + ca.vertcat(*[value[f"tool_{axis}"] for axis in "xyz"])
+            offset = ca.DM(list(tool)) + ca.vertcat(*[limbs[-1][key] for key in TOOL])
             x = x + turn @ offset
         c = ca.vertcat(*gaps)
         self._size, self._n = size, n
@@ -162,12 +165,8 @@ def _turned(angles: ca.SX) -> ca.SX:
     return ca.SX.eye(3) + S + S @ S / 2 + S @ S @ S / 6
 
 
-def _turn(axis: int, angle: ca.SX) -> ca.SX:
-    """A turn about axis 0, 1 or 2."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = ca.SX.eye(3)
-    R[i, i], R[j, j], R[i, j], R[j, i] = ca.cos(angle), ca.cos(angle), -ca.sin(angle), ca.sin(angle)
-    return R
+def _turn(axis: str, angle: ca.SX) -> ca.SX:
+    return rotation(Turn(axis, ca.cos(angle), ca.sin(angle), ca.SX(0), ca.SX(0))).R
 
 
 def _gap(
@@ -188,18 +187,17 @@ def _gap(
     """
     r, turn, seat = platform
     q = own["zero"] + q * (1 + own.get("scale", 0.0))
+    axes = fixed(mounting_axes(limb))
     if limb.drive == "rotary":
         # the frame L is the upright one, turned about its x by the tilt
-        frame: ca.SX = _turn(2, own["azimuth"]) @ fixed(limb.R_WL) @ _turn(0, own["tilt"])
-        axes = fixed(upright(limb))
+        frame: ca.SX = _turn("z", own["azimuth"]) @ fixed(limb.R_WL) @ _turn("x", own["tilt"])
         moved = ca.vertcat(own["base_out"], own["base_across"], own["base_up"])
         arm = limb.upper_arm + own["upper_arm"]
         elbow = frame @ ca.vertcat(arm * ca.cos(q), 0, -arm * ca.sin(q))
     else:
-        axes = fixed(rail_frame(limb))
         frame = fixed(limb.R_WL)
         moved = ca.vertcat(own["rail_out"], own["rail_across"], 0)
-        elbow = axes @ _turn(0, own["lean_across"]) @ _turn(1, -own["lean_out"])
+        elbow = axes @ _turn("x", own["lean_across"]) @ _turn("y", -own["lean_out"])
         elbow = -q * elbow[:, 2]
     elbow = fixed(limb.base) + axes @ moved + elbow
     strut = limb.strut + own["strut"]
@@ -212,15 +210,12 @@ def _gap(
     return ca.norm_2(r + turn @ seat - elbow) - strut
 
 
-def upright(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes out, across and up of a rotary limb: those of L without its tilt about x."""
-    out = limb.R_WL[:, 0]
-    up = np.array([0.0, 0.0, 1.0])
-    return np.column_stack([out, np.cross(up, out), up])
-
-
-def rail_frame(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes of a rail: across it in the limb's plane (outwards where it is upright), across it
-    sideways, and against its positive direction."""
-    tilt = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
-    return limb.R_WL @ rotation("y", -float(tilt))
+def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
+    """Axes out, across and up of a rotary limb, those of L without its tilt about x; of a rail,
+    across it in the limb's plane (outwards where it is upright), across it sideways, and against
+    its positive direction."""
+    if limb.drive == "rotary":
+        out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
+        return np.column_stack([out, np.cross(up, out), up])
+    lean = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
+    return limb.R_WL @ turned("y", -float(lean))

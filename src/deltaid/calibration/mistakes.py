@@ -4,7 +4,7 @@ Each is a hypothesis under which the described robot fits the readings; one that
 better than what the file says is named with its cure, and nothing is computed from the file.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
@@ -35,6 +35,9 @@ _SAME = 1e-3
 _ALLOWED = 5.0
 # A hypothesis explains readings that leaves this share of the misfit.
 _EXPLAINS = 0.3
+# Rows of a file that chance makes the same as in another are a smaller share, however coarse the
+# readings are.
+_COPIED = 0.8
 # Points whose order is searched; the search grows with the cube.
 _ORDERED = 300
 
@@ -71,6 +74,24 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
             where=instrument.source,
             cure="; or ".join(dict.fromkeys(cure for _, _, cure in like)),
         )
+
+
+def require_own(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
+    """Refuse a file most of whose rows stand in an earlier one too, digit by digit.
+
+    Raises:
+        RecordingError: readings would count twice.
+    """
+    for other in earlier:
+        shorter, longer = sorted((instrument.numbers, other.numbers), key=len)
+        rows = {row.tobytes() for row in longer}
+        same = sum(row.tobytes() in rows for row in shorter)
+        if other.kind == instrument.kind and same > _COPIED * len(shorter):
+            raise RecordingError(
+                f"{same} rows are the same as in {other.source}, and would count twice",
+                where=instrument.source,
+                cure="give each reading once",
+            )
 
 
 def _require_enough(instrument: Instrument) -> None:

@@ -37,6 +37,8 @@ _READ: dict[PoseKind, tuple[str, ...]] = {
 NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
 # A rotary drive turns less than this within its workspace [rad]; more are degrees.
 _WIDE = 2 * np.pi
+# What comes back of a point by the described robot's drives is this near to it [m].
+_CLOSED = 1e-6
 # Readings of a file: a tracker's ten minutes at 30 Hz; a fit of many more takes minutes.
 _MOST = 20_000
 
@@ -79,11 +81,17 @@ def read(
     """The readings of one file or table, in SI units.
 
     Raises:
-        RecordingError: a column is missing, or a number is; there are no rows, or too many; drives
-            look like degrees, or poses are out of reach.
+        RecordingError: the file is of another instrument; a column is missing, or a number is;
+            there are no rows, or too many; drives look like degrees, or poses are out of reach.
     """
     source = as_source(given, kind)
     table = source.table if isinstance(source, Recording) else open_table(source)
+    if kind == "probe" and set(_READ["points"]) <= set(table.header):
+        raise RecordingError(
+            "has px, py, pz: these are points, no touches",
+            where=str(table.path),
+            cure="give the file with --points",
+        )
     where, length = str(table.path), si_factor(columns.unit, "m", where=f"{kind}.unit")
     values = [
         _column(table, columns, name, length)
@@ -111,7 +119,16 @@ def _drives(
         columns.columns.get(f"{end}x", f"{end}x") in table.header
     ):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
-        return _inverse(x, loops, where)
+        q = _inverse(x, loops, where)
+        far = np.linalg.norm(loops.start(q)[:, :3] - x, axis=1)
+        other = np.flatnonzero(~(far < _CLOSED))
+        if other.size:
+            raise RecordingError(
+                "the described robot does not stand at this point",
+                where=table.row_place(table.first_row + int(other[0])),
+                cure="z points up, so most robots work below zero; check signs and axes of x, y, z",
+            )
+        return q
     target = "m" if linear else "rad"
     factor = si_factor(columns.drive_unit or target, target, where="drive_unit")
     q = np.column_stack([_column(table, columns, name, factor) for name in names])

@@ -1,9 +1,11 @@
 """A robot file with an estimated geometry, as far as its keys can hold it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.calibration.loops import rail_frame, upright
+from deltaid.calibration.loops import mounting_axes
 from deltaid.calibration.unknowns import APART, TOOL, Unknowns
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import Limbs
@@ -36,34 +38,22 @@ def calibrated_robot(
     """
     limbs = robot.limbs
     assert limbs is not None  # unknowns refuse others
-    value = dict(zip(known.names, theta.tolist(), strict=True))
-    held = np.ones(len(theta), dtype=bool)
-    each = [_of_limb(value, i) for i in range(limbs.count)]
-    rotary = limbs.drive == "rotary"
-    changed = (_rotary if rotary else _linear)(limbs, each)
-    for k, number in enumerate(known.numbers):
-        upright_rail = abs(limbs.geometry()[number.limb].rail[0]) <= _LEANS
-        held[k] = number.kind not in (*APART, *TOOL) and not (
-            number.kind == "lean_across" and upright_rail
-        )
+    each = [
+        {kind: float(theta[k]) for kind, k in known.of_limb(i).items()}
+        for i in (*range(limbs.count), -1)
+    ]
+    half, rotary = each.pop().get("half", 0.0), limbs.drive == "rotary"
+    upright = abs(limbs.geometry()[0].rail[0]) <= _LEANS
+    unheld = (*APART, *TOOL, *(("lean_across",) if upright else ()))
+    held = np.array([number.kind not in unheld for number in known.numbers])
     updates: dict[str, object] = {
-        "limbs": limbs.changed(
-            base_radius=None,
-            platform_radius=None,
-            platform_points=tuple(tuple(limb.attachment.tolist()) for limb in limbs.geometry()),
-            strut=tuple(
-                limb.strut + own["strut"] for limb, own in zip(limbs.geometry(), each, strict=True)
-            ),
-            **changed,
-        ),
+        "limbs": limbs.changed(**_changed(limbs, each)),
         "tolerances": _tolerances(robot, known, std),
     }
-    if "platform.half" in value and isinstance(robot.platform, H4Platform):
-        half = robot.platform.half_length + value["platform.half"]
-        updates["platform"] = robot.platform.changed(half_length=half)
-    elif "platform.half" in value and isinstance(robot.platform, Par4Platform):
-        length = robot.platform.length + 2 * value["platform.half"]
-        updates["platform"] = robot.platform.changed(length=length)
+    if isinstance(robot.platform, H4Platform):
+        updates["platform"] = robot.platform.changed(half_length=robot.platform.half_length + half)
+    elif isinstance(robot.platform, Par4Platform):
+        updates["platform"] = robot.platform.changed(length=robot.platform.length + 2 * half)
     zeros = {f"drive{i + 1}": own["zero"] for i, own in enumerate(each)} if rotary else {}
     said = "deltaid calibrate"
     if zeros:
@@ -76,42 +66,38 @@ def calibrated_robot(
     return robot.changed(**updates), zeros, scales, held
 
 
-def _of_limb(value: dict[str, float], limb: int) -> dict[str, float]:
-    prefix = f"limb{limb + 1}."
-    return {k.removeprefix(prefix): v for k, v in value.items() if k.startswith(prefix)}
-
-
-def _tilts(limbs: Limbs) -> tuple[float, ...]:
-    given = limbs.tilt_deg
-    return given if isinstance(given, tuple) else (given,) * limbs.count
-
-
-def _rotary(limbs: Limbs, each: list[dict[str, float]]) -> dict[str, object]:
-    bases, azimuths, tilts, arms = [], [], [], []
-    for i, (limb, own) in enumerate(zip(limbs.geometry(), each, strict=True)):
-        moved = [own["base_out"], own["base_across"], own["base_up"]]
-        bases.append(tuple((limb.base + upright(limb) @ moved).tolist()))
-        azimuths.append(limbs.azimuth_deg[i] + float(np.rad2deg(own["azimuth"])))
-        tilts.append(_tilts(limbs)[i] + float(np.rad2deg(own["tilt"])))
-        arms.append(limb.upper_arm + own["upper_arm"])
-    return {
-        "base_points": tuple(bases), "azimuth_deg": tuple(azimuths), "tilt_deg": tuple(tilts),
-        "upper_arm": tuple(arms),
-    }  # fmt: skip
-
-
-def _linear(limbs: Limbs, each: list[dict[str, float]]) -> dict[str, object]:
+def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object]:
+    """Keys of limbs with their estimated numbers."""
+    rotary = limbs.drive == "rotary"
     bases, azimuths, tilts = [], [], []
-    for i, (limb, own) in enumerate(zip(limbs.geometry(), each, strict=True)):
-        moved = [own["rail_out"], own["rail_across"], -own["zero"]]
-        bases.append(tuple((limb.base + rail_frame(limb) @ moved).tolist()))
-        out = float(limb.rail[0])
-        sideways = own["lean_across"] / out if abs(out) > _LEANS else 0.0
-        azimuths.append(limbs.azimuth_deg[i] + float(np.rad2deg(sideways)))
-        tilts.append(_tilts(limbs)[i] + float(np.rad2deg(own["lean_out"])))
-    return {
-        "base_points": tuple(bases), "azimuth_deg": tuple(azimuths), "tilt_deg": tuple(tilts)
-    }  # fmt: skip
+    given = np.broadcast_to(limbs.tilt_deg, limbs.count)
+    for limb, own, azimuth, tilt in zip(
+        limbs.geometry(), each, limbs.azimuth_deg, given, strict=True
+    ):
+        if rotary:
+            moved, sideways, out = ("base_out", "base_across", "base_up"), own["azimuth"], "tilt"
+            by = [own[kind] for kind in moved]
+        else:
+            by, out = [own["rail_out"], own["rail_across"], -own["zero"]], "lean_out"
+            leans = abs(limb.rail[0]) > _LEANS
+            sideways = own["lean_across"] / limb.rail[0] if leans else 0.0
+        bases.append(tuple((limb.base + mounting_axes(limb) @ by).tolist()))
+        azimuths.append(azimuth + float(np.rad2deg(sideways)))
+        tilts.append(float(tilt + np.rad2deg(own[out])))
+    changed: dict[str, object] = {
+        "base_radius": None,
+        "platform_radius": None,
+        "platform_points": tuple(tuple(limb.attachment.tolist()) for limb in limbs.geometry()),
+        "base_points": tuple(bases),
+        "azimuth_deg": tuple(azimuths),
+        "tilt_deg": tuple(tilts),
+    }
+    for kind in ("strut", "upper_arm") if rotary else ("strut",):
+        changed[kind] = tuple(
+            getattr(limb, kind) + own[kind]
+            for limb, own in zip(limbs.geometry(), each, strict=True)
+        )
+    return changed
 
 
 def _tolerances(

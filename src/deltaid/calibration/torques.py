@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaid.calibration.loops import rail_frame, upright
+from deltaid.calibration.loops import mounting_axes
 from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
 from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
@@ -91,7 +91,7 @@ def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarra
 def _mounting(kind: str, limb: LimbGeometry) -> tuple[np.ndarray, np.ndarray]:
     """What a number moves the base point by, and turns the limb by, in the limb's frame."""
     none, x, y, z = np.zeros(3), *np.eye(3)
-    axes = limb.R_WL.T @ (upright if limb.drive == "rotary" else rail_frame)(limb)
+    axes = limb.R_WL.T @ mounting_axes(limb)
     return {
         "base_out": (axes @ x, none), "base_across": (axes @ y, none), "base_up": (axes @ z, none),
         "azimuth": (none, limb.R_WL.T @ z), "tilt": (none, x),

@@ -126,6 +126,10 @@ class Unknowns:
         """Of the numbers, each once."""
         return tuple(dict.fromkeys(number.kind for number in self.numbers))
 
+    def of_limb(self, limb: int) -> dict[str, int]:
+        """Places of the numbers of a limb, or of −1 for platform and tool, by kind."""
+        return {x.kind: k for k, x in enumerate(self.numbers) if x.limb == limb}
+
     def of_kind(self, kind: str) -> list[int]:
         """Places of the numbers of a kind, limb by limb."""
         return [k for k, number in enumerate(self.numbers) if number.kind == kind]

@@ -108,9 +108,9 @@ def calibrate(
     Tracker, bed probe, gauge blocks, calliper and ballbar, in any mixture.
     """
     from deltaid.calibration.calibrate import calibrate as run
-    from deltaid.calibration.firmware import firmware_text
     from deltaid.calibration.next_readings import next_readings
     from deltaid.errors import DeltaidError
+    from deltaid.exports.firmware import firmware_text
     from deltaid.files import together, write_bytes
     from deltaid.sensors.planning.offers import load_offers, shipped_offers
     from deltaid.view.calibration import (

@@ -49,13 +49,19 @@ class CauseColumns:
 
 @dataclass(frozen=True, eq=False)
 class NoiseBlock:
-    """Rows A x = b of one noise level, the stretch of time of each, and the largest measured value
-    beside them."""
+    """Rows A x = b of one noise level.
+
+    Attributes:
+        stretches: of time, of each row.
+        largest: the largest measured value beside them.
+        independent: share of the rows whose noise is independent, behind a low-pass.
+    """
 
     A: Columns
     b: Rows
     stretches: Int[np.ndarray, " rows"]
     largest: float
+    independent: float = 1.0
 
     @cached_property
     def normal(self) -> Float[np.ndarray, "n n"]:

@@ -186,8 +186,8 @@ class Shrunk:
         """A and b, with A x = b in units of the noise all that rows say of the first coefficients
         of a group, whatever all other columns are.
 
-        That noise is by scatter where that is larger. Of the group's other coefficients the prior
-        counts as stated, of these none.
+        That noise is by scatter, or by what the fit leaves where that is more. Of the group's other
+        coefficients the prior counts as stated, of these none.
         """
         own, rest = group.columns[:count], group.columns[count:]
         K, r = self._normal.K.copy(), self._normal.r.copy()
@@ -209,9 +209,20 @@ class Shrunk:
         S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
         w, V = np.linalg.eigh(S)
         w, V = w[w > _NOTHING], V[:, w > _NOTHING]
-        level = self.level(group)
+        level = max(self.level(group), self._unfitted)
         s = V.T @ ((r[own] - half.T @ right) * unit)
         return np.sqrt(w / level)[:, None] * V.T / unit, s / np.sqrt(w * level)
+
+    @property
+    def _unfitted(self) -> float:
+        """Variance of the noise by residuals, Σ e² / (independent rows − those that the fit took),
+        as a multiple of what is assumed."""
+        square = free = 0.0
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            taken = np.sum((self._root @ block.A.T) ** 2) / sigma**2
+            square += float(np.sum(self.residual(block) ** 2)) / sigma**2
+            free += block.independent * len(block.b) - float(taken)
+        return square / max(free, 1.0)
 
     def without(self, names: Collection[str]) -> "Shrunk":
         """The same where the coefficients of some groups are the means of their priors."""

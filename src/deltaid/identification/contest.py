@@ -172,7 +172,8 @@ def contest(
         )
         first += width
     blocks = [
-        NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]))
+        NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]),
+                   point.trace.low_pass.independent)
         for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
     ]  # fmt: skip
     shrunk = Shrunk.fitted(blocks, *rows.prior(first), groups)

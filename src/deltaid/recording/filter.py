@@ -97,6 +97,11 @@ class LowPass:
         return float(np.linalg.norm(self.response))
 
     @property
+    def independent(self) -> float:
+        """Share of the samples kept that white noise leaves independent: n Σ h², n = `thinned`."""
+        return self.noise_gain**2 * self.thinned
+
+    @property
     def speed_gain(self) -> float:
         """Standard deviation of the filtered derivative for white noise of deviation 1 [1/s]."""
         return float(np.linalg.norm(self._both_stages(self.first)))

@@ -100,7 +100,7 @@ def calibration_card(found: Calibration) -> Card:
     grade, _, said = found.verdict.partition(": ")
     return Card(
         f"Geometry of {found.described.title or found.described.name}",
-        (f"{grade.capitalize()}: {said}.",),
+        (f"{grade.capitalize()}: {said}.", *found.doubts),
         grade,
         (("not known", str(len(found.open))), ("readings", str(_readings(found)))),
         number_table(found),
