@@ -39,6 +39,7 @@ from deltaid.fleets.run import fleet as run_fleet
 from deltaid.fleets.step import Chain
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
+from deltaid.model.record import IdentifiedModel
 from deltaid.robot import own
 from deltaid.robot.load import load_robot
 from plant import DAYS, SETTINGS, Plant, manifest, no_workers, plant, recordings
@@ -107,7 +108,7 @@ def without_results(whole: Plant, folder: Path) -> Path:
     return folder
 
 
-def test_a_night_reads_each_factor_file_once_for_its_week_and_once_for_all(
+def test_a_night_reads_each_factor_file_once_for_its_week_and_once_for_all_and_no_model(
     whole: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reads, folder = Counter[str](), without_results(whole, tmp_path / "own")
@@ -117,6 +118,7 @@ def test_a_night_reads_each_factor_file_once_for_its_week_and_once_for_all(
         return read(path)
 
     monkeypatch.setattr("deltaid.fleets.place.read", counted)
+    monkeypatch.setattr(IdentifiedModel, "load", lambda *_: pytest.fail("a model was read"))
     with no_workers():
         assert run_fleet(whole.manifest, folder, settings=SETTINGS).computed == (0, 4, 2)
     assert reads == {**{f"north/{day}": 2 for day in DAYS}, f"south/{DAYS[0]}": 1}
@@ -152,6 +154,9 @@ def test_what_a_worker_has_done_before_it_dies_counts(
         again = run_fleet(whole.manifest, folder, settings=SETTINGS)
     assert again.computed == (0, 3, 2)
     assert [line.what for line in again.quarantine] == ["recording"]
+    for name in ("friction.parquet", "drift.parquet"):  # by a model that was saved and is read
+        found = pl.read_parquet(folder / name)
+        assert found.drop("key").equals(whole.table(name))
 
 
 def test_the_command_tells_what_it_has_done(whole: Plant) -> None:

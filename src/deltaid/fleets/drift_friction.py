@@ -19,7 +19,6 @@ from jaxtyping import Float, Int
 
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
-from deltaid.estimation.information import Information
 from deltaid.estimation.problem import LinearProblem
 from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.merged import Merging, merging_of
@@ -167,22 +166,21 @@ def _friction(
     noise = np.maximum(np.array(file.record.noise), 1e-12)[:, None, None]
     is_friction = unknowns.drives == np.arange(dof)[:, None]
     visible = (is_friction | (unknowns.drives < 0))[:, None, :]
-
-    def problem(stretch: Information) -> LinearProblem:
-        F = stretch.factors / noise
-        b = (F[:, :, -1] - F[:, :, :-1] @ fixed).ravel()
-        A = (F[:, :, at] * visible).reshape(len(b), -1)
-        return LinearProblem(A, b, np.zeros(len(b), dtype=int), values=stretch.samples.sum())
-
+    stretches = part.stretches
+    F = np.stack([stretch.factors for stretch in stretches]) / noise
+    b = (F[..., -1] - F[..., :-1] @ fixed).reshape(len(F), -1)
+    A = (F[..., at] * visible).reshape(b.size, -1)
+    groups = np.repeat(np.arange(len(F)), b.shape[1])
+    values = float(sum(stretch.samples.sum() for stretch in stretches))
+    measured = LinearProblem(A, b.ravel(), groups, values=values)
     bodies = unknowns.precision > 0
     size = np.sqrt(unknowns.precision[bodies])
-    measured = LinearProblem.together([problem(stretch) for stretch in part.stretches])
     estimate = measured.with_known(
         np.diag(np.sqrt(unknowns.precision))[bodies], size * unknowns.mean[bodies]
     )
     H = part.information.factors[:, :, at] * is_friction[:, None, :]
     count = np.maximum(part.information.samples[:dof], 1.0)
     # A single stretch does not determine its noise.
-    several = len(part.stretches) > 1
+    several = len(stretches) > 1
     covariance = estimate.covariance() if several else np.full((len(at), len(at)), np.nan)
     return estimate.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count)

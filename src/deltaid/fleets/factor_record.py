@@ -44,7 +44,8 @@ class FactorGroup:
 
 @dataclass(frozen=True, eq=False)
 class FactorGroups:
-    """Many groups, packed as a file holds them, unpacked on access."""
+    """Many groups, packed as a file holds them, unpacked on access: all of a name at once, as
+    there are thousands in a year of recordings."""
 
     names: tuple[str, ...]
     sizes: tuple[int, ...]  # of each drive's triangles
@@ -69,17 +70,27 @@ class FactorGroups:
         return len(self.names)
 
     def __iter__(self) -> Iterator[FactorGroup]:
-        return self.named("")
+        beside = (self.samples, self.torque_max)
+        for name, factors, *own in zip(
+            self.names, zip(*self.factors, strict=True), *beside, strict=True
+        ):
+            yield FactorGroup(name, factors, *own)
 
-    def named(self, first: str) -> Iterator[FactorGroup]:
+    def named(self, first: str) -> "FactorGroups":
         """Those whose names begin so."""
+        kept = [k for k, name in enumerate(self.names) if name.startswith(first)]
+        beside = (array[kept] for array in (self.packed, self.samples, self.torque_max))
+        return FactorGroups(tuple(self.names[k] for k in kept), self.sizes, *beside)
+
+    @property
+    def factors(self) -> tuple[Float[np.ndarray, "groups _ _"], ...]:
+        """Triangles of each drive."""
         ends = np.cumsum([n * (n + 1) // 2 for n in self.sizes])[:-1]
-        for k, name in enumerate(self.names):
-            if name.startswith(first):
-                factors = tuple(np.zeros((n, n)) for n in self.sizes)
-                for R, numbers in zip(factors, np.split(self.packed[k], ends), strict=True):
-                    R[np.triu_indices(len(R))] = numbers
-                yield FactorGroup(name, factors, self.samples[k], self.torque_max[k])
+        factors = tuple(np.zeros((len(self), n, n)) for n in self.sizes)
+        for R, numbers in zip(factors, np.split(self.packed, ends, axis=1), strict=True):
+            rows, columns = np.triu_indices(R.shape[1])
+            R[:, rows, columns] = numbers
+        return factors
 
 
 def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:

@@ -15,7 +15,7 @@ from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.problem import Span
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorGroup
+from deltaid.fleets.factor_record import FactorGroups
 from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.gathering import Gathered, balanced
@@ -34,11 +34,28 @@ Rows = Float[np.ndarray, "_ _"]
 
 @dataclass(frozen=True, eq=False)
 class MergedPart:
-    """A recording's part of a fit."""
+    """A recording's part of a fit; stretches and places are made where they are asked for."""
 
     information: Information  # all of it, with what is known of its lags
-    stretches: tuple[Information, ...]  # of time in order, or all in one
-    places: dict[str, Float[np.ndarray, "drives augmented augmented"]]  # [Y, τ]ᵀ[Y, τ]
+    groups: FactorGroups
+    views: tuple[Rows, ...]  # V of each drive, [Y, τ] = R V
+
+    @property
+    def stretches(self) -> tuple[Information, ...]:
+        """Of time, in order."""
+        groups, active = self.groups.named("time"), self.information.columns
+        each = zip(triangle(self._rows(groups)), groups.samples, groups.torque_max, strict=True)
+        return tuple(Information(active, *stretch) for stretch in each)
+
+    @property
+    def places(self) -> dict[str, Float[np.ndarray, "drives augmented augmented"]]:
+        """[Y, τ]ᵀ[Y, τ] by place."""
+        groups = self.groups.named("place")
+        A = self._rows(groups)
+        return dict(zip(groups.names, A.swapaxes(2, 3) @ A, strict=True))
+
+    def _rows(self, groups: FactorGroups) -> Float[np.ndarray, "groups drives _ augmented"]:
+        return _stacked([R @ view for R, view in zip(groups.factors, self.views, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +81,12 @@ class Merging:
     def _map(self) -> Float[np.ndarray, "kept columns"]:
         return map_to(self.columns, self.dynamics, self.additions)
 
-    def part(self, file: FactorFile, *, fine: bool = True) -> MergedPart:
-        """A recording's part of the fit, its stretches of time one by one if that is `fine`."""
+    @cached_property
+    def _active_map(self) -> Float[np.ndarray, "kept active"]:
+        return self._map[:, self.active]
+
+    def part(self, file: FactorFile) -> MergedPart:
+        """A recording's part of the fit."""
         whole, views = list[Rows](), list[Rows]()
         for i, R in enumerate(file.condensed.whole.factors):
             view, local = self._view(file, i)
@@ -82,15 +103,9 @@ class Merging:
             view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
-        def rows(group: FactorGroup) -> list[Rows]:
-            return [R @ view for R, view in zip(group.factors, views, strict=True)]
-
-        groups, everything = file.condensed.groups, self._information(file.condensed.whole, whole)
-        stretches = (self._information(group, rows(group)) for group in groups.named("time"))
-        places = {
-            group.name: np.stack([A.T @ A for A in rows(group)]) for group in groups.named("place")
-        }
-        return MergedPart(everything, tuple(stretches) if fine else (everything,), places)
+        group, everything = file.condensed.whole, triangle(_stacked(whole))
+        information = Information(self.active, everything, group.samples, group.torque_max)
+        return MergedPart(information, file.condensed.groups, tuple(views))
 
     def geometry(self, file: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
         """What tolerances of the description do to rows of a recording, weighted as in the fit."""
@@ -103,24 +118,14 @@ class Merging:
         Y, D, tau = np.split(np.vstack(rows), [len(self.active), -1], axis=1)
         return GeometricRows(Y, tau[:, 0], D, file.record.quantities)
 
-    def _information(self, group: FactorGroup, rows: Sequence[Rows]) -> Information:
-        size = len(self.active) + 1
-        wide = np.zeros((len(rows), max(size, *(len(A) for A in rows)), size))
-        for i, A in enumerate(rows):
-            wide[i, : len(A)] = A
-        return Information(self.active, triangle(wide), group.samples, group.torque_max)
-
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
         """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
         alone."""
-        place, local = self.columns.place, dict[str, int]()
-        felt = file.condensed.felt[drive]
-        view = np.zeros((len(felt) + 1, len(self.active) + 1))
-        for row, name in enumerate(file.condensed.names[k] for k in felt):
-            if name in place:
-                view[row, :-1] = self._map[place[name], self.active]
-            else:
-                local[name] = row
+        names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
+        place = np.array([self.columns.place.get(name, -1) for name in names])
+        local = {names[row]: row for row in np.flatnonzero(place < 0).tolist()}
+        view = np.zeros((len(names) + 1, len(self.active) + 1))
+        view[np.flatnonzero(place >= 0), :-1] = self._active_map[place[place >= 0]]
         taken = {held.load.name: np.array(held.taken) for held in file.record.loads}
         zeros = np.zeros(len(self.dynamics.layout.names))
         view[:, -1] = view[:, :-1] @ np.append(zeros, self.of_loads(taken))[self.active]
@@ -139,15 +144,27 @@ class Merging:
         return np.concatenate([np.zeros(0), *values])
 
 
+def _stacked(
+    rows: Sequence[Float[np.ndarray, "*many _ augmented"]],
+) -> Float[np.ndarray, "*many drives _ augmented"]:
+    """Rows of all drives, with as many zero rows behind them as make all triangles of one size."""
+    size = rows[0].shape[-1]
+    most = max(size, *(A.shape[-2] for A in rows))
+    wide = np.zeros((*rows[0].shape[:-2], len(rows), most, size))
+    for i, A in enumerate(rows):
+        wide[..., i, : A.shape[-2], :] = A
+    return wide
+
+
 def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
     """Recordings together, ordered by their checksums, so results do not depend on their order."""
     fine = len(files) == 1 or sum(len(file.condensed.groups) for file in files) <= _STRETCHES
     stretches, whole, places = [], list[Information](), dict[str, np.ndarray]()
     for file in ordered(files):
-        part = merging.part(file, fine=fine)
+        part = merging.part(file)
         for name, products in part.places.items():
             places[name] = places.get(name, 0.0) + products
-        stretches.append(part.stretches)
+        stretches.append(part.stretches if fine else (part.information,))
         whole.append(part.information)
     every = np.stack([places[name] for name in sorted(places)])
     return Gathered(tuple(stretches), every, whole=merge(whole))

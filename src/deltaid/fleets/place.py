@@ -14,6 +14,7 @@ from deltaid.files import require_writable, resolved
 from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
+from deltaid.model.record import IdentifiedModel
 
 _MADE_AGAIN = "remove it; it is made again"
 
@@ -138,12 +139,33 @@ class Place:
             write(path)
             self.write(name, path.read_bytes())
 
+    def model(self, name: str) -> IdentifiedModel:
+        """A saved model in it.
+
+        Raises:
+            StoreError: there is none, or the store cannot be reached.
+        """
+        path = self.path_to(name)
+        try:
+            with store.local_file(path) as local:
+                return IdentifiedModel.load(local)
+        except FileNotFoundError:
+            raise store.StoreError("is not there", where=path, cure="call again") from None
+
+    def save_model(self, name: str, model: IdentifiedModel) -> None:
+        """Write a model; its numbers keep every bit."""
+        self.save_file(name, model.save)
+
 
 @dataclass(frozen=True)
 class ReadOnce(Place):
-    """The folder for some jobs in turn: each factor file is read once, however many ask for it."""
+    """The folder for some jobs in turn: each factor file is read once, however many ask for it, and
+    a model that one of them saves is not read."""
 
     kept: dict[str, FactorFile] = field(default_factory=dict[str, FactorFile], compare=False)
+    models: dict[str, IdentifiedModel] = field(
+        default_factory=dict[str, IdentifiedModel], compare=False
+    )
 
     def factors(self, name: str, key: str | None = None) -> FactorFile | None:
         """As of `Place`."""
@@ -153,3 +175,12 @@ class ReadOnce(Place):
                 return None
             self.kept[name] = file
         return self.kept[name] if key in (None, self.kept[name].key) else None
+
+    def model(self, name: str) -> IdentifiedModel:
+        """As of `Place`."""
+        return self.models[name] if name in self.models else super().model(name)
+
+    def save_model(self, name: str, model: IdentifiedModel) -> None:
+        """As of `Place`."""
+        super().save_model(name, model)
+        self.models[name] = model

@@ -24,9 +24,7 @@ from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
 from deltaid.fleets.robot_drift import robot_drift
 from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult, Tables, read_factors
-from deltaid.fleets.store import StoreError, local_file
 from deltaid.fleets.type_fit import PopulationSettings, fitted
-from deltaid.model.model import load
 from deltaid.model.options import Period
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.description import RobotDescription
@@ -103,7 +101,7 @@ def _fit(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
     """The rows of the table of parameters, and the model where it is of all recordings."""
     model = identify_gathered(job.description, files, job.settings).model
     if ALL in job.names:
-        place.save_file(_model_file(job), model.save)
+        place.save_model(_model_file(job), model)
     verdicts, worst = poor(files), max(model.fit.nrmse)
     of_fit = (model.fit.noise_level, worst, verdicts)
     rows = [
@@ -165,14 +163,7 @@ def _study(
 
 def _with_model(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedModel]:
     """Factor files, and the model by all of them."""
-    files, path = read_factors(job, place), place.path_to(_model_file(job))
-    try:
-        with local_file(path) as local:
-            model = load(local).identified
-    except FileNotFoundError:
-        raise StoreError("is not there", where=path, cure="call again") from None
-    assert model is not None
-    return files, model
+    return read_factors(job, place), place.model(_model_file(job))
 
 
 def _drift(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], place: Place) -> Tables:
