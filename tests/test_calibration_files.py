@@ -153,6 +153,8 @@ def test_damaged_files_are_refused_with_one_message(
 def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
     own = tmp_path / "columns.yaml"
     own.write_text("points: {noize: 1}\n", encoding="utf-8")
+    below = tmp_path / "below.yaml"
+    below.write_text("points: {noise: -1}\n", encoding="utf-8")
     bed = ("--probe", files / "bed.csv")
     for arguments, said in {
         (): "nothing was measured",
@@ -161,8 +163,23 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         (*bed, "--struts-apart"): "strut_spacing",
         (*bed, "--tool", "1"): "must be three numbers",
         (*bed, "--columns", own): "did you mean noise?",
+        (*bed, "--columns", below): "deltaid schema measurements",
     }.items():
         assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
+
+
+def test_arguments_that_cannot_be_are_refused_in_python(files: Path) -> None:
+    points = files / "points.csv"
+    for argument, said in (
+        ({"lengths": -1e-3}, "lengths: must lie between"),
+        ({"angles": float("nan")}, "angles: must lie between"),
+        ({"tool": (0.0, 0.0)}, "tool: must be three numbers"),
+        ({"hold": "strutt"}, "did you mean strut"),
+    ):
+        with pytest.raises(deltaid.DeltaidError, match=said):
+            deltaid.calibrate(CLAVEL, points=points, **argument)
+    held = deltaid.calibrate(CLAVEL, points=points, hold="strut")
+    assert held.values[held.names.index("limb1.strut")] == 0
 
 
 def test_noise_that_is_stated_ten_times_too_large_is_named(files: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from deltaid.calibration.readings import Measurements, ReadingsLike, read
 from deltaid.calibration.robot_file import calibrated_robot
 from deltaid.calibration.sessions import MeasuringSession, session
 from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
-from deltaid.errors import Doubt, RecordingError
+from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
 from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
@@ -27,6 +27,8 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Half width of a 95 % interval, in standard deviations.
 WIDE = 1.96
+# Parts are off by less [m, rad], or they are of another robot.
+_FARTHEST, _STEEPEST = 0.1, 0.3
 # Noise that is so many times as large as stated is doubted.
 _GROWN = 2.0
 
@@ -192,7 +194,7 @@ def calibrate(
             1 mm where it states none.
         angles: the same of angles [rad]; 1 mrad where nothing is stated.
         shared: kinds of numbers that are alike in all limbs, such as strut.
-        hold: kinds or names of numbers that are as described.
+        hold: kinds or names of numbers that are as described; several, or one as text.
         struts_apart: whether struts of a limb differ, so that the platform tilts.
         tool: the tool from the platform point [m]; of effect only where the platform tilts.
         progress: called with a sentence before each stage of recordings.
@@ -201,11 +203,17 @@ def calibrate(
         Geometry, intervals, what decided each number, what readings cannot know.
 
     Raises:
+        DeltaidError: a deviation is negative or beyond what parts are off, or the tool is no point.
         RecordingError: there are no readings, or a file cannot be used as it stands.
         DescriptionError: the robot has no such numbers.
         IdentificationError: no geometry fits.
     """
     description = described(robot)
+    within("lengths", lengths or 0.0, (0.0, _FARTHEST))
+    within("angles", angles or 0.0, (0.0, _STEEPEST))
+    if len(tool) != 3:
+        raise DeltaidError(f"must be three numbers, not {len(tool)}", where="tool")
+    shared, hold = ((x,) if isinstance(x, str) else x for x in (shared, hold))
     known = unknowns(
         description, apart=struts_apart, length=lengths, angle=angles, shared=shared, held=hold
     )

@@ -131,7 +131,8 @@ def solved(
         states = tuple(moved)
     else:
         raise IdentificationError(
-            "the geometry does not settle",
+            f"the geometry does not settle, {np.abs(u).max():.0f} standard deviations from the "
+            "description",
             where=", ".join(instrument.source for instrument in instruments),
             cure="check that these are readings of this robot by this instrument; or hold numbers "
             "that they cannot know, such as --hold upper_arm",

@@ -94,8 +94,8 @@ def si_factor(
         raise RecordingError(
             f"unit '{unit[:40]}' is not known",
             where=where,
-            cure="write it as in s, ms, rad, deg, rev, rad/s, rpm, rad/s^2, N*m, mN*m, A; a number "
-            "may stand before it, such as 0.0235 N*m for per mille of 23.5 N m",
+            cure="write it as in m, mm, s, ms, rad, deg, rev, rad/s, rpm, rad/s^2, N*m, mN*m, A; a "
+            "number may stand before it, such as 0.0235 N*m for per mille of 23.5 N m",
         )
     number, quantity = parsed
     try:

@@ -29,6 +29,7 @@ _KINDS = {
     "IdentifiedModel": "model",
     "Offers": "sensors",
     "Manifest": "fleet",
+    "Measurements": "measurements",
 }
 
 
