@@ -187,7 +187,6 @@ def _matched(
 def _index(
     field: RecordedField, inner: str, samples: int | None, address: str, where: str
 ) -> tuple[int | None, ...]:
-    """Where in a field a column is."""
     if not field.shape:
         raise _refused(f"{field.name} is one number, not a column", field, where)
     if ":" in inner:
@@ -219,7 +218,6 @@ def _sample_axis(field: RecordedField, samples: int | None) -> int:
 
 
 def _number(field: RecordedField, inner: str, count: int, where: str) -> int:
-    """The number of a column among so many."""
     text = inner.strip(" '\"")
     if text in field.labels:
         return field.labels.index(text)

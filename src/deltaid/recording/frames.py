@@ -131,7 +131,6 @@ def _element(series: pl.Series, pick: Pick) -> pl.Series:
 
 
 def _seconds(series: pl.Series, name: str, origins: dict[str, int]) -> pl.Series:
-    """Seconds since the first row."""
     unit = series.dtype.time_unit if isinstance(series.dtype, pl.Datetime) else "ns"
     ticks = series.to_physical()
     if name not in origins and len(ticks) and ticks[0] is not None:

@@ -215,7 +215,6 @@ def _limit(rises: np.ndarray, phases: np.ndarray, k: int) -> float:
 
 
 def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
-    """The same of one part."""
     products, squares = np.zeros(k), np.zeros(k)
     rises, count = 0.0, 0
     for numbers, tau in stretches:

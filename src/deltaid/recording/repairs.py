@@ -188,7 +188,6 @@ class Repairs:
         return segment
 
     def _multiplied(self, rows: Rows, columns: Columns) -> Rows:
-        """Torques times the gains of their drives."""
         rows = rows.copy()
         rows[:, columns.torque_places] *= self.gain
         return rows

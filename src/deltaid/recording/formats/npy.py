@@ -102,11 +102,9 @@ class _ArrayHeader:
 
     @property
     def bytes(self) -> int:
-        """How many bytes the numbers take."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     def fields(self, name: str) -> list[RecordedField]:
-        """What the array holds."""
         found = fields_of(name, self.shape, self.dtype)
         return [replace(field, name=field.name.removeprefix(".")) for field in found]
 

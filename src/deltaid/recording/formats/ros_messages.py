@@ -152,7 +152,6 @@ class _Cursor:
         return start
 
     def count(self) -> int:
-        """The length of what follows."""
         self._align(4)
         start = self.skip(4)
         self.fixed.append(range(start, self.at))
@@ -168,7 +167,6 @@ class _Cursor:
         return self._raw[start : self.at].rstrip(b"\0").decode(errors="replace")
 
     def texts(self) -> list[str]:
-        """A list of texts."""
         return [self.text() for _ in range(self.items(4))]
 
     def numbers(self) -> list[int]:

@@ -151,7 +151,6 @@ class RestSearch:
             start += count
 
     def _slow(self, rest: _Rest) -> bool:
-        """Whether it was rest in hindsight."""
         time = (rest.last - rest.first) * self.period
         moves = self._high - self._low > self._widest
         width = rest.high - rest.low

@@ -269,7 +269,6 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
 
 
 def _mean(x: Times, width: int) -> Times:
-    """Means over neighbouring values."""
     if width == 1:
         return x
     from scipy.ndimage import uniform_filter1d

@@ -136,7 +136,6 @@ class _Run:
             self.places = self.places[ready - self._beside :]
 
     def end(self) -> Iterator[Rows]:
-        """The samples that are left."""
         if len(self.places):
             yield self._samples(int(self.places[-1]) + 1)
 

@@ -195,7 +195,6 @@ class _Notes:
         return False if ratio.min() < _CLEAR else None
 
     def clock(self) -> Clock:
-        """All of it together."""
         even = self.is_even
         reading = self.uneven if even is False else self.even
         holes, lost, since, until = np.concatenate(reading.holes, axis=1)

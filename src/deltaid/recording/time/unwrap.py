@@ -88,7 +88,6 @@ def _is_round(
     at: Int[np.ndarray, " far"],
     period: float,
 ) -> np.ndarray:
-    """Whether steps are new rounds of some period."""
     near = np.abs(np.abs(steps[at]) - period) < _NEAR * period
     for beside in (at - 1, at + 1):
         inside = (beside >= 0) & (beside < len(steps))
@@ -137,7 +136,6 @@ def _is_counter(period: float) -> bool:
 
 
 def _numbers(period: float) -> str:
-    """A period in the column's numbers."""
     if _is_counter(period):
         return f"{period:.0f} counts ({np.log2(period):.0f} bits)"
     return f"{period:.6g}, one turn,"
