@@ -21,7 +21,7 @@ from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.study import studied_trace
 from deltaid.robot.load import described
-from drives import case
+from drives import case, mixture
 from drives.judge import judge
 from drives.told import identified
 
@@ -287,3 +287,20 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
     assert "nothing of it is corrected" in doubt
     assert any("explained" in verdict.seen for verdict in result.verdicts), result.verdicts
     assert np.mean(judge(case(row, kind), result).base) > 0.65  # 0.55 to 0.65 where others stand in
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("absent", ["", "falling-gain"])
+def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
+    absent: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Far from where it is, slopes of its effect leave what lengths at their bound, or a load of
+    40 g that comes and goes, explain better."""
+    if absent:
+        monkeypatch.setitem(mixture.MIXED, absent, (lambda made, *_: made, 1.0, 2.0))
+    made = case("mixture", "par4", 1)
+    result = identified(made)
+    found = {(c.kind, c.subject): c.value for c in result.model.corrections}
+    assert found["gear-ratio", "drive1"] == pytest.approx(-0.5, abs=0.02)
+    assert not {kind for kind, _ in found} & {"length", "load", "platform-spring"}
+    assert judge(made, result).M < 0.003

@@ -76,9 +76,9 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
         comparison_rows(result),
         "Sec. VII, largest errors along the motion; certified optimum (conic)",
         (
-            "ID1 and ID2 start from regularisations below and above the truth, clean recordings "
-            "have no noise; the column “the paper” holds its own numbers, all others are "
-            "simulated here",
+            "ID1 and ID2 start from regularisations below and above the truth",
+            "clean recordings have no noise",
+            "the column “the paper” holds its own numbers, all others are simulated here",
             f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the "
             "worst of all fits",
         ),

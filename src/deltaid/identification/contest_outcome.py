@@ -83,20 +83,22 @@ def doubted(
     )
 
 
-def why_not(setup: Setup, last: Contest) -> str:
-    """Why what is kept is not what acts on the robot; empty where it may be.
-
-    One gross error of a description explains all by itself. Where it needs others beside it, it
-    stands for something else.
+def beyond_parts(last: Contest) -> frozenset[str]:
+    """Errors of the description that would be further off than parts ever are, beside other causes:
+    one gross error explains all by itself, and where it needs others it stands for something else.
     """
     kept, robot = last.shrunk.candidates, last.rows.dynamics.robot
-    errors = [unknown for unknown in UNKNOWNS if unknown.name in kept]
-    beyond = [
-        unknown.name for unknown in errors
-        if last.shrunk.is_beyond(last.group(unknown.name), unknown.stated(robot))
-    ]  # fmt: skip
-    if beyond and len(kept) > 1:
-        return f"{_named(beyond)} would be further off than they ever are"
+    return frozenset(
+        unknown.name for unknown in UNKNOWNS
+        if len(kept) > 1 and unknown.name in kept
+        and last.shrunk.is_beyond(last.group(unknown.name), unknown.stated(robot))
+    )  # fmt: skip
+
+
+def why_not(setup: Setup, beyond: Collection[str]) -> str:
+    """Why what is kept is not what acts on the robot; empty where it may be."""
+    if beyond:
+        return f"{_named(sorted(beyond))} would be further off than they ever are"
     every = (rest for study in setup.studies if study for rest in rests(study))
     left = max((rest.part for rest in every if rest.is_unexplained), default=0.0)
     return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""

@@ -1,7 +1,7 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,18 @@ from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.effects.unknown import Added, UnknownEffect
 from deltaid.effects.windings import motors_of
+from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
-from deltaid.identification.contest_outcome import decided, doubted, is_settled, refuted, why_not
+from deltaid.identification.contest_outcome import (
+    beyond_parts,
+    decided,
+    doubted,
+    is_settled,
+    refuted,
+    why_not,
+)
 from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
 from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Progress, Setup
 from deltaid.model.corrections import Kind
@@ -38,18 +46,69 @@ _HALF = 1.96
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant", "structure")
 
 
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """What sweeps end at.
+
+    Attributes:
+        setup: with what is kept.
+        move: of parameters, by what is corrected.
+        beyond: errors of the description that would be further off than they ever are.
+        why_not: why this is not what acts on the robot; empty where it may be.
+    """
+
+    setup: Setup
+    outcome: ContestOutcome
+    last: Contest
+    move: Parameters
+    beyond: frozenset[str]
+    why_not: str
+
+
 def contested(setup: Setup, progress: Progress) -> Setup:
-    """Effects that rows need beside all others; earlier results are decided anew."""
+    """Effects that rows need beside all others; earlier results are decided anew.
+
+    Slopes are first taken far from where the robot is, and an error of its description that is
+    beyond all that parts are off by may stand for the curvature of another. Sweeps then begin again
+    without it, and what leaves less stands.
+    """
     if setup.settings.effects == "none":
         return setup
     progress("weighing causes against each other")
     bare = _bare(setup)
-    traces = _traces(bare)
-    if not traces:
+    if not _traces(bare):
         return setup
+    end = _settled(bare)
+    if end.beyond and (again := _again(bare, end.beyond)):
+        end = again if again.last.noise < end.last.noise else end
+    outcome = end.outcome
+    if not outcome.kept and (_gears(bare) or not outcome.winds_up):
+        return bare.changed(outcome=outcome) if outcome.doubts else bare
+    if end.why_not:
+        return bare.changed(outcome=refuted(outcome, end.why_not, end.move))
+    return estimated_anew(end.setup, progress)
+
+
+def _again(bare: Setup, not_first: frozenset[str]) -> _Settled | None:
+    """What sweeps end at that begin without these; None where that is not what acts on the robot,
+    or sweeps lead to poses in which it cannot be."""
+    try:
+        end = _settled(bare, not_first)
+    except KinematicsError:
+        return None
+    return None if end.why_not else end
+
+
+def _settled(bare: Setup, not_first: frozenset[str] = frozenset()) -> _Settled:
+    """Sweeps until what is applied changes no more.
+
+    Args:
+        not_first: effects that take no part in the first.
+    """
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
     now, before, sweep, undecided = bare, _begun(bare), 0, None
-    full = _swept(now, before, traces, None, sweep)
+    first = bare.changed(barred_effects=bare.barred_effects | not_first)
+    full = _swept(first, before, _traces(bare), None, sweep)
     plain = full.points[0].p
     while True:
         last = full.reduced()
@@ -60,14 +119,12 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         if after.doubts != before.doubts:
             sweep = 0  # others may take part in its place
         elif sweep == _SWEEPS or is_settled(before, after):
-            if not after.kept and (_gears(bare) or not after.winds_up):
-                return bare.changed(outcome=after) if after.doubts else bare
-            after = doubted(after, full, last, undecided)
-            setup = _finished(now, after, last)
-            if why := why_not(setup, last):
-                return bare.changed(outcome=refuted(after, why, last.p - plain))
-            return estimated_anew(setup, progress)
+            break
         before, full = after, _swept(now, after, _traces(now), last.p, sweep)
+    after = doubted(after, full, last, undecided)
+    setup = _finished(now, after, last) if after.kept or after.winds_up else bare
+    beyond = beyond_parts(last)
+    return _Settled(setup, after, last, last.p - plain, beyond, why_not(setup, beyond))
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:

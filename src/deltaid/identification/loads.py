@@ -23,6 +23,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, of_each
 from deltaid.estimation.posing import pose
 from deltaid.estimation.reduction import build_reduction
+from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.lags_and_gears import estimated_anew
@@ -161,7 +162,7 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     """Loads that the residual of recordings has when gears have been turned back; a stage."""
     if setup.settings.effects == "none":
         return setup
-    detected = dict(setup.detected)
+    first, detected = setup, dict(setup.detected)
     for k, study in enumerate(setup.studies):
         recording = setup.recordings[k]
         found = study and _detected(setup, study, recording)
@@ -171,10 +172,19 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
             load = load.changed(name=f"undeclared-{recording.log.sha256[:8]}")
             holding = _holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
             setup, detected[load.name] = setup.with_recording(k, holding), study
-    if len(detected) == len(setup.detected):
-        return setup
-    setup = declared_loads(setup.changed(detected=detected), progress)
-    return estimated_anew(without_events(setup, progress).studied(), progress)
+    if len(detected) > len(first.detected):
+        setup = declared_loads(setup.changed(detected=detected), progress)
+        setup = estimated_anew(without_events(setup, progress).studied(), progress)
+    if _is_disturbed(setup):
+        # Changes of mass that no load explains may be none at all.
+        instead = contested(first.changed(studies=()), progress)
+        if instead.outcome and instead.outcome.kept and not _is_disturbed(instead):
+            return instead
+    return setup
+
+
+def _is_disturbed(setup: Setup) -> bool:
+    return any(setup.is_disturbed(k) for k in range(len(setup.recordings)))
 
 
 def _detected(
