@@ -35,6 +35,10 @@ class Saturation(UnknownEffect):
         squared = (torque / highest[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
 
+    def stated(self, robot: RobotDescription) -> Deviations:
+        """Any: how far motors are driven into saturation is no matter of tolerances."""
+        return np.array([np.inf])
+
     def is_possible(self, values: Deviations) -> bool:
         """Torque constants fall with current; where they would grow, something else does."""
         lacking = values.reshape(-1, 2).sum(axis=1)

@@ -70,7 +70,8 @@ class UnknownEffect(ABC):
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
     def stated(self, robot: RobotDescription) -> Deviations:
-        """Standard deviations that a description states itself; one zero where it has none."""
+        """Standard deviations that parts may have besides, as a description states them; one zero
+        where it has none."""
         return np.zeros(1)
 
     def is_possible(self, values: Deviations) -> bool:

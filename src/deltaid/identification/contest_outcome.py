@@ -1,7 +1,7 @@
 """What a contest of causes has come to: what it keeps, by how much, how uncertain that is, and
 whether it may be what acts on the robot."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -104,11 +104,11 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
     return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
 
 
-def refuted(outcome: ContestOutcome, why: str, move: Parameters) -> ContestOutcome:
+def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> ContestOutcome:
     """Nothing is corrected: something else acts on the robot.
 
     Args:
-        move: of parameters, by what would have been corrected.
+        moves: of parameters, by what would have been corrected.
     """
     doubt = (
         "something acts on the robot that no known effect explains: with corrections of "
@@ -116,9 +116,11 @@ def refuted(outcome: ContestOutcome, why: str, move: Parameters) -> ContestOutco
         "would change"
     )
     names = compiled(outcome.described).layout.names
-    moves = (*outcome.moves, dict(zip(names, move.tolist(), strict=True)))
+    uncorrected = (dict(zip(names, move.tolist(), strict=True)) for move in moves)
     return ContestOutcome(
-        outcome.described, moves=moves, doubts=outcome.doubts | {"unexplained": doubt}
+        outcome.described,
+        moves=(*outcome.moves, *uncorrected),
+        doubts=outcome.doubts | {"unexplained": doubt},
     )
 
 

@@ -26,11 +26,13 @@ from deltaid.identification.contest_outcome import (
     why_not,
 )
 from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
-from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Progress, Setup
+from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
 from deltaid.model.corrections import Kind
 from deltaid.recording.gears import Gears
 from deltaid.recording.readings import Readings
 
+# What leaves half the variance as noise stands in place of what is beyond parts.
+_BETTER = 0.5 * np.log(2.0)
 # Sweeps at most.
 _SWEEPS = 8
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
@@ -47,11 +49,32 @@ _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-cons
 
 
 @dataclass(frozen=True, eq=False)
-class _Settled:
+class _Sweeps:
     """What sweeps end at.
 
     Attributes:
+        outcome: what is kept.
+        full, last: the last contest, with all causes and with what is kept.
+        plain: parameters before any sweep.
+        undecided: what parameters move by where all causes may be as large as rows allow.
+        is_lost: whether the next would lead to poses in which the robot cannot be.
+    """
+
+    outcome: ContestOutcome
+    full: Contest
+    last: Contest
+    plain: Parameters
+    undecided: Parameters
+    is_lost: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """What sweeps have settled at.
+
+    Attributes:
         setup: with what is kept.
+        noise: what is left, as of `Contest`.
         move: of parameters, by what is corrected.
         beyond: errors of the description that would be further off than they ever are.
         why_not: why this is not what acts on the robot; empty where it may be.
@@ -59,7 +82,7 @@ class _Settled:
 
     setup: Setup
     outcome: ContestOutcome
-    last: Contest
+    noise: float
     move: Parameters
     beyond: frozenset[str]
     why_not: str
@@ -69,8 +92,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     """Effects that rows need beside all others; earlier results are decided anew.
 
     Slopes are first taken far from where the robot is, and an error of its description that is
-    beyond all that parts are off by may stand for the curvature of another. Sweeps then begin again
-    without it, and what leaves less stands.
+    beyond all that parts are off by may stand for the curvature of another. Sweeps then begin where
+    those without it have settled, and what leaves less stands.
     """
     if setup.settings.effects == "none":
         return setup
@@ -78,53 +101,67 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     bare = _bare(setup)
     if not _traces(bare):
         return setup
-    end = _settled(bare)
-    if end.beyond and (again := _again(bare, end.beyond)):
-        end = again if again.last.noise < end.last.noise else end
+    end = _settled(bare, _sweeps(bare))
+    others = _again(bare, end.beyond)
+    end = next((other for other in others if _is_better(other, end)), end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
     if end.why_not:
-        return bare.changed(outcome=refuted(outcome, end.why_not, end.move))
+        moves = [each.move for each in (end, *others)]
+        return bare.changed(outcome=refuted(outcome, end.why_not, moves))
     return estimated_anew(end.setup, progress)
 
 
-def _again(bare: Setup, not_first: frozenset[str]) -> _Settled | None:
-    """What sweeps end at that begin without these; None where that is not what acts on the robot,
-    or sweeps lead to poses in which it cannot be."""
-    try:
-        end = _settled(bare, not_first)
-    except KinematicsError:
-        return None
-    return None if end.why_not else end
+def _is_better(other: _Settled, end: _Settled) -> bool:
+    return not other.why_not and other.noise < end.noise - _BETTER
 
 
-def _settled(bare: Setup, not_first: frozenset[str] = frozenset()) -> _Settled:
-    """Sweeps until what is applied changes no more.
+def _again(bare: Setup, beyond: frozenset[str]) -> list[_Settled]:
+    """What sweeps settle at that begin where those have with none of these or only one, whichever
+    leaves least."""
+    barred = {beyond, *(beyond - {name} for name in beyond)} - {frozenset()}
+    first = (_sweeps(bare.changed(barred_effects=bare.barred_effects | names)) for names in barred)
+    starts = [sweeps for sweeps in first if not sweeps.is_lost]
+    best = sorted(starts, key=lambda sweeps: sweeps.last.noise)[:1]
+    return [_settled(bare, _sweeps(bare, start)) for start in best]
 
-    Args:
-        not_first: effects that take no part in the first.
-    """
-    largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    now, before, sweep, undecided = bare, _begun(bare), 0, None
-    first = bare.changed(barred_effects=bare.barred_effects | not_first)
-    full = _swept(first, before, _traces(bare), None, sweep)
-    plain = full.points[0].p
+
+def _settled(bare: Setup, end: _Sweeps) -> _Settled:
+    """What sweeps end at, and whether it may be what acts on the robot."""
+    outcome, last = doubted(end.outcome, end.full, end.last, end.undecided), end.last
+    setup, beyond = bare, beyond_parts(last)
+    if end.is_lost:
+        why = "the robot could not be in poses that it was recorded in"
+    else:
+        if outcome.kept or outcome.winds_up:
+            setup = _finished(_read(bare, outcome, last.p), outcome, last)
+        why = why_not(setup, beyond)
+    return _Settled(setup, outcome, last.noise, last.p - end.plain, beyond, why)
+
+
+def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
+    """Sweeps until what is applied changes no more, or the robot cannot be in its poses."""
+    if since is None:
+        now, before, p = bare, _begun(bare), None
+    else:
+        now, before, p = _read(bare, since.outcome, since.last.p), since.outcome, since.last.p
+    full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
+    plain = since.plain if since else full.points[0].p
     while True:
         last = full.reduced()
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
         after, sweep = decided(before, last).within_limits(), sweep + 1
-        now = _read(bare, after, largest, last.p)
         if after.doubts != before.doubts:
             sweep = 0  # others may take part in its place
         elif sweep == _SWEEPS or is_settled(before, after):
-            break
-        before, full = after, _swept(now, after, _traces(now), last.p, sweep)
-    after = doubted(after, full, last, undecided)
-    setup = _finished(now, after, last) if after.kept or after.winds_up else bare
-    beyond = beyond_parts(last)
-    return _Settled(setup, after, last, last.p - plain, beyond, why_not(setup, beyond))
+            return _Sweeps(after, full, last, plain, undecided)
+        try:
+            now = _read(bare, after, last.p)
+            before, full = after, _swept(now, after, _traces(now), last.p, sweep)
+        except KinematicsError:
+            return _Sweeps(after, full, last, plain, undecided, is_lost=True)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
@@ -208,8 +245,9 @@ def _allowed(
     )  # fmt: skip
 
 
-def _read(bare: Setup, outcome: ContestOutcome, largest: Coefficients, p: Parameters) -> Setup:
+def _read(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
     """Recordings as links moved and torques acted."""
+    largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
     pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
     readings = Readings(

@@ -165,11 +165,13 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     first, detected = setup, dict(setup.detected)
     for k, study in enumerate(setup.studies):
         recording = setup.recordings[k]
-        found = study and _detected(setup, study, recording)
-        if found:
+        # Whether two recordings hold the same is not known.
+        name = f"undeclared-{recording.log.sha256[:8]}"
+        if study is None or name in setup.barred_effects:
+            continue
+        if found := _detected(setup, study, recording):
             study, load = found
-            # Whether two recordings hold the same is not known.
-            load = load.changed(name=f"undeclared-{recording.log.sha256[:8]}")
+            load = load.changed(name=name)
             holding = _holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
             setup, detected[load.name] = setup.with_recording(k, holding), study
     if len(detected) > len(first.detected):

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
+from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, of_each
+from deltaid.estimation.additions import of_each
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import without_events
 from deltaid.identification.fit import FittedProblem
@@ -109,27 +110,29 @@ class Idle(NamedTuple):
 
 def idle(setup: Setup, problem: FittedProblem) -> Idle:
     """Chosen terms of one coefficient, and effects along the motion of any number, whose
-    coefficients may all be zero.
+    coefficients may all be zero; and detected loads whose mass may be.
 
     No ripples: each has an order of its own, which was searched because it is beyond chance.
     """
     steps = setup.friction_choice.steps if setup.friction_choice else ()
     chosen = {(step.joint, step.addition) for step in steps if step.useful}
-    places = {
+    terms = {
         (term.joint, term.kind): problem.layout.names.index(term.name)
         for term in problem.dynamics.robot.friction_terms
         if (term.joint, term.kind) in chosen
     }
-    names: dict[Addition, str] = {
-        addition: addition.name
-        for addition in problem.additions
-        if isinstance(addition, AlongMotion) and not isinstance(addition, RippleColumns)
-    }
-    if not (places or names):
+    values, first = problem.values.copy(), len(problem.p)
+    effects: dict[str, list[int]] = {}
+    for addition, places in of_each(problem.additions, range(first, len(values))):
+        if isinstance(addition, AlongMotion) and not isinstance(addition, RippleColumns):
+            effects[addition.name] = list(places)
+        elif isinstance(addition, LoadColumns) and addition.is_detected:
+            values[places[0]] += addition.taken[0]
+            effects[addition.load.name] = [places[0]]
+    if not (terms or effects):
         return Idle()
-    may_be_zero = np.abs(problem.values) < _MAY_BE_ZERO * uncertainty(freed(problem)).std
-    own = of_each(problem.additions, may_be_zero[len(problem.p) :].tolist())
+    may_be_zero = np.abs(values) < _MAY_BE_ZERO * uncertainty(freed(problem)).std
     return Idle(
-        frozenset(term for term, k in places.items() if may_be_zero[k]),
-        frozenset(names[addition] for addition, zeros in own if addition in names and all(zeros)),
+        frozenset(term for term, k in terms.items() if may_be_zero[k]),
+        frozenset(name for name, places in effects.items() if all(may_be_zero[places])),
     )
