@@ -30,9 +30,11 @@ def convolve(
     nearly all work is a matrix product, an order of magnitude faster than a loop over taps. Where
     few outputs are kept, samples are cut into pieces as long as these are apart instead.
     """
+    filters, length = taps.shape
+    if length == 1:
+        return taps[:, :, None] * x[:, ::decimation]
     if decimation >= _SPARSE:
         return _sparse(taps, x, decimation)
-    filters, length = taps.shape
     channels, samples = x.shape
     kept = max(0, -(-(samples - length + 1) // decimation))
     if not channels:

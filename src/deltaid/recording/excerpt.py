@@ -58,7 +58,7 @@ def excerpt(
     columns: Columns,
     samples: int,
     rate: float,
-    low_pass: LowPass | None,
+    low_pass: LowPass,
 ) -> Excerpt:
     """Stretches of a log; of a short one all of it.
 
@@ -69,7 +69,7 @@ def excerpt(
         rate: rows per second.
         low_pass: the recording's filter, which takes its length off both ends of a stretch.
     """
-    lost = reach(low_pass) if low_pass else 0
+    lost = reach(low_pass)
     wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * rate)), _MOST * WINDOW)
     count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
     length = -(-wanted // count) + lost

@@ -13,7 +13,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.delay import in_time
 from deltaid.recording.excerpt import Excerpt, excerpt
-from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
+from deltaid.recording.filter import LowPass, design_low_pass, no_filter, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.directions import Directions
@@ -82,26 +82,31 @@ class PreparedRecording(Shown):
         return self.low_pass.motion_cutoff if self.low_pass else None
 
     @property
+    def filter(self) -> LowPass:
+        """What its windows pass: `low_pass`, or all frequencies."""
+        return self.low_pass or no_filter(self.log.rate)
+
+    @property
     def stride(self) -> int:
         """Every how many samples of the log `Window.smoothed` gives one."""
-        return self.low_pass.stride if self.low_pass else 1
+        return self.filter.stride
 
     @property
     def thinned(self) -> int:
         """Every how many samples of the log are kept in the end."""
-        return self.low_pass.thinned if self.low_pass else 1
+        return self.filter.thinned
 
     @property
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
-        shortest = reach(self.low_pass) + 1 if self.low_pass else 1
-        return self.log.laid.report(self.log.bridged(self.motion_cutoff), shortest)
+        longest = self.log.bridged(self.motion_cutoff)
+        return self.log.laid.report(longest, reach(self.filter) + 1)
 
     def excerpted(self) -> "PreparedRecording":
         """The same with an excerpt, for which it is read once."""
         log = self.log
         segments = log.segments(self.motion_cutoff)
-        found = excerpt(segments, log.columns, log.samples, log.rate, self.low_pass)
+        found = excerpt(segments, log.columns, log.samples, log.rate, self.filter)
         return replace(self, excerpt=found)
 
     def repaired(self, **repairs: Any) -> "PreparedRecording":
@@ -137,7 +142,7 @@ class PreparedRecording(Shown):
 
     def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
-        log, start = self.log, 0
+        log, low_pass, start = self.log, self.filter, 0
         directions = None if log.keep_all else self._directions
         burden = None
         if (repairs := self.repairs).loads or repairs.pulls:
@@ -145,13 +150,11 @@ class PreparedRecording(Shown):
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)
             repaired = self.repairs.apply(timed, log.columns, log.rate)
-            for rows in blocks(self._extended(repaired), self.low_pass):
-                uncut = Uncut(
-                    start, rows, log.columns, kinematics, self.low_pass, directions, burden
-                )
+            for rows in blocks(self._extended(repaired), low_pass):
+                uncut = Uncut(start, rows, log.columns, kinematics, low_pass, directions, burden)
                 if uncut.samples:
                     yield uncut
-                start += -(-uncut.samples // self.thinned) * self.thinned
+                start += -(-uncut.samples // low_pass.thinned) * low_pass.thinned
 
     @property
     def without(self) -> tuple[int, int]:

@@ -74,7 +74,7 @@ class Window:
         start: number of samples of the recording's other windows before it.
         own: its samples; those of all windows are the recording.
         wide: the same and more at either end: where to evaluate what is to be filtered.
-        low_pass: the filter, if there is one.
+        low_pass: the filter; `no_filter` where velocities and accelerations are recorded.
         off: recorded positions less the filtered ones, at the wide samples.
         turning: for each drive how many of its own samples do not count because a joint turns round
             there, and for no other reason.
@@ -83,7 +83,7 @@ class Window:
     start: int
     own: SampleBlock
     wide: SampleBlock
-    low_pass: LowPass | None
+    low_pass: LowPass
     off: Float[np.ndarray, "wide dof"]
     turning: Int[np.ndarray, " torques"]
 
@@ -94,8 +94,6 @@ class Window:
             of: gives (channels, samples). Where the filter has two stages it is asked for a few
                 samples at a time, since few remain of them.
         """
-        if self.low_pass is None:
-            return of(self.wide)
         parts = [self.low_pass.leading(of(part)) for part in self._parts()]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
@@ -106,8 +104,6 @@ class Window:
         Args:
             thinned: as `filtered` thins it; else at every `stride`-th own sample.
         """
-        if self.low_pass is None:
-            return x
         every = self.low_pass.decimation if thinned else 1
         return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
 
@@ -125,30 +121,27 @@ class Window:
         self, weights: Float[np.ndarray, "channels wide"], every: int
     ) -> Float[np.ndarray, "channels kept"]:
         """The same for weights of channels at the wide samples."""
-        low_pass = self.low_pass
-        if low_pass is None or np.all(weights == 1.0):
+        if np.all(weights == 1.0):
             return self.trimmed(weights.T)[::every].T ** 2
-        return apply(low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
+        return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
         """Something computed from `wide`, unfiltered, at the own samples."""
-        low_pass = self.low_pass
-        lost = low_pass.lead_half + low_pass.stride * low_pass.half if low_pass else 0
+        lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
         return x[lost : lost + len(self.own.time)]
 
     @property
     def stride(self) -> int:
         """Every how many own samples `smoothed` gives one, beginning with the first."""
-        return self.low_pass.stride if self.low_pass else 1
+        return self.low_pass.stride
 
     @property
     def thinned(self) -> int:
         """Every how many own samples `filtered` gives one, beginning with the first."""
-        return self.low_pass.thinned if self.low_pass else 1
+        return self.low_pass.thinned
 
     def _parts(self) -> Iterator[SampleBlock]:
         """`wide` in parts of which the first stage makes consecutive samples."""
-        assert self.low_pass is not None
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
         if stride == 1:
             yield self.wide
@@ -158,10 +151,8 @@ class Window:
             yield self.wide.part(slice(start, start + size + lead - stride))
 
 
-def blocks(rows: Iterable[Rows], low_pass: LowPass | None) -> Iterator[Rows]:
+def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
     """The rows of one segment as blocks from which windows can be made apart from each other."""
-    if low_pass is None:
-        return recut(rows, WINDOW)
     overlap = reach(low_pass)
     # Of long filters the overlap is what costs.
     size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
@@ -181,7 +172,7 @@ class Uncut:
     rows: Rows
     columns: Columns
     kinematics: Kinematics
-    low_pass: LowPass | None
+    low_pass: LowPass
     directions: Directions | None = None
     burden: Burden | None = None
 
@@ -189,8 +180,6 @@ class Uncut:
     def samples(self) -> int:
         """How many samples its window has of its own."""
         low_pass = self.low_pass
-        if low_pass is None:
-            return len(self.rows)
         apart = (len(self.rows) - len(low_pass.lead)) // low_pass.stride + 1
         return max(0, apart - low_pass.lost) * low_pass.stride
 
@@ -198,16 +187,12 @@ class Uncut:
         """Their motion, differentiated where it is not recorded.
 
         Velocities and accelerations that are not recorded come from differentiating the highest
-        derivative that is, through the filter. Without a filter both must be recorded.
+        derivative that is, through the filter. `no_filter` has none: there both must be recorded.
         """
         c, low_pass = self.columns, self.low_pass
         counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
         q, qd, qdd = np.split(self.rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
         weights = self.rows[:, c.extra_places.stop :]
-        if low_pass is None:
-            samples = self._samples(0, q, qd, qdd, weights)
-            lost = _lost(samples, weights)
-            return Window(self.start, samples, samples, None, np.zeros_like(q), lost)
         first = low_pass.first_row
         smooth, speed, acceleration = _motion(low_pass, q, qd, qdd)
         wide = self._samples(first, smooth, speed, acceleration, weights)
