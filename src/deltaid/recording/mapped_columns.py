@@ -95,12 +95,9 @@ class AllDrives(Part):
         Raises:
             RecordingError: a list has another length than there are drives.
         """
-        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
-        given = {"columns": self.names(dof)} | given
-        drives: list[dict[str, Any]] = [{} for _ in range(dof)]
+        stated = self.model_fields_set - {"column"}
+        given: dict[str, Any] = {"columns": self.names(dof)} | {k: getattr(self, k) for k in stated}
         for key, value in given.items():
-            if key == "column":
-                continue
             if isinstance(value, tuple) and len(value) != dof:
                 raise RecordingError(
                     f"lists {len(value)} {key if key == 'columns' else 'values'}, "
@@ -108,10 +105,11 @@ class AllDrives(Part):
                     where=where if key == "columns" else f"{where}.{key}",
                     cure="list one a drive, in order of q, or give one value for all",
                 )
-            for i, drive in enumerate(drives):
-                name = "column" if key == "columns" else key
-                drive[name] = value[i] if isinstance(value, tuple) else value
-        return tuple(DriveColumn(**drive) for drive in drives)
+        given["column"] = given.pop("columns")
+        return tuple(
+            DriveColumn(**{k: x[i] if isinstance(x, tuple) else x for k, x in given.items()})
+            for i in range(dof)
+        )
 
 
 def _spelling(value: object) -> str:

@@ -50,12 +50,25 @@ class PlanEnds:
     rows: int
     speed: Drives
 
-    def taken(self, places: np.ndarray, period: int) -> Rows:
-        """Rows of a plan that repeats itself after so many, by their numbers from 0."""
-        at = np.mod(places, period)
-        behind = at >= len(self.head)
-        found = self.head[np.where(behind, 0, at)]
-        found[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
+    def before(self, count: int, period: int) -> Rows:
+        """So many rows ahead of the first one of a plan that repeats itself, or rests if 0."""
+        return self._beyond(np.arange(-count, 0), period, self.head[0], 0)
+
+    def after(self, count: int, period: int) -> Rows:
+        """So many rows behind the last one of a plan that repeats itself, or rests if 0."""
+        return self._beyond(self.rows + np.arange(count), period, self.tail[-1], self.rows - 1)
+
+    def _beyond(self, places: np.ndarray, period: int, end: np.ndarray, row: int) -> Rows:
+        """Rows by their numbers from 0, next to an end and its number."""
+        c, rate = self.log.columns, self.log.rate
+        found = np.repeat(end[None], len(places), axis=0)
+        found[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
+        if period:
+            at = np.mod(places, period)
+            behind = at >= len(self.head)
+            found = self.head[np.where(behind, 0, at)]
+            found[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
+        found[:, 0] = end[0] + (places - row) / rate
         return found
 
     @property
@@ -171,8 +184,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     if not periodic and log.samples <= max(0, needed):
         raise _too_short(log, needed + 1, "last" if rests[0] else "first")
     ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
-    before = _before(ends, first, period) if periodic or rests[0] else None
-    after = _after(ends, last, period) if periodic or rests[1] else None
+    before = ends.before(first, period) if periodic or rests[0] else None
+    after = ends.after(last, period) if periodic or rests[1] else None
     return replace(PreparedRecording(log, low_pass), beyond=Beyond(before, after))
 
 
@@ -234,32 +247,10 @@ def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> tuple[Rows | N
     known = [bool(period) or rest for rest in rests]
     first = last = None
     if known[0]:
-        first = np.vstack([_before(ends, _ROWS, period), ends.head[:_ROWS]])
+        first = np.vstack([ends.before(_ROWS, period), ends.head[:_ROWS]])
     if known[1]:
-        last = np.vstack([ends.tail[-_ROWS:], _after(ends, _ROWS, period)])
+        last = np.vstack([ends.tail[-_ROWS:], ends.after(_ROWS, period)])
     if all(known) and ends.rows < _ROWS:  # all of a short plan lies in the middle of one stretch
         half = _ROWS - ends.rows // 2
-        return np.vstack([_before(ends, half, period), ends.head, _after(ends, half, period)]), None
+        return np.vstack([ends.before(half, period), ends.head, ends.after(half, period)]), None
     return first, last
-
-
-def _before(ends: PlanEnds, count: int, period: int) -> Rows:
-    rows = ends.taken(np.arange(-count, 0), period) if period else _resting(ends, 0, count)
-    rows[:, 0] = ends.head[0, 0] + np.arange(-count, 0) / ends.log.rate
-    return rows
-
-
-def _after(ends: PlanEnds, count: int, period: int) -> Rows:
-    places = ends.rows + np.arange(count)
-    rows = ends.taken(places, period) if period else _resting(ends, -1, count)
-    rows[:, 0] = ends.tail[-1, 0] + np.arange(1, count + 1) / ends.log.rate
-    return rows
-
-
-def _resting(ends: PlanEnds, row: int, count: int) -> Rows:
-    """An end row again and again, without speed."""
-    c = ends.log.columns
-    at = (ends.tail if row else ends.head)[row]
-    rows = np.repeat(at[None], count, axis=0)
-    rows[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
-    return rows
