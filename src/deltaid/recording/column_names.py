@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from deltaid.errors import RecordingError
 from deltaid.recording.column_words import (
     COMMANDED,
     DERIVATIVES,
@@ -18,7 +17,7 @@ from deltaid.recording.column_words import (
     SIGNALS,
     UNITS,
 )
-from deltaid.recording.units import is_unit, si_factor
+from deltaid.recording.units import factor_among, is_unit
 
 _KNOWN = frozenset[str]().union(
     *QUANTITIES.values(), MEASURED, COMMANDED, OTHERS, FILLERS, DERIVATIVES
@@ -100,14 +99,7 @@ def unit_of(text: str) -> str | None:
 @cache
 def kind_of(unit: str) -> str:
     """The quantity that a unit is of: 'position' of 'deg'; empty if none that drives have."""
-    for kind, targets in _KINDS.items():
-        for target in targets:
-            try:
-                si_factor(unit, target, where="")
-            except RecordingError:
-                continue
-            return kind
-    return ""
+    return next((kind for kind, si in _KINDS.items() if factor_among(unit, *si) is not None), "")
 
 
 def read_name(name: str) -> Reading:

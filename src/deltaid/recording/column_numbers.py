@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
-from deltaid.recording.units import si_factor
+from deltaid.recording.units import factor_among
 
 Signal = Float[np.ndarray, " rows"]
 
@@ -84,17 +83,8 @@ def fitting_units(
     fitting = list[str]()
     for unit in tried:
         position, velocity, time = (*units[:place], unit, *units[place + 1 :])
-        si = [_si(position, "rad", "m"), _si(velocity, "rad/s", "m/s"), _si(time, "s", "s")]
-        if all(si) and abs(factor * si[0] / (si[1] * si[2]) - 1) < _APART:
+        q, v = factor_among(position, "rad", "m"), factor_among(velocity, "rad/s", "m/s")
+        t = factor_among(time, "s")
+        if q and v and t and abs(factor * q / (v * t) - 1) < _APART:
             fitting.append(unit)
     return fitting
-
-
-def _si(unit: str, *targets: str) -> float:
-    """The factor to SI; 0 for a unit of something else."""
-    for target in targets:
-        try:
-            return si_factor(unit, target, where="")
-        except RecordingError:
-            continue
-    return 0.0

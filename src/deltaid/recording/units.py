@@ -106,6 +106,16 @@ def si_factor(
         raise _other_kind(unit, target, where, torque_constant, cure) from None
 
 
+def factor_among(unit: str, *targets: str) -> float | None:
+    """The factor to the first of some SI units that a unit is of; None if it is of none."""
+    for target in targets:
+        try:
+            return si_factor(unit, target, where="")
+        except RecordingError:
+            continue
+    return None
+
+
 def is_unit(unit: str) -> bool:
     """Whether a text is a unit of anything that a log may hold."""
     return _parsed(unit) is not None
