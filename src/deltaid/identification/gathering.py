@@ -137,9 +137,11 @@ def gather(
                     of_window.counted[:, part],
                 ),
             )
-            for number, part in _cuts(window.start // window.thinned, of_window.y.shape[1], length)
+            for number, part in _cuts(
+                window.start // recording.thinned, of_window.y.shape[1], length
+            )
         ]
-        r = robot.task.point(window.own.z[:: window.thinned])
+        r = robot.task.point(window.own.z[:: recording.thinned])
         return pieces, places.visits(r, chunks) if places else []
 
     def numbered() -> Iterator[tuple[int, Condensed]]:

@@ -165,7 +165,7 @@ def _beginning(
         rows, samples = measured.filtered(window, recording, p), window.own
         counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
         counts = np.vstack([counts, np.sqrt(rows.counted[measured.drives :])])
-        motion = (x[:: window.thinned].T for x in (samples.z, samples.qd, samples.qdd))
+        motion = (x[:: window.low_pass.thinned].T for x in (samples.z, samples.qd, samples.qdd))
         parts.append((rows.entries, rows.y, counts, *motion))
         if window.start + len(samples.time) > most:
             break

@@ -76,7 +76,7 @@ def predict(
         drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
         torques = np.hstack([wide.tau, tau]).T
         smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
-        counted = window.counted(window.stride).T
+        counted = window.counted(window.low_pass.stride).T
         unweighted = not n or bool(np.all(counted == 1.0))
         return PredictedTorques(
             time=own.time,
@@ -126,7 +126,7 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: PreparedRecording
         torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
         filtered, tau = np.split(window.smoothed(torques, thinned=True), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
-        samples = window.counted(window.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
+        samples = window.counted(recording.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
         counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])
         power = np.sum(tau**2, axis=1)
         return filtered @ filtered.T, power, raw, counts, np.abs(own.qd).max(axis=0, initial=0.0)

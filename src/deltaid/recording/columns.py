@@ -7,6 +7,9 @@ from jaxtyping import Bool, Float
 
 from deltaid.recording.carried import Load
 
+# Rows of a log in SI units, columns as in `Columns.all` and what a pass puts behind them.
+Rows = Float[np.ndarray, "_ _"]
+
 
 @dataclass(frozen=True)
 class Channel:

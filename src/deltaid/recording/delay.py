@@ -20,9 +20,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.table import AT_ONCE, padded, recut
 from deltaid.recording.time.resampling import weights_at
 
@@ -30,8 +29,6 @@ from deltaid.recording.time.resampling import weights_at
 _TORQUE, _SLOPE, _MOTION = 2, 3, 4
 # Parts of a sample that are none.
 _NONE = 1e-9
-
-Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
 from deltaid.recording.table import Batch
-from deltaid.recording.windows import WINDOW, reach
+from deltaid.recording.windows import WINDOW
 
 # So many stretches, of so many windows and seconds together; no more than so many windows.
 _STRETCHES, _WINDOWS, _SECONDS, _MOST = 4, 3, 24.0, 32
@@ -26,8 +25,6 @@ _LONG = 8
 _WHOLE = 2.0
 # Numbers that are kept at most: 128 MiB, or two million rows of four drives' positions and torques.
 _MOST_NUMBERS = 1 << 24
-
-Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +66,7 @@ def excerpt(
         rate: rows per second.
         low_pass: the recording's filter, which takes its length off both ends of a stretch.
     """
-    lost = reach(low_pass)
+    lost = low_pass.reach
     wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * rate)), _MOST * WINDOW)
     count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
     length = -(-wanted // count) + lost

@@ -133,14 +133,21 @@ class LowPass:
         return -(-self.lead_half // self.stride)
 
     @property
-    def lead_loss(self) -> int:
-        """Samples, `stride` apart, that a run of n · `stride` samples loses in the first stage."""
-        return -(-len(self.lead) // self.stride) - 1
-
-    @property
     def lost(self) -> int:
         """Samples, `stride` apart, lost by all there is: derivatives, then the low-pass."""
-        return 2 * (self.margin + self.half + self.spread_half) + self.lead_loss
+        # And what a run of n · `stride` samples loses in the first stage.
+        lead_loss = -(-len(self.lead) // self.stride) - 1
+        return 2 * (self.margin + self.half + self.spread_half) + lead_loss
+
+    @property
+    def reach(self) -> int:
+        """How many samples fewer than there are rows a segment gives."""
+        return (self.lost - 1) * self.stride + len(self.lead)
+
+    def samples_of(self, rows: int) -> int:
+        """How many samples a window of so many rows has of its own."""
+        apart = (rows - len(self.lead)) // self.stride + 1
+        return max(0, apart - self.lost) * self.stride
 
     def leading(self, x: Float[np.ndarray, "channels all"]) -> Float[np.ndarray, "channels apart"]:
         """The first stage: of the samples those `stride` apart, as far as it fits entirely."""

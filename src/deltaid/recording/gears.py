@@ -17,11 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import maximum_filter1d
 
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.table import AT_ONCE, recut
 
-Rows = Float[np.ndarray, "_ _"]
 Values = Float[np.ndarray, "samples drives"]
 
 # Rows put right at once are so many times the filter's length at least.

@@ -19,10 +19,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from scipy.stats import chi2
 
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.table import AT_ONCE, padded, recut
 from deltaid.recording.time.resampling import weights_at
 
@@ -44,7 +44,6 @@ _USUAL = 0.9
 # Parts of a recording that have to agree.
 _PARTS = 2
 
-Rows = Float[np.ndarray, "_ _"]
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
 
 

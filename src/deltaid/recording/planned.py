@@ -13,13 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.recording import Beyond, PreparedRecording, with_filter
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
-from deltaid.recording.windows import reach
 
-Rows = Float[np.ndarray, "_ _"]
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
 
@@ -178,7 +177,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     if not motion:
         raise _too_short(log, SpectrumEstimate.SHORTEST, "first")
     low_pass = _only_motion(design_low_pass(motion, log.rate))
-    first, all_lost = low_pass.first_row, reach(low_pass)
+    first, all_lost = low_pass.first_row, low_pass.reach
     last = all_lost + low_pass.stride - first
     needed = all_lost - sum(n for n, rest in zip((first, last), rests, strict=True) if rest)
     if not periodic and log.samples <= max(0, needed):

@@ -11,6 +11,7 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
+from deltaid.recording.columns import Rows
 from deltaid.recording.delay import in_time
 from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, no_filter, samples_needed
@@ -23,7 +24,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Burden, Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Rows, Uncut, Window, blocks, reach
+from deltaid.recording.windows import WINDOW, Uncut, Window, blocks
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
@@ -100,7 +101,7 @@ class PreparedRecording(Shown):
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
         longest = self.log.bridged(self.motion_cutoff)
-        return self.log.laid.report(longest, reach(self.filter) + 1)
+        return self.log.laid.report(longest, self.filter.reach + 1)
 
     def excerpted(self) -> "PreparedRecording":
         """The same with an excerpt, for which it is read once."""
@@ -169,9 +170,7 @@ class PreparedRecording(Shown):
         if known.after is not None:
             return start, 0
         rows = self.log.samples + (first if known.before is not None else 0)
-        apart = (rows - len(low_pass.lead)) // low_pass.stride + 1
-        given = max(0, apart - low_pass.lost) * low_pass.stride
-        return start, self.log.samples - start - given
+        return start, self.log.samples - start - low_pass.samples_of(rows)
 
     def _extended(self, segment: Iterator[Rows]) -> Iterator[Rows]:
         """The rows of the only segment, and those beyond its ends."""
@@ -283,4 +282,4 @@ def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     low_pass = design_low_pass(cutoff, log.rate, motion_cutoff=log.motion_cutoff or 0.0)
     masks = before_stops(log.masks, low_pass.motion_cutoff, log.rate)
     log = log if masks == log.masks else replace(log, masks=masks)
-    return PreparedRecording(log.cut_at(low_pass.motion_cutoff, reach(low_pass) + 1), low_pass)
+    return PreparedRecording(log.cut_at(low_pass.motion_cutoff, low_pass.reach + 1), low_pass)

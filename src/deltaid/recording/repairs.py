@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.recording.carried import carrier
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.gears import Gears
 from deltaid.recording.hold import Hold, filled
@@ -18,7 +18,6 @@ from deltaid.recording.masks.runs import joined_times
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription
 
-Rows = Float[np.ndarray, "_ _"]
 Samples = Float[np.ndarray, "samples dof"]
 
 # Reasons to leave stretches out, and why these say nothing about the robot.

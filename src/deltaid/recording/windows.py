@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.convolution import apply, convolve
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.directions import Directions
@@ -21,7 +21,6 @@ from deltaid.recording.table import recut
 # because rows of an array that lie a power of two apart fight for the same lines of the cache.
 WINDOW = 8000
 
-Rows = Float[np.ndarray, "_ _"]
 Values = Float[np.ndarray, "_ _"]
 
 
@@ -113,7 +112,7 @@ class Window:
         So many samples each filtered sample is worth, for every drive.
 
         Args:
-            every: how many own samples lie between two: `stride` or `thinned`.
+            every: how many own samples lie between two: the filter's `stride` or `thinned`.
         """
         return self.worth(self.wide.weights.T, every)
 
@@ -130,16 +129,6 @@ class Window:
         lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
         return x[lost : lost + len(self.own.time)]
 
-    @property
-    def stride(self) -> int:
-        """Every how many own samples `smoothed` gives one, beginning with the first."""
-        return self.low_pass.stride
-
-    @property
-    def thinned(self) -> int:
-        """Every how many own samples `filtered` gives one, beginning with the first."""
-        return self.low_pass.thinned
-
     def _parts(self) -> Iterator[SampleBlock]:
         """`wide` in parts of which the first stage makes consecutive samples."""
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
@@ -153,15 +142,10 @@ class Window:
 
 def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
     """The rows of one segment as blocks from which windows can be made apart from each other."""
-    overlap = reach(low_pass)
+    overlap = low_pass.reach
     # Of long filters the overlap is what costs.
     size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
     return recut(rows, size, overlap)
-
-
-def reach(low_pass: LowPass) -> int:
-    """How many samples fewer than there are rows a segment gives."""
-    return (low_pass.lost - 1) * low_pass.stride + len(low_pass.lead)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +163,7 @@ class Uncut:
     @property
     def samples(self) -> int:
         """How many samples its window has of its own."""
-        low_pass = self.low_pass
-        apart = (len(self.rows) - len(low_pass.lead)) // low_pass.stride + 1
-        return max(0, apart - low_pass.lost) * low_pass.stride
+        return self.low_pass.samples_of(len(self.rows))
 
     def window(self) -> Window:
         """Their motion, differentiated where it is not recorded.
@@ -196,9 +178,8 @@ class Uncut:
         first = low_pass.first_row
         smooth, speed, acceleration = _motion(low_pass, q, qd, qdd)
         wide = self._samples(first, smooth, speed, acceleration, weights)
-        apart = len(wide.time) // low_pass.stride - low_pass.lead_loss - 2 * low_pass.half
         lost = low_pass.lead_half + low_pass.stride * low_pass.half
-        own = wide.part(slice(lost, lost + max(0, apart) * low_pass.stride))
+        own = wide.part(slice(lost, lost + self.samples))
         off = q[first : first + len(smooth)] - smooth
         return Window(self.start, own, wide, low_pass, off, _lost(own, weights[first + lost :]))
 

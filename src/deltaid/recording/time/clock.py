@@ -24,14 +24,6 @@ _FEWEST_STEPS = 32
 HIGHEST_RATE = 1e6
 
 
-def _no_rows() -> Int[np.ndarray, " rows"]:
-    return np.zeros(0, dtype=int)
-
-
-def _no_times() -> Float[np.ndarray, " rows"]:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, eq=False)
 class Clock:
     """How the rows of a recording lie in time.
@@ -65,13 +57,13 @@ class Clock:
     jitter: float = 0.0
     wild: int = 0
     first_wild: int = -1
-    extra: Int[np.ndarray, " extra"] = field(default_factory=_no_rows)
+    extra: Int[np.ndarray, " extra"] = field(default_factory=lambda: np.zeros(0, int))
     doubled: int = 0
     late: int = 0
-    holes: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
-    lost: Int[np.ndarray, " holes"] = field(default_factory=_no_rows)
-    since: Float[np.ndarray, " holes"] = field(default_factory=_no_times)
-    until: Float[np.ndarray, " holes"] = field(default_factory=_no_times)
+    holes: Int[np.ndarray, " holes"] = field(default_factory=lambda: np.zeros(0, int))
+    lost: Int[np.ndarray, " holes"] = field(default_factory=lambda: np.zeros(0, int))
+    since: Float[np.ndarray, " holes"] = field(default_factory=lambda: np.zeros(0))
+    until: Float[np.ndarray, " holes"] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def rate(self) -> float:
