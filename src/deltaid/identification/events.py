@@ -172,9 +172,9 @@ def _corrections(
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be excluded, in the order of time."""
     outliers, recording = outstanding(expected), expected.source.recording
-    log, low_pass, delay = recording.log, recording.low_pass, recording.repairs.delay
+    log, low_pass, delay = recording.log, recording.filter, recording.repairs.delay
     duration, margin = log.samples / log.rate, max(_BESIDE, 1.0 / log.rate)
-    spread = _PERIOD / low_pass.motion_cutoff if low_pass else 0.0
+    spread = _PERIOD / low_pass.motion_cutoff
     lasting = [run for run in outliers.stretches if not _is_friction(run, expected)]
     remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
     course = JoinedStretches(_ONE)

@@ -193,7 +193,7 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
 def without_recurring(
     outliers: Outstanding,
     stretches: Sequence[OutlierStretch],
-    low_pass: LowPass | None,
+    low_pass: LowPass,
     margin: float,
 ) -> tuple[list[OutlierStretch], list[LeftSpan]]:
     """Those of some stretches that have no reason in a drive, and all that play spoils.
@@ -202,7 +202,7 @@ def without_recurring(
         outliers: what the stretches are of.
         margin: time about a change of sign, and about outliers there [s].
     """
-    near, turns = _NEAR + (_PERIOD / low_pass.motion_cutoff if low_pass else 0.0), outliers.turns
+    near, turns = _NEAR + _PERIOD / low_pass.motion_cutoff, outliers.turns
     peaks = np.array([stretch.peak for stretch in stretches])
     first = np.array([np.argmax(stretch.sizes) for stretch in stretches], dtype=int)
     size = np.array([stretch.size for stretch in stretches])

@@ -31,7 +31,7 @@ def sensors_included(setup: Setup, progress: Progress) -> Setup:
     """The sensors of the description that some recording has a column of, as part of the fit."""
     robot, dynamics, spread = setup.robot, setup.dynamics, setup.settings.prior_spread
     recorded = {
-        name for recording in setup.recordings for name in recording.log.columns.sensor_names
+        sensor.name for recording in setup.recordings for sensor in recording.log.columns.sensors
     }
     names, known = [name for name in robot.sensors if name in recorded], weighings(robot)
     if not (names or known):

@@ -112,11 +112,6 @@ class Columns:
         """How many channels beside the drives hold their value until it is recorded again."""
         return self.extra_places.stop - self.sensor_places.stop
 
-    @property
-    def sensor_names(self) -> tuple[str, ...]:
-        """Names of the sensors that the log has."""
-        return tuple(sensor.name for sensor in self.sensors)
-
     def shown(
         self, extra: Float[np.ndarray, "samples extra"]
     ) -> dict[str, Float[np.ndarray, "_ samples"]]:

@@ -164,7 +164,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
                 where=str(log.path),
                 cure="write rows at even times, or omit --periodic",
             )
-        return _unfiltered_rows(with_filter(log, cutoff))
+        recording = with_filter(log, cutoff)
+        return replace(recording, low_pass=_only_motion(recording.filter))
     least = max(cutoff or 0.0, log.motion_cutoff or 0.0)
     ends = _ends(log, _ROWS + 1)
     # Of a plan too short for a spectrum, speeds are judged as of the fastest motion.
@@ -194,8 +195,8 @@ def still_speed(recording: PreparedRecording) -> Drives:
     Friction of a drive at rest would follow the sign of what rounding and steps of positions leave
     of its speed.
     """
-    low_pass, c = recording.low_pass, recording.log.columns
-    if low_pass is None or c.velocity:
+    low_pass, c = recording.filter, recording.log.columns
+    if c.velocity:
         return np.zeros(len(c.position))
     ends = _ends(recording.log, _ROWS + 1)
     largest = np.abs(ends.positions(np.vstack([ends.head, ends.tail]))).max(axis=0)
@@ -216,11 +217,6 @@ def _too_short(log: Log, needed: int, end: End) -> RecordingError:
 def _only_motion(low_pass: LowPass) -> LowPass:
     """The same filter over positions, and none over rows."""
     return replace(low_pass, smooth=np.ones(1), decimation=1)
-
-
-def _unfiltered_rows(recording: PreparedRecording) -> PreparedRecording:
-    low_pass = recording.low_pass
-    return recording if low_pass is None else replace(recording, low_pass=_only_motion(low_pass))
 
 
 def _ends(log: Log, count: int) -> PlanEnds:

@@ -161,8 +161,8 @@ class PreparedRecording(Shown):
     def without(self) -> tuple[int, int]:
         """Rows at the beginning and at the end that a filter over positions alone gives nothing
         for, where rows are steady."""
-        low_pass = self.low_pass
-        if low_pass is None or not self.log.laid.steady:
+        low_pass = self.filter
+        if not self.log.laid.steady:
             return 0, 0
         known = self.beyond or Beyond(None, None)
         first = low_pass.first_row
@@ -184,8 +184,8 @@ class PreparedRecording(Shown):
     def _directions(self) -> Directions:
         """When joints turn round; the noise of recorded velocities is not known."""
         noise = np.zeros_like(self.log.position_noise)
-        if self.low_pass and not self.log.columns.velocity:
-            noise = self.log.position_noise * self.low_pass.speed_gain
+        if not self.log.columns.velocity:
+            noise = self.log.position_noise * self.filter.speed_gain
         return Directions(1 / self.log.rate, noise, self.repairs.smear(self.log.rate))
 
     def changed(self, cutoff: float | None, **log: Any) -> "PreparedRecording":

@@ -193,7 +193,7 @@ def _track(
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
         measured=np.vstack([p.filtered_measured for p in parts])[:: thinned // recording.stride],
-        noise=noise * (recording.low_pass.noise_gain if recording.low_pass else 1.0),
+        noise=noise * recording.filter.noise_gain,
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),
     )
