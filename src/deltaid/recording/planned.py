@@ -73,9 +73,7 @@ class PlanEnds:
     @property
     def noise(self) -> Drives:
         """Standard deviation of positions, steps of their digits included [rad or m]."""
-        q = self.positions(np.vstack([self.head, self.tail]))
-        change = np.abs(np.diff(q, axis=0))
-        step = np.where(change > 0, change, np.inf).min(axis=0, initial=np.inf)
+        step = spectrum_of(self.positions(np.vstack([self.head, self.tail]))).step
         step = np.where(np.isfinite(step), step, 0.0)
         return np.maximum(step / np.sqrt(12), self.log.position_noise)
 

@@ -20,7 +20,7 @@ from deltaid.recording.formats.joint_topics import (
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, opened
-from deltaid.recording.time.resampling import Signal, fastest, merge
+from deltaid.recording.time.resampling import Signal, merged
 
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"
@@ -205,28 +205,25 @@ class BagTable(LogTable):
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
         """All topics at the instants of the fastest."""
-        signals: list[Signal] = []
-        for name in wanted:
-            mine = [part for topic, part in pieces if topic == name]
-            time = np.concatenate([part.time for part in mine])
-            if len(time) < 2:
+        parts = {name: [part for topic, part in pieces if topic == name] for name in wanted}
+        for name, own in parts.items():
+            if sum(len(part.time) for part in own) < 2:
                 raise RecordingError(
                     f"topic {name} has fewer than two messages",
                     where=str(self.path),
                     cure="give a whole recording",
                 )
-            signals.append(Signal(time, np.concatenate([part.values for part in mine])))
-        onto, names = fastest(signals), list(wanted)
-        same = [np.array_equal(signal.time, signals[onto].time) for signal in signals]
+        signal, same = merged(parts.values())
         if not all(same):
+            names = list(wanted)
+            onto = names[same.index(True)]
             others = [name for name, is_same in zip(names, same, strict=True) if not is_same]
             self.doubts.append(
                 Doubt(
-                    f"{', '.join(others)} is interpolated to the instants of {names[onto]}, "
-                    "because their stamps differ",
+                    f"{', '.join(others)} is interpolated to the instants of {onto}, because their "
+                    "stamps differ",
                     cause="they are published by different nodes or in different cycles",
                     cure="publish positions and torques in one message to keep them in step",
                 )
             )
-        time, values = merge(signals, onto)
-        return "", Signal(time, np.hstack(values))
+        return "", signal

@@ -16,7 +16,7 @@ from deltaid.recording.formats.csv_lines import (
     whole_lines,
 )
 from deltaid.recording.source import LogTable, Rows
-from deltaid.recording.time.resampling import Signal, fastest, merge
+from deltaid.recording.time.resampling import Signal, merged
 
 # The name of the time, which the export has under none of its own.
 TIME = "t"
@@ -137,7 +137,7 @@ class ScopeTable(LogTable):
         """All channels at the instants of the fastest."""
         columns = [k for time, values in groups.items() for k in (time, *values)]
         decimals = Decimals(self.separator)
-        parts: dict[int, list[np.ndarray]] = {time: [] for time in groups}
+        parts: dict[int, list[Signal]] = {time: [] for time in groups}
         for row, frame in self._blocks(columns):
             # Whichever column has a decimal mark first, it holds for all.
             decimals.numbers([frame[str(k)] for k in columns])
@@ -151,22 +151,20 @@ class ScopeTable(LogTable):
                     i, k = (int(index) for index in bad[0])
                     place = f"{self.path}, row {row + int(there[i])}"
                     raise self.bad_value(self._named((time, *values)[k]), texts[k][i], place)
-                parts[time].append(block)
-        blocks = {time: np.vstack(part) for time, part in parts.items()}
-        for time, block in blocks.items():
-            if len(block) < 2:
+                parts[time].append(Signal(block[:, 0], block[:, 1:]))
+        for time, own in parts.items():
+            if sum(len(part.time) for part in own) < 2:
                 raise RecordingError(
                     f"channel {self._named(groups[time][0])} has fewer than two samples",
                     where=str(self.path),
                     cure="give a whole recording, or leave the channel out of the mapping",
                 )
-        signals = [Signal(block[:, 0], block[:, 1:]) for block in blocks.values()]
-        onto = fastest(signals)
+        signal, same = merged(parts.values())
         instants = [
             self._named(k)
-            for signal, group in zip(signals, groups.values(), strict=True)
+            for is_same, group in zip(same, groups.values(), strict=True)
             for k in group
-            if np.array_equal(signal.time, signals[onto].time)
+            if is_same
         ]
         self.doubts.append(
             Doubt(
@@ -177,10 +175,9 @@ class ScopeTable(LogTable):
                 "them keeps them in step",
             )
         )
-        time, values = merge(signals, onto)
         order = [k for group in groups.values() for k in group]
-        found = dict(zip(order, np.hstack(values).T, strict=True))
-        numbers = [time if k in groups else found[k] for k in at]
+        found = dict(zip(order, signal.values.T, strict=True))
+        numbers = [signal.time if k in groups else found[k] for k in at]
         return Rows(numbers, numbers)
 
     def _seconds(self, text: pl.Series, numbers: pl.Series) -> np.ndarray:

@@ -6,7 +6,7 @@ the eight nearest of them, whether evenly spaced or not, Lagrange's polynomial e
 differentiated anyway; and it needs no filter length at the ends.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +108,21 @@ def merge(
         for k, signal in enumerate(signals)
     ]
     return at, values
+
+
+def merged(parts: Iterable[Sequence[Signal]]) -> tuple[Signal, list[bool]]:
+    """Signals, each in consecutive parts, as one at the instants of the fastest.
+
+    Returns:
+        All channels in the order given, and which of the signals have just these instants.
+    """
+    signals = [
+        Signal(np.concatenate([p.time for p in own]), np.concatenate([p.values for p in own]))
+        for own in parts
+    ]
+    onto = signals[fastest(signals)].time
+    time, values = merge(signals)
+    return Signal(time, np.hstack(values)), [np.array_equal(x.time, onto) for x in signals]
 
 
 def _increasing(signal: Signal) -> Signal:
