@@ -15,18 +15,15 @@ Jones). A few times θ are kept in turn, so memory and work are bounded. When on
 the change did to the other estimates is taken back, and the load begins with Δ.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import casadi as ca
 
 from deltaid.online.graph import Field, StateField
-from deltaid.online.kalman import Estimate, Update
-from deltaid.online.momentum import Lowpass
+from deltaid.online.kalman import Estimate
+from deltaid.online.onsets import Onset
 from deltaid.online.settings import OnlineSettings
 
-# How many times of onset are kept, and how long each [s].
-_ONSETS, _LIFE = 3, 0.15
 # Of the load held, what may be left after a release.
 _LEFT = 0.6
 # A change must be likely for so long, in time constants of the filter: it does not show all of it
@@ -38,132 +35,6 @@ _SMALL = 0.05
 # this share of it: its onset is a guess, and of a load that is taken while the robot moves filters
 # show little at first. So it is nearly free as well, by this share of the mass's prior variance.
 _WIDER, _ROUGH, _FREE = 4.0, 0.5, 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Onset:
-    """What would have happened since one time θ.
-
-    Attributes:
-        moved: F.
-        evidence, information: D and C.
-        once, twice: what the filter of the load's column remembers from before θ, and the filter
-            behind it.
-    """
-
-    moved: ca.SX
-    evidence: ca.SX
-    information: ca.SX
-    once: ca.SX
-    twice: ca.SX
-
-    def later(self, lowpass: Lowpass) -> "Onset":
-        """The same time, seen from a cycle later."""
-        once = lowpass.a * self.once
-        twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
-        return replace(self, once=once, twice=twice)
-
-    def measured(self, i: int, column: ca.SX, update: Update) -> "Onset":
-        """With one measurement more.
-
-        Args:
-            i: which drive's.
-            column: of the load, twice filtered.
-        """
-        G = column[i] - self.twice[i] - update.row @ self.moved
-        share = G / update.variance
-        return replace(
-            self,
-            moved=self.moved + update.gain * G,
-            evidence=self.evidence + share * update.innovation,
-            information=self.information + share * G,
-        )
-
-    @property
-    def score(self) -> ca.SX:
-        """Score D / √C of a change."""
-        return self.evidence / ca.sqrt(self.information + 1e-12)
-
-    @property
-    def size(self) -> ca.SX:
-        """Size Δ of the change."""
-        return self.evidence / (self.information + 1.0)
-
-    def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
-        """This one, or another one."""
-        return Onset(*(ca.if_else(condition, a, b) for a, b in zip(self, other, strict=True)))
-
-    def __iter__(self) -> Iterator[ca.SX]:
-        return (getattr(self, name) for name in _NAMES)
-
-
-_NAMES = tuple(field.name for field in fields(Onset))
-
-
-@dataclass(frozen=True, eq=False)
-class Onsets:
-    """All times that are kept.
-
-    Attributes:
-        each: what happened since each.
-        symbols: of the state.
-        ends: whether one is over after this cycle, and begins anew.
-        clock: cycles since the first began.
-    """
-
-    each: tuple[Onset, ...]
-    symbols: tuple[Onset, ...]
-    ends: tuple[ca.SX, ...]
-    clock: tuple[ca.SX, ca.SX]
-
-    @classmethod
-    def named(cls, n: int, dof: int, lowpass: Lowpass, period: float) -> "Onsets":
-        """New symbols.
-
-        Args:
-            n: how many states are estimated.
-        """
-        sizes = dict(zip(_NAMES, (n, 1, 1, dof, dof), strict=True))
-        symbols = tuple(
-            Onset(**{name: ca.SX.sym(f"{name}{j}", size) for name, size in sizes.items()})
-            for j in range(_ONSETS)
-        )
-        clock, turn = ca.SX.sym("clock"), max(1, round(_LIFE / period / _ONSETS))
-        later = ca.if_else(clock + 1.5 > turn * _ONSETS, 0.0, clock + 1)
-        ends = tuple(ca.fabs(clock - j * turn) < 0.5 for j in range(_ONSETS))
-        each = tuple(onset.later(lowpass) for onset in symbols)
-        return cls(each, symbols, ends, (clock, later))
-
-    def measured(self, i: int, column: ca.SX, update: Update) -> "Onsets":
-        """With one measurement more."""
-        return replace(self, each=tuple(onset.measured(i, column, update) for onset in self.each))
-
-    @property
-    def likeliest(self) -> Onset:
-        """The one with the largest score."""
-        best = self.each[0]
-        for onset in self.each[1:]:
-            best = onset.chosen(ca.fabs(onset.score) > ca.fabs(best.score), best)
-        return best
-
-    def kept(self, anew: ca.SX, once: ca.SX, twice: ca.SX) -> tuple[StateField, ...]:
-        """Fields of the state.
-
-        Args:
-            anew: 1 where filters begin anew.
-            once, twice: the load's column, filtered.
-        """
-        doc, fields = "times at which the load may have changed", list[StateField]()
-        for j, (onset, symbol, ends) in enumerate(
-            zip(self.each, self.symbols, self.ends, strict=True)
-        ):
-            begun = Onset(ca.SX(onset.moved.numel(), 1), ca.SX(1, 1), ca.SX(1, 1), once, twice)
-            following = onset.chosen(ca.logic_not(ends), begun)
-            for name, before, now in zip(_NAMES, symbol, following, strict=True):
-                field = Field(f"onset{j + 1}_{name}", before.numel(), doc)
-                fields.append(StateField(field, before, ca.densify(now) * (1 - anew)))
-        clock, later = self.clock
-        return (*fields, StateField(Field("onset_clock", 1, doc), clock, later))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from deltaid.model.model import Model
 from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, friction_part
 from deltaid.online.graph import CyclePart, Field, OutputField, StateField, StepGraph, assembled
+from deltaid.online.grips import chosen_estimate
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals, signals
@@ -115,6 +116,8 @@ def contact_of(cycle: Cycle) -> CyclePart:
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
+    # Filters begin anew with what the gripper tells, and a contact before may have been the load.
+    waits = ca.if_else(cycle.estimates.told, 0.0, waits)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     found = found if known else ca.fmin(found, _MOST_UNKNOWN * excess)
     grows, falls = (_GROWS, _FALLS) if known else (_GROWS_UNKNOWN, _FALLS_UNKNOWN)
@@ -167,7 +170,10 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     """
     s, e, settings = cycle.signals, cycle.estimates, cycle.settings
     model, n = cycle.model, s.columns.shape[1]
-    x, P = e.before.x[:n], e.before.P[:n, :n]
+    believed = chosen_estimate(e.grip.open_, e.grip.likely, e.before).part(slice(0, n))
+    x, P = ca.SX(believed.x), ca.SX(believed.P)
+    x[0] += e.grip.present
+    P[0, 0] += ca.fmax(e.grip.variance - P[0, 0], 0)
     partly, hung = _partly(cycle, ca.fmax(x[0], 0))
     behind = e.lacking**2 + cycle.known.noise**2 * (0.5 * settings.corner * settings.period)
     lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
@@ -180,7 +186,7 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(s.z)
     residual = ContactResidual(
-        value=s.residual - s.columns @ x,
+        value=s.residual - s.columns @ x - e.grip.remembered,
         covariance=S,
         bound=s.dry,
         levers=levers,

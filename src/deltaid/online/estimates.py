@@ -20,17 +20,19 @@ model that runs is passive at any instant. While coefficients change, energy may
 passivity of a whole loop is claimed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from deltaid.model.model import Model
-from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
+from deltaid.online.changes import estimate_after, gripper_differs, judge_change
 from deltaid.online.graph import CyclePart, Field, OutputField, chosen
+from deltaid.online.grips import Grip, GripSymbols, chosen_estimate, grip_before
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.momentum import Lowpass
+from deltaid.online.onsets import Onsets
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
 from deltaid.online.states import Lacking, States
@@ -53,7 +55,9 @@ class CycleEstimates:
         behind: and after it.
         held: 1 while a load is held, behind this cycle.
         changed: 1 where that is another one from now on.
-        differs: 1 where the gripper tells something else than what was held before.
+        told: 1 where the gripper tells so, and
+        differs: where it tells something else than what was held before.
+        grip: what is known of when a load was taken or left.
         lacking: size of torques that the model has not, δ.
         part: of the graph.
     """
@@ -62,7 +66,9 @@ class CycleEstimates:
     behind: Estimate
     held: ca.SX
     changed: ca.SX
+    told: ca.SX
     differs: ca.SX
+    grip: Grip
     lacking: ca.SX
     part: CyclePart
 
@@ -80,39 +86,49 @@ def estimates(
         touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
         bounds: of the followed friction, in deviations.
     """
-    period, dof, n_load = settings.period, s.qd.numel(), len(known.entries.shown)
+    period, n_load = settings.period, len(known.entries.shown)
     lacking = Lacking.named(known, s)
     rows = ca.horzcat(s.smooth_columns, ca.diag(lacking.size))
-    states = States.named(s, settings)
-    before = states.later
+    dof, silent = s.qd.numel(), s.gripper <= -0.5
+    lowpass = Lowpass.lines(settings.corner, period)
+    held = ca.SX.sym("held")
+    states = States.named(s, settings, held)
+    onsets = Onsets.named(1 - states.wander * (1 - states.stays), dof, lowpass, period)
+    differs = gripper_differs(held, s.gripper)
+    symbols = GripSymbols.named(n_load)
+    grip = grip_before(onsets, states.symbols, symbols, held, s.gripper, differs)
+    onsets = replace(onsets, open_=grip.open_)
+    before = states.later(chosen_estimate(grip.closes, grip.likely, states.symbols))
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
-    differs = gripper_differs(states.held, s.gripper)
-    weight = s.live * s.calm * (1 - touched) * (1 - differs)
-    shape = _shape(states.held, before.x[:n_load])
+    usable = s.live * s.calm
+    weight = usable * (1 - touched) * (1 - differs)
+    shape = _shape(held, before.x[:n_load], grip)
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
-    lowpass = Lowpass.lines(settings.corner, period)
-    behind, onsets = before, Onsets.named(states.count, dof, lowpass, period)
+    behind = before
     for i in range(dof):
         behind, update = behind.measured(rows[i, :], s.smooth_residual[i], variances[i], weight)
         onsets = onsets.measured(i, twice, update)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
     least = known.least_mass / known.load_scales[0]
-    change = judge_change(seen, states.held, s.gripper, behind.x[0], spread, least, settings)
-    judged = ca.logic_and(s.gripper <= -0.5, ca.fabs(seen.score) > settings.alarm)
-    calm = weight * (1 - judged)
+    change = judge_change(seen, held, s.gripper, behind.x[0], spread, least, settings)
+    judged = ca.logic_and(silent, ca.fabs(seen.score) > settings.alarm)
+    calm = weight * (1 - judged) * (1 - grip.open_)
     sizes = lacking.kept(behind.part(slice(states.count - dof, states.count)), calm, period)
+    grip_kept = grip.kept(behind.x[:n_load], change, period)
     behind = estimate_after(_bounded(behind, s.at_friction, bounds, calm), seen, change, n_load)
-    loaded = behind.part(slice(0, n_load))
+    likely = ca.logic_and(grip.open_, ca.logic_not(change.changed))
+    loaded = chosen_estimate(likely, grip.given_out, behind).part(slice(0, n_load))
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
     load = chosen(change.held, load, ca.SX.zeros(n_load))
     std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)
     kept = (
-        *states.kept(behind, change),
+        *states.kept(behind),
         *sizes,
         *change.kept,
-        *onsets.kept(change.changed, once, twice),
+        *grip_kept,
+        *onsets.kept(change.changed, change.told, grip.closes, once, twice),
     )
     names = ", ".join(known.entries.names)
     given = (
@@ -120,6 +136,7 @@ def estimates(
         OutputField(Field("changed", 1, "1 in the cycle in which that changed"), change.changed),
         OutputField(Field("load", n_load, f"entries of the load: {names}"), load),
         OutputField(Field("load_std", n_load, "their standard deviations"), std),
+        grip.given(),
         OutputField(
             Field("change_score", 1, "deviations by which the mass looks changed"), seen.score
         ),
@@ -135,24 +152,28 @@ def estimates(
         behind,
         change.held,
         change.changed,
+        change.told,
         differs,
+        grip,
         lacking.size,
         CyclePart(kept, given),
     )
 
 
-def _shape(held: ca.SX, load: ca.SX) -> ca.SX:
-    """Entries of a change in units of its mass: those of the load held, else a mass alone."""
+def _shape(held: ca.SX, load: ca.SX, grip: Grip) -> ca.SX:
+    """Entries of a change in units of its mass: those of the load held, or left just now, else a
+    mass alone."""
+    load = ca.if_else(grip.open_, grip.before.left * (1 - held), load * held)
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(load.numel() - 1))
     mine = load / ca.fmax(load[0], _LEAST_SHARE)
-    return chosen(ca.logic_and(held, load[0] > _LEAST_SHARE), mine, unit)
+    return chosen(load[0] > _LEAST_SHARE, mine, unit)
 
 
 def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:
     """Mass that is no change yet, in units of the largest; none where the gripper tells."""
-    known = onsets.each[0].information
-    for onset in onsets.each[1:]:
-        known = ca.fmax(known, onset.information)
+    known = ca.SX(0)
+    for onset, recent in onsets.untold:
+        known = ca.fmax(known, onset.information * recent)
     open_ = ca.logic_and(gripper <= -0.5, ca.logic_not(held))
     return ca.if_else(open_, ca.fmin(1.0, alarm / ca.sqrt(known + 1e-12)), 0.0)
 

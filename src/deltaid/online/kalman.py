@@ -23,12 +23,14 @@ class Update:
         innovation: what it is beyond what was expected.
         variance: of that.
         gain: by which states move with it.
+        counts: 0 where it was taken for nothing.
     """
 
     row: ca.SX
     innovation: ca.SX
     variance: ca.SX
     gain: ca.SX
+    counts: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +65,7 @@ class Estimate:
         """
         moves, innovation = self.P @ row.T, value - row @ self.x
         total = (row @ moves) * weight + variance
-        share = weight / total
-        gain = moves * share
+        gain = moves * weight / total
         P = ca.tril2symm(ca.tril(self.P - gain @ moves.T))
-        update = Update(row, innovation * weight, total, gain)
+        update = Update(row, innovation * weight, total, gain, weight)
         return Estimate(self.x + gain * innovation, P), update

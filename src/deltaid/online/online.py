@@ -17,6 +17,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
+from deltaid.online.grips import UNKNOWN
 from deltaid.online.instant import NOT_TOLD
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
@@ -60,6 +61,11 @@ class OnlineEstimate(Named):
     def mass(self) -> Float[np.ndarray, "*samples"]:
         """Mass of the load [kg]."""
         return np.asarray(self.load[..., 0])
+
+    @property
+    def grip_offset(self) -> Float[np.ndarray, "*samples"]:
+        """How late the gripper's last signal came by the torques [s], negative if early, or NaN."""
+        return np.where((off := self.outputs["grip_offset"][..., 0]) == UNKNOWN, np.nan, off)
 
     @property
     def contact(self) -> np.ndarray:
@@ -179,8 +185,8 @@ class Online(Named):
         if rate is not None:
             self.settings = self.settings.at_rate(rate)
         self.known: OnlineKnowledge = knowledge(self.model, self.settings)
-        parts = (*standard_parts(self.model), *more)
-        self.graph: StepGraph = step_graph(self.model, self.settings, parts, self.known)
+        more = (*standard_parts(self.model), *more)
+        self.graph: StepGraph = step_graph(self.model, self.settings, more, self.known)
         self.reset()
 
     def reset(self) -> None:
@@ -237,8 +243,7 @@ class Online(Named):
             gripper: 1 holds, 0 empty, -1 not told.
             elapsed: as of `step`, -1 unknown.
         """
-        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
-        none = np.full(len(q), NOT_TOLD)
+        q, tau, none = real_numbers(q, "q"), real_numbers(tau, "tau"), np.full(len(q), NOT_TOLD)
         told = [none if x is None else np.asarray(x, dtype=float) for x in (gripper, elapsed)]
         columns = [q, *self._velocity(qd), tau, *told]
         if len({len(column) for column in columns}) > 1:
@@ -280,14 +285,13 @@ class Online(Named):
 
     def _estimate(self, y: Float[np.ndarray, "*samples outputs"]) -> OnlineEstimate:
         fields = self.graph.outputs.split(y)
-        empty = np.zeros((*y.shape[:-1], 0))
         return OnlineEstimate(
             names=self.entries.names,
             held=np.asarray(fields["held"][..., 0] > 0.5),
             changed=np.asarray(fields["changed"][..., 0] > 0.5),
             load=fields["load"],
             load_std=fields["load_std"],
-            friction=fields.get("friction", empty),
+            friction=fields.get("friction", np.zeros((*y.shape[:-1], 0))),
             unnoticed=np.asarray(fields["unnoticed"][..., 0]),
             residual=fields["residual"],
             unexplained=fields["unexplained"],

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.online.changes import Change
 from deltaid.online.graph import Field, StateField
 from deltaid.online.kalman import Estimate
 from deltaid.online.knowledge import OnlineKnowledge
@@ -24,9 +23,6 @@ from deltaid.online.signals import Signals
 
 # Memory [s] of a load, of the model's own errors, and of torques that the model has not.
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
-# A load that the gripper tells of may be taken so much later [s]; until then, what torques say of
-# it is forgotten within this time [s].
-_GRIPS, _LOOSE = 0.05, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +33,6 @@ class States:
         kinds: of each: 0 load, 1 model, 2 friction, 3 unmodelled.
         x, P: symbols; of P the lower triangle.
         held: 1 while a load was held.
-        gripping: for how long one may still be on its way [s].
         period, friction_time: [s].
     """
 
@@ -45,18 +40,21 @@ class States:
     x: ca.SX
     P: ca.SX
     held: ca.SX
-    gripping: ca.SX
     period: float
     friction_time: float
 
     @classmethod
-    def named(cls, s: Signals, settings: OnlineSettings) -> "States":
-        """States with new symbols."""
+    def named(cls, s: Signals, settings: OnlineSettings, held: ca.SX) -> "States":
+        """States with new symbols.
+
+        Args:
+            held: 1 while a load is held.
+        """
         kinds = _kinds(s)
         n, symbol = len(kinds), ca.SX.sym
         P = symbol("P", ca.Sparsity.lower(n).nnz())
         times = settings.period, settings.friction_time
-        return cls(kinds, symbol("x", n), P, symbol("held"), symbol("gripping"), *times)
+        return cls(kinds, symbol("x", n), P, held, *times)
 
     @property
     def count(self) -> int:
@@ -64,33 +62,35 @@ class States:
         return len(self.kinds)
 
     @property
-    def later(self) -> Estimate:
-        """A cycle later, before anything is measured."""
+    def stays(self) -> ca.SX:
+        """Share of each that is not forgotten in a cycle."""
         memory = np.array([_LOAD, _MODEL, self.friction_time, _UNMODELLED])[self.kinds]
-        stays = ca.SX(np.exp(-self.period / memory))
-        of_load = np.flatnonzero(self.kinds == 0)
-        loose = np.exp(-self.period / _LOOSE)
-        stays[: len(of_load)] = ca.if_else(self.gripping > 0.5 * self.period, loose, stays[0])
-        prior = ca.vertcat(*(self.held if kind == 0 else ca.SX(1) for kind in self.kinds))
-        P = ca.tril2symm(ca.SX(ca.Sparsity.lower(self.count), self.P))
-        return Estimate(self.x, P).forgotten(stays, prior, ca.SX((self.kinds == 3).astype(float)))
+        return ca.SX(np.exp(-self.period / memory))
 
-    def kept(self, behind: Estimate, change: Change) -> tuple[StateField, ...]:
+    @property
+    def wander(self) -> ca.SX:
+        """1 for those whose mean is forgotten too."""
+        return ca.SX((self.kinds == 3).astype(float))
+
+    @property
+    def symbols(self) -> Estimate:
+        """As the cycle before left them."""
+        return Estimate(self.x, ca.tril2symm(ca.SX(ca.Sparsity.lower(self.count), self.P)))
+
+    def later(self, estimate: Estimate) -> Estimate:
+        """A cycle later, before anything is measured."""
+        prior = ca.vertcat(*(self.held if kind == 0 else ca.SX(1) for kind in self.kinds))
+        return estimate.forgotten(self.stays, prior, self.wander)
+
+    def kept(self, behind: Estimate) -> tuple[StateField, ...]:
         """Fields of the state."""
         n, initial = self.count, np.diag(np.where(self.kinds == 0, 0.0, 1.0))
         first = tuple(initial.T[np.triu_indices(n)].tolist())
         triangle = Field("P", len(first), "its covariance, columns of the lower triangle",
                          initial=first)  # fmt: skip
-        gripping = Field("gripping", 1, "for which a load may still be on its way", "s")
-        taken = ca.logic_and(change.told, change.held)
         return (
             StateField(Field("x", n, "estimate, in deviations of its prior"), self.x, behind.x),
             StateField(triangle, self.P, ca.tril(ca.densify(behind.P)).nz[:]),
-            StateField(
-                gripping,
-                self.gripping,
-                ca.if_else(taken, _GRIPS, ca.fmax(self.gripping - self.period, 0)),
-            ),
         )
 
 

@@ -1,0 +1,254 @@
+"""By how much a gripper's signal and the torques disagree, and what that makes of a load.
+
+Estimates take the signal at its word: a load begins, or is gone, with it (`changes`). Beside that a
+few times θ_j are kept at which it may have been taken or left in truth, and that it was not yet.
+Between θ_j and the signal estimates lack a load of the mass m, or have one too many; that has moved
+innovations and estimates by G m and F m since, which gives D and C as in `changes`. With the mass's
+estimate x ± √P of a load that is taken at the signal, the mass and its likelihood, if it was θ_j,
+are
+
+    A = C + (1 + F)²/P,   B = D + (1 + F) x/P,   m = B/A ± 1/√A,
+    w_j ∝ π(θ_j) exp(½ B²/A) / √(A P),
+
+with F of the mass itself, π Laplace's density about the signal, and more at the signal; the mass of
+a load that is left is known. Torques before the signal may also be a push, of a size of its own.
+What is given meanwhile is the mixture. Once the times' spread is within a step, or the load can
+hardly come any more, the mixture's mean goes into the estimates.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from deltaid.online.changes import Change
+from deltaid.online.graph import Field, OutputField, StateField
+from deltaid.online.kalman import Estimate
+from deltaid.online.onsets import Onsets
+
+# What a signal is off by where it is off, typically, and at most where its load is to come [s]; the
+# rest of what is kept shows that. How often it is in time, beside one step of the other times.
+_TYPICAL, _LATEST, _IN_TIME = 0.05, 0.2, 3.0
+# Times are determined within this [s], for so long [s], and with this probability that it came.
+_TIMED, _AFTER, _SURE = 0.01, 0.04, 0.99
+# Where it came surely, and torques do not show when, what is likely is taken after so long [s].
+_SETTLED = 0.1
+# Of a load that was left before the signal, estimates have so much at least; and its mass is known
+# by this share.
+_MOVED, _ROUGH = 0.3, 0.1
+# A push before the signal is less likely than a load that was taken before it, by this in units of
+# χ²: one of a hundred.
+_PUSHED = 9.2
+# What stands for an offset that is not determined [s].
+UNKNOWN = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class GripSymbols:
+    """What is kept from one cycle to the next.
+
+    Attributes:
+        open_: 1 while it is open when the load was taken, or left.
+        since: the signal [s].
+        left: entries of the load that was left at the signal.
+        offset: of the signal, as known [s].
+    """
+
+    open_: ca.SX
+    since: ca.SX
+    left: ca.SX
+    offset: ca.SX
+
+    @classmethod
+    def named(cls, n_load: int) -> "GripSymbols":
+        """New symbols."""
+        names = ("gripping", "since_grip", "left", "offset")
+        return cls(*(ca.SX.sym(name, n_load if name == "left" else 1) for name in names))
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What is known before a cycle's torques of a load that was taken, or left.
+
+    Attributes:
+        open_: 1 while it is open when, in this cycle.
+        closes: 1 where it was until now.
+        likely: estimates as that makes them.
+        present: mass that was left and may be there still, in units of the largest.
+        variance: of the mass that is there, at least.
+        remembered: torque of the load that filters remember from before it was taken or left, and
+            that estimates do not know.
+        offset: of the signal, as known now [s].
+    """
+
+    before: GripSymbols
+    open_: ca.SX
+    closes: ca.SX
+    likely: Estimate
+    present: ca.SX
+    variance: ca.SX
+    remembered: ca.SX
+    offset: ca.SX
+
+    def kept(self, load: ca.SX, change: Change, period: float) -> tuple[StateField, ...]:
+        """Fields of the state.
+
+        Args:
+            load: in the estimates before it changes.
+        """
+        before = self.before
+        left = ca.if_else(ca.logic_and(change.told, ca.logic_not(change.held)), load, before.left)
+        values = (
+            ("gripping", "1 while it is open when it was taken or left", "", before.open_,
+             ca.fmax(self.open_, change.told)),
+            ("since_grip", "the gripper's signal", "s", before.since,
+             ca.if_else(change.told, 0.0, ca.fmin(before.since + period, 1.0))),
+            ("left", "load left last, in units of the largest", "", before.left, left),
+            ("offset", "of the gripper's signal", "s", before.offset,
+             ca.if_else(change.told, UNKNOWN, self.offset)),
+        )  # fmt: skip
+        return tuple(
+            StateField(
+                Field(name, symbol.numel(), doc, unit, UNKNOWN if name == "offset" else 0.0),
+                symbol,
+                following,
+            )
+            for name, doc, unit, symbol, following in values
+        )
+
+    @property
+    def given_out(self) -> Estimate:
+        """Estimates, with the mass as uncertain as it is if the load may be still to come."""
+        P = ca.SX(self.likely.P)
+        P[0, 0] = ca.fmax(P[0, 0], self.variance)
+        return Estimate(self.likely.x, P)
+
+    def given(self) -> OutputField:
+        """As an output."""
+        doc = "by which the gripper's last signal came after what torques show, -1 unknown"
+        return OutputField(Field("grip_offset", 1, doc, "s"), self.offset)
+
+
+def grip_before(
+    onsets: Onsets,
+    estimate: Estimate,
+    before: GripSymbols,
+    held: ca.SX,
+    gripper: ca.SX,
+    differs: ca.SX,
+) -> Grip:
+    """What is known of when a load was taken or left, from the cycles before.
+
+    Args:
+        estimate: behind the cycle before.
+        held: 1 while it is held.
+        gripper: what it tells, and
+        differs: 1 where that is something else.
+    """
+    n_load, P0 = before.left.numel(), ca.fmax(estimate.P[0, 0], 1e-9)
+    times = _times(onsets, before, held, estimate.x[0], P0)
+    came = ca.sum2(times.weight) + 1e-12
+    offset = ca.sum2(times.weight * times.off) / came
+    spread = ca.sum2(times.weight * (times.off - offset) ** 2) / came
+    sure = ca.logic_and(came > _SURE, before.since + ca.fmin(offset, 0) > _AFTER)
+    timed = ca.logic_and(before.open_, ca.logic_and(sure, spread < _TIMED**2))
+    late = before.since > ca.if_else(sure, _SETTLED, _LATEST)
+    over = ca.logic_or(late, ca.logic_or(gripper <= -0.5, differs))
+    closes = ca.logic_and(before.open_, ca.logic_or(timed, over))
+    mass = ca.sum2(times.weight * times.mass) / came
+    variance = ca.sum2(times.weight * (times.variance + (times.mass - mass) ** 2)) / came
+    moves = times.weight * times.change / came
+    moved = onsets.symbols.moved[:, :-1] @ moves[:, :-1].T
+    known = _taken(estimate, moved, mass, variance, P0)
+    gone = _left(estimate, moved, variance, n_load)
+    likely = chosen_estimate(held, known, gone)
+    likely = chosen_estimate(before.open_, likely, estimate)
+    to_come, open_ = 1 - came, ca.if_else(closes, 0.0, before.open_)
+    # What was pushed until the signal is no load: torques behind it decide.
+    fresh = ca.if_else(before.since < _AFTER, 1.0, 0.0)
+    return Grip(
+        before,
+        open_=open_,
+        closes=closes,
+        likely=likely,
+        present=ca.if_else(held, 0.0, to_come * mass) * open_,
+        variance=open_
+        * ca.if_else(held, ca.fmax(variance + to_come * (1 + mass**2), fresh), to_come * mass**2),
+        remembered=-onsets.symbols.once[:, :-1] @ moves[:, :-1].T * open_,
+        offset=ca.if_else(timed, offset, before.offset),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Times:
+    """Of each time, and last the signal's own: its probability, by how much the signal is off, the
+    mass, and the change that torques had before estimates knew of it."""
+
+    weight: ca.SX
+    off: ca.SX
+    mass: ca.SX
+    variance: ca.SX
+    change: ca.SX
+
+
+def _times(onsets: Onsets, before: GripSymbols, held: ca.SX, x: ca.SX, P: ca.SX) -> _Times:
+    """The last time kept is none yet, so its probability is what others lack."""
+    D, C, F = onsets.symbols.evidence, onsets.symbols.information, onsets.symbols.moved[0, :]
+    off, zero = ca.horzcat(onsets.ages - before.since, 0.0), ca.SX.zeros(1)
+    D, C, F = (ca.horzcat(part, zero) for part in (D, C, F))
+    signal = off.numel() - 1
+    prior = ca.horzcat(
+        ca.exp(-ca.fabs(off[:signal]) / _TYPICAL),
+        _TYPICAL / onsets.step * ca.exp(-before.since / _TYPICAL) * (before.since < _LATEST),
+        _IN_TIME,
+    )
+    A = C + (1 + F) ** 2 / P
+    B = ca.fmax(D + (1 + F) * x / P, 0)
+    # A push has nothing to do with the load, and was over when the signal came.
+    push = D / (C + 1)
+    late = ca.horzcat(ca.if_else(off[:signal] > 0, 1.0, 0.0), 0.0, 0.0)
+    other = x - F * push
+    beyond = D * push - _PUSHED + (x * x - ca.fmin(other, 0) ** 2) / P - B * B / A
+    pushed = ca.logic_and(late, beyond > 0)
+    taken = (
+        ca.if_else(pushed, B * B / A + beyond, B * B / A),
+        1 / ca.sqrt(ca.if_else(pushed, C + 1, A * P)),
+        ca.if_else(pushed, ca.fmax(other, 0), B / A),
+        ca.if_else(pushed, P, 1 / A),
+        ca.if_else(pushed, push, B / A),
+    )
+    mass = before.left[0] / ca.fmax(1 - F, _MOVED)
+    gone = -(2 * D + C * mass) * mass, 1.0, mass, (_ROUGH * mass) ** 2, -mass
+    gain, share, *rest = (ca.if_else(held, *pair) for pair in zip(taken, gone, strict=True))
+    weight = prior * share * ca.exp(0.5 * (gain - ca.mmax(gain)))
+    weight /= ca.sum2(weight)
+    off = ca.horzcat(off[:signal], 0.0, 0.0) * ca.if_else(ca.logic_and(held, pushed), 0.0, 1.0)
+    parts = (weight, off, *rest)
+    return _Times(*(ca.horzcat(part[:signal], part[signal + 1]) for part in parts))
+
+
+def _taken(estimate: Estimate, moved: ca.SX, mass: ca.SX, variance: ca.SX, P: ca.SX) -> Estimate:
+    """With the mass known, and what went wrong before it was taken back.
+
+    Args:
+        moved: by which estimates went wrong.
+    """
+    along = estimate.P[:, 0] / P
+    # A mass of nothing moves nothing.
+    share = moved * mass / (mass**2 + 1e-9)
+    x = estimate.x - moved + along * (mass + moved[0] - estimate.x[0])
+    g = along * (1 + share[0]) - share
+    covariance = estimate.P - along @ along.T * P + g @ g.T * variance
+    return Estimate(x, ca.tril2symm(ca.tril(covariance)))
+
+
+def _left(estimate: Estimate, moved: ca.SX, variance: ca.SX, n_load: int) -> Estimate:
+    """With what the load did to the others taken back, of which a share is uncertain."""
+    others = ca.vertcat(ca.SX.zeros(n_load), moved[n_load:])
+    spread = others @ others.T * _ROUGH**2
+    return Estimate(estimate.x - others, ca.tril2symm(ca.tril(estimate.P + spread)))
+
+
+def chosen_estimate(condition: ca.SX, a: Estimate, b: Estimate) -> Estimate:
+    """The one, or the other."""
+    x, P = (ca.if_else(condition, *pair) for pair in ((a.x, b.x), (a.P, b.P)))
+    return Estimate(x, P)
