@@ -260,9 +260,7 @@ FORCES = {"platform-spring", "platform-force"}
         ("askew", "delta4", {"structure"}),
         pytest.param("falling-gain", "linear", {"torque-constant"}, marks=pytest.mark.slow),
         pytest.param("falling-gain", "delta3", {"torque-constant"}, marks=pytest.mark.slow),
-        pytest.param(
-            "spring", "delta3", {"platform-spring", "platform-force"}, marks=pytest.mark.slow
-        ),
+        pytest.param("spring", "delta3", FORCES, marks=pytest.mark.slow),
         pytest.param("force", "par4", {"platform-force"}, marks=pytest.mark.slow),
     ],
 )
@@ -304,3 +302,14 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     assert found["gear-ratio", "drive1"] == pytest.approx(-0.5, abs=0.02)
     assert not {kind for kind, _ in found} & {"length", "load", "platform-spring"}
     assert judge(made, result).M < 0.003
+
+
+@pytest.mark.slow
+def test_sweeps_that_lead_to_where_no_robot_can_be_begin_elsewhere() -> None:
+    """Gear ratio, zeros and lengths are all beyond what parts are off by when these are left."""
+    made = case("gear-ratio", "par4", 1)
+    result = identified(made)
+    kinds = {correction.kind for correction in result.model.corrections}
+    assert "gear-ratio" in kinds
+    assert not kinds & {"zero", "length"}
+    assert judge(made, result).M < 0.005

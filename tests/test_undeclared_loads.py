@@ -9,7 +9,11 @@ import pytest
 from deltaid.checks.identified import Judged
 from deltaid.effects.effect import causes_of
 from deltaid.effects.load import LoadChange
+from deltaid.effects.load_columns import LoadColumns
+from deltaid.identification.setup import Setup
+from deltaid.identification.stages import idle
 from deltaid.identification.study import studied
+from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade
 from drives import Case, case
 from drives.happening import within
@@ -80,3 +84,16 @@ def test_gears_that_wind_up_are_no_load() -> None:
     result = identified(case("gear-5000", "h4", 1))  # a study of which detects one
     assert not result.model.loads
     assert not result.detected
+
+
+def test_a_load_whose_mass_may_be_zero_is_idle() -> None:
+    """As one that is detected in place of another cause and hardly weighs anything."""
+    _, result = of("load-half-undeclared", "delta4")
+    problem, (load,) = result.problem, result.model.loads
+    setup = Setup(result.robot, result.recordings, Settings())
+    assert not idle(setup, problem).effects
+    weightless = tuple(
+        replace(a, taken=a.taken - load.p) if isinstance(a, LoadColumns) else a
+        for a in problem.additions
+    )
+    assert idle(setup, replace(problem, additions=weightless)).effects == {load.name}
