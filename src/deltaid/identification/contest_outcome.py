@@ -11,7 +11,13 @@ from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.contest import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.identification.contest import Contest
-from deltaid.identification.setup import WIND_UP, Coefficients, ContestOutcome, Setup
+from deltaid.identification.setup import (
+    UNEXPLAINED,
+    WIND_UP,
+    Coefficients,
+    ContestOutcome,
+    Setup,
+)
 from deltaid.identification.study import ADEQUATE, rests
 from deltaid.model.corrections import Inseparable, cause_in_words
 from deltaid.model.verdict import listed, percent
@@ -120,7 +126,7 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     return ContestOutcome(
         outcome.described,
         moves=(*outcome.moves, *uncorrected),
-        doubts=outcome.doubts | {"unexplained": doubt},
+        doubts=outcome.doubts | {UNEXPLAINED: doubt},
     )
 
 

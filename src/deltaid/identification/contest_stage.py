@@ -57,6 +57,7 @@ class _Sweeps:
         full, last: the last contest, with all causes and with what is kept.
         plain: parameters before any sweep.
         undecided: what parameters move by where all causes may be as large as rows allow.
+        dismissed: what parameters would move by with causes that are beyond their limits.
         is_lost: whether the next would lead to poses in which the robot cannot be.
     """
 
@@ -65,6 +66,7 @@ class _Sweeps:
     last: Contest
     plain: Parameters
     undecided: Parameters
+    dismissed: tuple[Parameters, ...] = ()
     is_lost: bool = False
 
 
@@ -75,7 +77,7 @@ class _Settled:
     Attributes:
         setup: with what is kept.
         noise: what is left, as of `Contest`.
-        move: of parameters, by what is corrected.
+        moves: of parameters, by what is corrected, and by what is beyond its limit.
         beyond: errors of the description that would be further off than they ever are.
         why_not: why this is not what acts on the robot; empty where it may be.
     """
@@ -83,7 +85,7 @@ class _Settled:
     setup: Setup
     outcome: ContestOutcome
     noise: float
-    move: Parameters
+    moves: tuple[Parameters, ...]
     beyond: frozenset[str]
     why_not: str
 
@@ -108,7 +110,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
     if end.why_not:
-        moves = [each.move for each in (end, *others)]
+        moves = [move for each in (end, *others) for move in each.moves]
         return bare.changed(outcome=refuted(outcome, end.why_not, moves))
     return estimated_anew(end.setup, progress)
 
@@ -137,7 +139,8 @@ def _settled(bare: Setup, end: _Sweeps) -> _Settled:
         if outcome.kept or outcome.winds_up:
             setup = _finished(_read(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
-    return _Settled(setup, outcome, last.noise, last.p - end.plain, beyond, why)
+    moves = (last.p - end.plain, *end.dismissed)
+    return _Settled(setup, outcome, last.noise, moves, beyond, why)
 
 
 def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
@@ -147,21 +150,21 @@ def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
     else:
         now, before, p = _read(bare, since.outcome, since.last.p), since.outcome, since.last.p
     full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
-    plain = since.plain if since else full.points[0].p
+    plain, dismissed = since.plain if since else full.points[0].p, ()
     while True:
         last = full.reduced()
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
         after, sweep = decided(before, last).within_limits(), sweep + 1
         if after.doubts != before.doubts:
-            sweep = 0  # others may take part in its place
+            dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
         elif sweep == _SWEEPS or is_settled(before, after):
-            return _Sweeps(after, full, last, plain, undecided)
+            return _Sweeps(after, full, last, plain, undecided, dismissed)
         try:
             now = _read(bare, after, last.p)
             before, full = after, _swept(now, after, _traces(now), last.p, sweep)
         except KinematicsError:
-            return _Sweeps(after, full, last, plain, undecided, is_lost=True)
+            return _Sweeps(after, full, last, plain, undecided, dismissed, is_lost=True)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:

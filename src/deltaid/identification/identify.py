@@ -15,7 +15,7 @@ from deltaid.estimation.additions import of_each
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
-from deltaid.identification.friction_curves import freed
+from deltaid.identification.friction_curves import LawConstants, freed
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
@@ -30,6 +30,7 @@ from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
@@ -122,10 +123,12 @@ def identify(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
+    described_friction = robot.friction
     setup, problem = _fitted(setup, progress)
     robot, recordings, additions = setup.robot, setup.recordings, setup.additions
     if setup.outcome is not None:
-        problem = replace(problem, moves=setup.outcome.moves)
+        moves = (*setup.outcome.moves, *_moves_of_laws(setup, described_friction, problem))
+        problem = replace(problem, moves=moves)
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged = judged_parameters(freed(problem))
     added = judged[len(problem.p) :]
@@ -194,6 +197,21 @@ def _confirmed(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     if (barred, effects) != (first.barred, first.barred_effects):
         return _confirmed(first.changed(barred=barred, barred_effects=effects), progress)
     return setup, problem
+
+
+def _moves_of_laws(
+    setup: Setup, described_friction: Mapping[str, Friction], problem: FittedProblem
+) -> tuple[dict[str, float], ...]:
+    """Where no known effect explains what acts on the robot, chosen friction laws may stand for a
+    part of it: what parameters, by name, move by with the described ones."""
+    robot = setup.robot.changed(friction=described_friction)
+    if not (setup.outcome and setup.outcome.is_refuted) or setup.robot == robot:
+        return ()
+    plain = setup.without(LawConstants).with_robot(robot)
+    p = fit(plain.dynamics, plain.recordings, plain.settings, additions=plain.additions).p
+    values = dict(zip(plain.dynamics.layout.names, p.tolist(), strict=True))
+    own = zip(setup.dynamics.layout.names, problem.p.tolist(), strict=True)
+    return ({name: values.get(name, 0.0) - value for name, value in own},)
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:

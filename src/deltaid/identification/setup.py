@@ -23,6 +23,8 @@ Progress = Callable[[str], None]
 WIND_UP = "compliance"
 
 Coefficients = Float[np.ndarray, " coefficients"]
+# Key of the doubt that no known effect explains what acts on the robot.
+UNEXPLAINED = "unexplained"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,11 @@ class ContestOutcome:
         values = {name: value for name, value in self.values.items() if name not in beyond}
         kept = tuple(name for name in self.kept if name not in beyond)
         return replace(self, kept=kept, values=values, doubts=self.doubts | beyond)
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether what acts on the robot is no known effect."""
+        return UNEXPLAINED in self.doubts
 
     @property
     def winds_up(self) -> bool:
