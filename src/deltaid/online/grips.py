@@ -48,7 +48,7 @@ class GripSymbols:
 
     Attributes:
         open_: 1 while it is open when the load was taken, or left.
-        since: the signal [s].
+        since: the signal [s], which came half a cycle before it was read.
         left: entries of the load that was left at the signal.
         offset: of the signal, as known [s].
     """
@@ -101,7 +101,7 @@ class Grip:
             ("gripping", "1 while it is open when it was taken or left", "", before.open_,
              ca.fmax(self.open_, change.told)),
             ("since_grip", "the gripper's signal", "s", before.since,
-             ca.if_else(change.told, 0.0, ca.fmin(before.since + period, 1.0))),
+             ca.if_else(change.told, 0.5 * period, ca.fmin(before.since + period, 1.0))),
             ("left", "load left last, in units of the largest", "", before.left, left),
             ("offset", "of the gripper's signal", "s", before.offset,
              ca.if_else(change.told, UNKNOWN, self.offset)),
