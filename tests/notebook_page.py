@@ -30,6 +30,7 @@ _NUMBER = re.compile(r"[-−]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
 # The search of a motion ends elsewhere on other processors, and there other limits are full. Spaces
 # depend on the digits of numbers beside them.
 _LIMIT, _SPACE = re.compile(r"(?<=100 % )\([^)]*\)"), re.compile(r"\s+(?=[],])|(?<=\[)\s+")
+_MARKUP = re.compile(r"<style>.*?</style>|<[^>]+>", re.DOTALL)
 # Numbers may differ by this share of themselves, since machines round otherwise and searches end
 # elsewhere; and so many of a cell's numbers by more.
 _CLOSE, _MOSTLY = 0.2, 0.4
@@ -123,7 +124,11 @@ def _masked(text: str) -> str:
 
 
 def _words(output: Any) -> str:
+    """Text; a table's from its HTML, as plain text folds it by the digits of its numbers."""
     text = output.get("text") or output["metadata"].get("figure") or output["data"]["text/plain"]
+    html = output.get("data", {}).get("text/html", "")
+    if ".dataframe" in html:
+        text = _MARKUP.sub(" ", html)
     return " ".join(text.split())
 
 
