@@ -17,9 +17,11 @@ from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _blocks
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
-from deltaid.identification.fit import with_geometry
-from deltaid.identification.setup import ContestOutcome
+from deltaid.identification.fit import fit, with_geometry
+from deltaid.identification.identify import _moves_of_laws
+from deltaid.identification.setup import UNEXPLAINED, ContestOutcome, Setup
 from deltaid.identification.study import studied_trace
+from deltaid.model.settings import Settings
 from deltaid.robot.load import described
 from drives import case, mixture
 from drives.judge import judge
@@ -285,6 +287,34 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
     assert "nothing of it is corrected" in doubt
     assert any("explained" in verdict.seen for verdict in result.verdicts), result.verdicts
     assert np.mean(judge(case(row, kind), result).base) > 0.65  # 0.55 to 0.65 where others stand in
+
+
+@pytest.mark.parametrize(
+    ("noise", "why_not", "stands"), [(-0.4, "", True), (-0.3, "", False), (-0.4, "zero", False)]
+)
+def test_another_start_stands_if_it_leaves_half_the_variance(
+    noise: float, why_not: str, stands: bool
+) -> None:
+    other, end = Mock(noise=noise, why_not=why_not), Mock(noise=0.0, why_not="length")
+    assert contest_stage._is_better(other, end) == stands
+
+
+def test_intervals_count_described_laws_where_a_cause_is_unexplained() -> None:
+    """Chosen ones may stand for a part of it."""
+    result = identified(case("clean", "delta3"))
+    robot, plain = result.robot, Settings(lag="none", friction="described")
+    laws = {drive: law.changed(load=0.02) for drive, law in robot.friction.items()}
+    outcome = ContestOutcome(robot, doubts={UNEXPLAINED: "something acts on the robot"})
+    setup = Setup(robot.changed(friction=laws), result.recordings, plain, outcome=outcome)
+    problem = fit(setup.dynamics, setup.recordings, plain)
+    (move,) = _moves_of_laws(setup, robot.friction, problem)
+    moved = dict(zip(setup.dynamics.layout.names, problem.p + list(move.values()), strict=True))
+    expected = fit(compiled(robot), setup.recordings, plain)
+    names = expected.dynamics.layout.names
+    assert [moved.pop(name) for name in names] == pytest.approx(expected.p.tolist(), abs=1e-12)
+    assert set(moved.values()) == {0.0}
+    explained = setup.changed(outcome=ContestOutcome(robot))
+    assert not _moves_of_laws(explained, robot.friction, problem)
 
 
 @pytest.mark.slow

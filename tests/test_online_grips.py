@@ -11,7 +11,7 @@ from online_runs import LOAD, outputs, robot, running
 TAKEN, LEFT, CYCLES = 400, 900, 1300
 
 
-def told(late: int) -> np.ndarray:
+def gripper_signal(late: int) -> np.ndarray:
     """A signal that comes so many cycles after the load."""
     rows = np.arange(CYCLES)
     return (rows >= TAKEN + late) & (rows < LEFT + late)
@@ -21,7 +21,7 @@ def told(late: int) -> np.ndarray:
 def test_a_signal_at_the_wrong_time_is_reported_and_masses_hold(late: int) -> None:
     model, graph = robot("clavel-delta3")
     run = running(model, CYCLES, slice(TAKEN, LEFT), noise=0.1)
-    y = outputs(graph, run, told(late))
+    y = outputs(graph, run, gripper_signal(late))
     known = TAKEN + max(late, 0) + 100
     # Known within a step of the times that are kept.
     assert y["grip_offset"][known, 0] == pytest.approx(1e-3 * late, abs=0.01)
@@ -30,13 +30,13 @@ def test_a_signal_at_the_wrong_time_is_reported_and_masses_hold(late: int) -> No
     assert np.abs(mass - LOAD[0]).max() < 0.12
     # Without contacts and with hardly any noise, late ones leave a few per cent in friction.
     assert late > 0 or np.mean(np.abs(mass - LOAD[0]) <= half) >= 0.9
-    assert np.array_equal(y["held"][:, 0] > 0, told(late))
+    assert np.array_equal(y["held"][:, 0] > 0, gripper_signal(late))
 
 
 def test_a_load_that_is_still_to_come_is_unknown() -> None:
     model, graph = robot("clavel-delta3")
     run = running(model, CYCLES, slice(TAKEN, LEFT), noise=0.1)
-    y = outputs(graph, run, told(-150))
+    y = outputs(graph, run, gripper_signal(-150))
     before = slice(TAKEN - 145, TAKEN)
     high = y["load"][before, 0] + 1.96 * y["load_std"][before, 0]
     assert high.min() > LOAD[0]
@@ -46,7 +46,7 @@ def test_a_load_that_is_still_to_come_is_unknown() -> None:
 def test_an_offset_is_unknown_where_nothing_is_held() -> None:
     model, graph = robot("clavel-delta3")
     run = running(model, CYCLES, slice(0, 0), noise=0.1)
-    y = outputs(graph, run, told(0))
+    y = outputs(graph, run, gripper_signal(0))
     assert np.all(y["grip_offset"] == UNKNOWN)
 
 
@@ -54,6 +54,6 @@ def test_python_gives_the_offset_in_seconds_or_nan() -> None:
     model, _ = robot("clavel-delta3")
     settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
     run = running(model, CYCLES, slice(TAKEN, LEFT), noise=0.1)
-    found = Online(model, settings).run(run.q, run.qd, run.tau, told(50).astype(float))
+    found = Online(model, settings).run(run.q, run.qd, run.tau, gripper_signal(50).astype(float))
     assert np.isnan(found.grip_offset[: TAKEN + 40]).all()
     assert found.grip_offset[LEFT - 1] == pytest.approx(0.05, abs=0.01)

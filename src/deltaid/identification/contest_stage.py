@@ -95,7 +95,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
     Slopes are first taken far from where the robot is, and an error of its description that is
     beyond all that parts are off by may stand for the curvature of another. Sweeps then begin where
-    those without it have settled, and what leaves less stands.
+    those without it have settled, and stand if they leave much less.
     """
     if setup.settings.effects == "none":
         return setup
@@ -122,11 +122,13 @@ def _is_better(other: _Settled, end: _Settled) -> bool:
 def _again(bare: Setup, beyond: frozenset[str]) -> list[_Settled]:
     """What sweeps settle at that begin where those have with none of these or only one, whichever
     leaves least."""
-    barred = {beyond, *(beyond - {name} for name in beyond)} - {frozenset()}
-    first = (_sweeps(bare.changed(barred_effects=bare.barred_effects | names)) for names in barred)
-    starts = [sweeps for sweeps in first if not sweeps.is_lost]
-    best = sorted(starts, key=lambda sweeps: sweeps.last.noise)[:1]
-    return [_settled(bare, _sweeps(bare, start)) for start in best]
+    all_but_one = [beyond - {name} for name in sorted(beyond)] if len(beyond) > 1 else []
+    starts = [
+        _sweeps(bare.changed(barred_effects=bare.barred_effects | barred))
+        for barred in (beyond, *all_but_one) if barred
+    ]  # fmt: skip
+    starts = sorted((s for s in starts if not s.is_lost), key=lambda start: start.last.noise)
+    return [_settled(bare, _sweeps(bare, start)) for start in starts[:1]]
 
 
 def _settled(bare: Setup, end: _Sweeps) -> _Settled:

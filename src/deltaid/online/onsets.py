@@ -13,7 +13,7 @@ from deltaid.online.momentum import Lowpass
 # Times of onset are kept every so many seconds, over so long: a gripper's signal may be as late and
 # the load of an early one shows within the rest (`grips`).
 _EVERY, _LIFE = 0.01, 0.35
-# Where no gripper tells, every so manieth counts, for so long [s].
+# Where no gripper tells, one of so many counts, for so long [s].
 _UNTOLD_EVERY, _UNTOLD_LIFE = 5, 0.15
 
 
