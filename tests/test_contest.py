@@ -295,7 +295,10 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
 def test_another_start_stands_if_it_leaves_half_the_variance(
     noise: float, why_not: str, stands: bool
 ) -> None:
-    other, end = Mock(noise=noise, why_not=why_not), Mock(noise=0.0, why_not="length")
+    robot = described("clavel-delta3")
+    setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
+    end = contest_stage._Settled(setup, outcome, 0.0, (), frozenset(), "length")
+    other = replace(end, noise=noise, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
 
 

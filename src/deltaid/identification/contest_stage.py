@@ -1,5 +1,6 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,7 @@ from deltaid.recording.gears import Gears
 from deltaid.recording.readings import Readings
 
 # What leaves half the variance as noise stands in place of what is beyond parts.
-_BETTER = 0.5 * np.log(2.0)
+_BETTER = 0.5 * math.log(2.0)
 # Sweeps at most.
 _SWEEPS = 8
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
