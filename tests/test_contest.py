@@ -13,15 +13,19 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
+from deltaid.effects.lag_columns import LagColumns
+from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _blocks
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
+from deltaid.identification.friction_curves import LawConstants
 from deltaid.identification.identify import _moves_of_laws
 from deltaid.identification.setup import UNEXPLAINED, ContestOutcome, Setup
 from deltaid.identification.study import studied_trace
 from deltaid.model.settings import Settings
+from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
 from drives import case, mixture
 from drives.judge import judge
@@ -303,16 +307,26 @@ def test_another_start_stands_if_it_leaves_half_the_variance(
 
 
 def test_intervals_count_described_laws_where_a_cause_is_unexplained() -> None:
-    """Chosen ones may stand for a part of it."""
+    """Chosen ones may stand for a part of it; columns of torques go with the laws."""
     result = identified(case("clean", "delta3"))
     robot, plain = result.robot, Settings(lag="none", friction="described")
-    laws = {drive: law.changed(load=0.02) for drive, law in robot.friction.items()}
+    more = Stribeck(coefficient=0.1, speed=0.3)
+    laws = {drive: law.changed(load=0.02, stribeck=more) for drive, law in robot.friction.items()}
+    dynamics = compiled(robot.changed(friction=laws))
+    p = dict(zip(result.problem.layout.names, result.problem.p.tolist(), strict=False))
+    p = np.array([p.get(name, 0.0) for name in dynamics.layout.names])
+    constants = LawConstants(dynamics)
+    late = LagColumns(
+        dynamics, (constants,), np.pad(p, (0, len(constants.parameters))), result.recordings[0],
+        (LagGroup((0, 1, 2), 0.0),)
+    )  # fmt: skip
     outcome = ContestOutcome(robot, doubts={UNEXPLAINED: "something acts on the robot"})
-    setup = Setup(robot.changed(friction=laws), result.recordings, plain, outcome=outcome)
-    problem = fit(setup.dynamics, setup.recordings, plain)
+    setup = Setup(dynamics.robot, result.recordings, plain, (late,), outcome=outcome)
+    problem = fit(setup.dynamics, setup.recordings, plain, additions=setup.additions)
     (move,) = _moves_of_laws(setup, robot.friction, problem)
     moved = dict(zip(setup.dynamics.layout.names, problem.p + list(move.values()), strict=True))
-    expected = fit(compiled(robot), setup.recordings, plain)
+    late = replace(late, dynamics=compiled(robot), beside=(), p=result.problem.p)
+    expected = fit(compiled(robot), setup.recordings, plain, additions=(late,))
     names = expected.dynamics.layout.names
     assert [moved.pop(name) for name in names] == pytest.approx(expected.p.tolist(), abs=1e-12)
     assert set(moved.values()) == {0.0}

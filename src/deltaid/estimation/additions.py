@@ -7,7 +7,7 @@ solvers, base parameters and intervals treat all alike.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from typing import ClassVar, TypeVar
@@ -98,6 +98,15 @@ class OfTorques(Addition):
     beside: tuple[Addition, ...]
     p: Parameters  # of both, in their order
 
+    def on(self, dynamics: Dynamics) -> "OfTorques":
+        """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
+        if dynamics is self.dynamics:
+            return self
+        beside = tuple(addition.on(dynamics) for addition in self.beside)
+        known = dict(zip(_names(self.dynamics, self.beside), self.p.tolist(), strict=True))
+        p = np.array([known.get(name, 0.0) for name in _names(dynamics, beside)])
+        return replace(self, dynamics=dynamics, beside=beside, p=p)
+
     def torques(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """τ of each drive, with that of loads, which goes through the drives like the rest."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
@@ -107,6 +116,11 @@ class OfTorques(Addition):
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of torques."""
         return extended(self.dynamics, self.beside).regressor_pattern
+
+
+def _names(dynamics: Dynamics, additions: Sequence[Addition]) -> list[str]:
+    added = [parameter.name for addition in additions for parameter in addition.parameters]
+    return [*dynamics.layout.names, *added]
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,11 +62,11 @@ class LawConstants(Addition):
         joints = {joint.name: joint for joint in joints_of(self.dynamics)}
         drives = [joints[term.joint].drives for term, _ in self.constants]
         columns = np.repeat(np.arange(len(drives)), [len(entries) for entries in drives])
-        return np.concatenate(drives), columns
+        return np.concatenate([np.zeros(0, dtype=int), *drives]), columns
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
-        joints, values = {joint.name: joint for joint in joints_of(self.dynamics)}, list[Values]()
+        joints, values = {joint.name: joint for joint in joints_of(self.dynamics)}, [own[:0]]
         for term, name in self.constants:
             joint = joints[term.joint]
             values.append(term.size * term.slopes(joint.speed(own))[name] * own[joint.coulomb])

@@ -14,13 +14,12 @@ where these explain more of a recording than anything else, Σ log c_i = 0 over 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.problem import Span
@@ -83,17 +82,6 @@ class Gains(OfTorques):
     @property
     def determines(self) -> tuple[str, ...]:
         return (CONSTANT_OF,) if self.alike else (CONSTANT_OF, CONSTANTS)
-
-    def on(self, dynamics: Dynamics) -> "Gains":
-        """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
-        if dynamics is self.dynamics:
-            return self
-        before = self.dynamics.layout.names
-        known = dict(zip(before, self.p.tolist(), strict=False))
-        p = [known.get(name, 0.0) for name in dynamics.layout.names]
-        beside = tuple(addition.on(dynamics) for addition in self.beside)
-        p = np.append(p, self.p[len(before) :])
-        return replace(self, dynamics=dynamics, beside=beside, p=p)
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return -self.torques(w, own, recording)
