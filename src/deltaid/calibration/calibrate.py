@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.fit import fit
+from deltaid.calibration.fit import MeasuringSession, fit, sessions
 from deltaid.calibration.gauss_newton import GeometryFit
 from deltaid.calibration.instruments import KINDS, Instrument
 from deltaid.calibration.loops import Loops
@@ -15,7 +15,6 @@ from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ReadingsLike, read
 from deltaid.calibration.robot_file import calibrated_robot
-from deltaid.calibration.sessions import MeasuringSession, session
 from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
 from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
@@ -262,7 +261,7 @@ def result(description: RobotDescription, found: GeometryFit) -> Calibration:
     shares = found.shares()
     kinds = ["description", *(x.kind for x in found.instruments), "torques"]
     decided = tuple(kinds[k] for k in np.argmax(shares, axis=0))
-    A = triangle(np.vstack([part.A for part in found.rows]))
+    A = triangle(np.vstack([part.used_slopes for part in found.rows]))
     A[:, len(found.u) :] *= LENGTH
     s = np.linalg.svd(A, compute_uv=False)
     return Calibration(
@@ -276,7 +275,7 @@ def result(description: RobotDescription, found: GeometryFit) -> Calibration:
         std=found.std,
         decided=decided,
         shares=shares,
-        sessions=tuple(session(found, i) for i in range(len(found.instruments))),
+        sessions=sessions(found),
         rank=int(np.sum(s > 1)),
         before=_knows(over, known.G),
         after=_knows(over, known.G @ found.root),

@@ -7,9 +7,11 @@ u are the free numbers in units of their spread before, v the unknowns of the in
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from deltaid.calibration.instruments import Instrument
 from deltaid.calibration.loops import Loops
@@ -25,45 +27,103 @@ FAR = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class InstrumentRows:
-    """Rows of one instrument at some geometry, in units of its noise.
+class Rows:
+    """Rows of an instrument, or of torques, at some geometry, in units of their noise.
 
     Attributes:
-        A: slopes by u and by the unknowns of all instruments.
-        error: measured less predicted.
-        values: how many values each reading has.
+        slopes: of the prediction by u and by the unknowns of all instruments.
+        errors: measured less predicted.
+        used: which readings the fit uses.
     """
 
-    A: Float[np.ndarray, "rows variables"]
-    error: Float[np.ndarray, " rows"]
-    values: int
+    slopes: Float[np.ndarray, "readings values variables"]
+    errors: Float[np.ndarray, "readings values"]
+    used: Bool[np.ndarray, " readings"]
+
+    @cached_property
+    def used_slopes(self) -> Float[np.ndarray, "rows variables"]:
+        """Slopes of the used readings."""
+        return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
+
+    @cached_property
+    def used_errors(self) -> Float[np.ndarray, " rows"]:
+        """Errors of the used readings."""
+        return self.errors[self.used].ravel()
+
+    def studentised(self, knowledge: Knowledge) -> Float[np.ndarray, "readings values"]:
+        """Errors over their deviations: σ² less what the fit took, or more if unused."""
+        taken = np.sum((self.slopes @ knowledge.inverse) ** 2, axis=2)
+        variance = np.where(self.used[:, None], np.maximum(1 - taken, 1e-6), 1 + taken)
+        return self.errors / np.sqrt(variance)
+
+
+@dataclass(frozen=True, eq=False)
+class UsedReadings:
+    """An instrument's readings in a fit.
+
+    Attributes:
+        used: which of them.
+        state: of the instrument's unknowns.
+        noise: what residuals show, at least the instrument's [m].
+    """
+
+    instrument: Instrument
+    used: Bool[np.ndarray, " readings"]
+    state: np.ndarray
+    noise: float
+
+    @property
+    def grown(self) -> float:
+        """By how much the noise is larger than stated."""
+        return self.noise / self.instrument.noise
+
+    def rows(
+        self,
+        x: Float[np.ndarray, "readings ends 3"],
+        by_u: Float[np.ndarray, "readings coordinates free"],
+        own: Int[np.ndarray, " own"],
+        width: int,
+    ) -> Rows:
+        """Rows at tool points.
+
+        Args:
+            x, by_u: tool points, and their slopes.
+            own: columns of the instrument's unknowns.
+            width: how many columns there are.
+        """
+        at = self.instrument.slopes(x, self.state)
+        A = np.zeros((*at.error.shape, width))
+        A[..., : by_u.shape[2]] = at.tools @ by_u
+        A[..., own] = at.own
+        return Rows(A / self.noise, at.error / self.noise, self.used)
 
 
 @dataclass(frozen=True, eq=False)
 class GeometryFit:
     """Attributes:
-    instruments: with the noise that residuals show.
-    used: which readings of each.
-    states: of each instrument's unknowns.
+    readings: of each instrument.
     u: free numbers in units of their spread before.
-    rows: of each instrument's used readings, and behind them of torques.
-    errors: of each instrument's readings, used or not [m].
-    residuals: the same in units of their σ.
+    rows: of each instrument, and behind them of torques.
     knowledge: of u and the instruments' unknowns.
-    grown: by how much each noise is larger than stated.
     """
 
     loops: Loops = field(repr=False)
     known: Unknowns = field(repr=False)
-    instruments: tuple[Instrument, ...]
-    used: tuple[Bool[np.ndarray, " _"], ...]
-    states: tuple[np.ndarray, ...]
+    readings: tuple[UsedReadings, ...]
     u: Float[np.ndarray, " free"]
-    rows: tuple[InstrumentRows, ...]
-    errors: tuple[Float[np.ndarray, "_ _"], ...]
-    residuals: tuple[Float[np.ndarray, "_ _"], ...]
+    rows: tuple[Rows, ...]
     knowledge: Knowledge
-    grown: tuple[float, ...]
+
+    @property
+    def instruments(self) -> tuple[Instrument, ...]:
+        """Whose readings are fitted."""
+        return tuple(readings.instrument for readings in self.readings)
+
+    @cached_property
+    def residuals(self) -> tuple[Float[np.ndarray, "_ _"], ...]:
+        """Of each instrument's readings, used or not, in units of their σ."""
+        rows = self.rows[: len(self.readings)]
+        return tuple(part.studentised(self.knowledge) for part in rows)
 
     @property
     def theta(self) -> Float[np.ndarray, " numbers"]:
@@ -86,140 +146,64 @@ class GeometryFit:
         With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀), whose diagonal weights these are.
         """
         n, C = len(self.u), self.knowledge.inverse @ self.knowledge.inverse.T
-        parts = [C[:n, :n]] + [(C @ (part.A.T @ part.A))[:n, :n] for part in self.rows]
+        parts = [C[:n, :n]] + [
+            (C @ (part.used_slopes.T @ part.used_slopes))[:n, :n] for part in self.rows
+        ]
         to_free = np.linalg.pinv(self.known.G)
         return np.array([np.einsum("kf,fg,gk->k", self.known.G, W, to_free) for W in parts])
 
 
+def own_columns(n: int, instruments: Sequence[Instrument]) -> list[Int[np.ndarray, " own"]]:
+    """Columns of each instrument's unknowns, behind n free numbers."""
+    ends = n + np.cumsum([0, *(len(instrument.unknowns) for instrument in instruments)])
+    return [np.arange(*pair) for pair in pairwise(ends)]
+
+
 def solved(
-    loops: Loops,
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    used: Sequence[Bool[np.ndarray, " _"]],
-    stated: Sequence[float],
-    before: GeometryFit | None = None,
+    loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: Float[np.ndarray, " free"]
 ) -> GeometryFit:
-    n = known.G.shape[1]
-    u = np.zeros(n) if before is None else before.u
-    states = None if before is None else before.states
-    own = [len(instrument.unknowns) for instrument in instruments]
-    D = np.eye(n + sum(own))
+    """The fit to used readings, from some u and the states of the instruments."""
+    n, columns = len(u), own_columns(len(u), [part.instrument for part in readings])
+    width = n + sum(map(len, columns))
+    D = np.eye(width)
     D[n:] /= FAR
     for _ in range(_STEPS):
-        tools = [tools_of(loops, known, instrument, u) for instrument in instruments]
-        x, slopes = zip(*tools, strict=True)
-        if states is None:
-            states = tuple(
-                start_of(instrument, ends, keep)
-                for instrument, ends, keep in zip(instruments, x, used, strict=True)
-            )
-        every = _rows(known, instruments, x, slopes, states, own)
-        rows = tuple(_kept(part, keep) for part, keep in zip(every, used, strict=True))
-        rows += _of_torques(known, u, sum(own))
-        problem = LinearProblem(
-            np.vstack([part.A for part in rows]),
-            np.concatenate([part.error for part in rows]),
-            np.zeros(sum(len(part.error) for part in rows), dtype=int),
-        ).with_known(D, np.concatenate([-u, np.zeros(sum(own))]))
-        step = problem.x
+        tools = [tools_of(loops, known, part.instrument, u) for part in readings]
+        rows = [
+            part.rows(*points, own, width)
+            for part, points, own in zip(readings, tools, columns, strict=True)
+        ]
+        if known.torques is not None:  # which say nothing of the instruments' unknowns
+            by_torques = np.pad(known.torques.A @ known.G, ((0, 0), (0, width - n)))
+            error = known.torques.b - by_torques[:, :n] @ u
+            rows.append(Rows(by_torques[:, None], error[:, None], np.ones(len(error), dtype=bool)))
+        A = np.vstack([part.used_slopes for part in rows])
+        error = np.concatenate([part.used_errors for part in rows])
+        problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))
+        step = problem.with_known(D, np.pad(-u, (0, width - n))).x
         if np.abs(step[:n]).max() < _STILL:
-            break
-        u, first, moved = u + step[:n], n, []
-        for instrument, state, size in zip(instruments, states, own, strict=True):
-            moved.append(instrument.moved(state, step[first : first + size]))
-            first += size
-        states = tuple(moved)
-    else:
-        raise IdentificationError(
-            f"the geometry does not settle, {np.abs(u).max():.0f} standard deviations from the "
-            "description",
-            where=", ".join(instrument.source for instrument in instruments),
-            cure="check that these are readings of this robot by this instrument; or hold numbers "
-            "that they cannot know, such as --hold upper_arm",
-        )
-    knowledge = Knowledge(D).and_rows(np.vstack([part.A for part in rows]))
-    residuals = tuple(
-        _studentised(part, keep, knowledge) for part, keep in zip(every, used, strict=True)
+            return GeometryFit(
+                loops, known, tuple(readings), u, tuple(rows), Knowledge(D).and_rows(A)
+            )
+        u = u + step[:n]
+        readings = [
+            replace(part, state=part.instrument.moved(part.state, step[own]))
+            for part, own in zip(readings, columns, strict=True)
+        ]
+    raise IdentificationError(
+        f"the geometry does not settle, {np.abs(u).max():.0f} standard deviations from the "
+        "description",
+        where=", ".join(part.instrument.source for part in readings),
+        cure="check that these are readings of this robot by this instrument; or hold numbers "
+        "that they cannot know, such as --hold upper_arm",
     )
-    errors = tuple(
-        x.noise * part.error.reshape(-1, part.values)
-        for x, part in zip(instruments, every, strict=True)
-    )
-    grown = tuple(x.noise / noise for x, noise in zip(instruments, stated, strict=True))
-    return GeometryFit(loops, known, tuple(instruments), tuple(used), states, u, rows, errors,
-               residuals, knowledge, grown)  # fmt: skip
-
-
-def _of_torques(
-    known: Unknowns, u: Float[np.ndarray, " free"], own: int
-) -> tuple[InstrumentRows, ...]:
-    """Rows of torques, which say nothing of the instruments' unknowns."""
-    if known.torques is None:
-        return ()
-    A = known.torques.A @ known.G
-    return (InstrumentRows(np.pad(A, ((0, 0), (0, own))), known.torques.b - A @ u, 1),)
-
-
-def start_of(
-    instrument: Instrument, x: Sequence[np.ndarray], used: Bool[np.ndarray, " readings"]
-) -> np.ndarray:
-    """The state of an instrument that fits its used readings."""
-    q, values, rows = (part[used] for part in (instrument.q, instrument.values, instrument.rows))
-    kept = replace(instrument, q=q, values=values, rows=rows)
-    return kept.start([points[used] for points in x])
-
-
-def _kept(rows: InstrumentRows, keep: Bool[np.ndarray, " readings"]) -> InstrumentRows:
-    kept = np.repeat(keep, rows.values)
-    return InstrumentRows(rows.A[kept], rows.error[kept], rows.values)
-
-
-def _studentised(
-    rows: InstrumentRows, used: Bool[np.ndarray, " readings"], knowledge: Knowledge
-) -> Float[np.ndarray, "readings values"]:
-    """Residuals over their standard deviations: σ² less what the fit took, or more if unused."""
-    taken = np.sum((rows.A @ knowledge.inverse) ** 2, axis=1)
-    kept = np.repeat(used, rows.values)
-    variance = np.where(kept, np.maximum(1 - taken, 1e-6), 1 + taken)
-    return (rows.error / np.sqrt(variance)).reshape(-1, rows.values)
-
-
-def ends_of(instrument: Instrument) -> Float[np.ndarray, "poses drives"]:
-    """Drive coordinates of all ends, end after end."""
-    return np.concatenate(list(instrument.q.swapaxes(0, 1)))
 
 
 def tools_of(
     loops: Loops, known: Unknowns, instrument: Instrument, u: Float[np.ndarray, " free"]
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Tool points of each end of an instrument's readings, and their slopes by u."""
-    q = ends_of(instrument)
+) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, "readings coordinates free"]]:
+    """Tool points of an instrument's readings, and their slopes by u."""
+    rows, ends, drives = instrument.q.shape
+    q = instrument.q.reshape(-1, drives)
     tools = loops.points(q, known.G @ u, loops.start(q))
-    ends = instrument.q.shape[1]
-    return np.split(tools.x, ends), np.split(tools.slopes @ known.G, ends)
-
-
-def _rows(
-    known: Unknowns,
-    instruments: Sequence[Instrument],
-    x: Sequence[Sequence[np.ndarray]],
-    slopes: Sequence[Sequence[np.ndarray]],
-    states: Sequence[np.ndarray],
-    own: Sequence[int],
-) -> list[InstrumentRows]:
-    n, parts, first = known.G.shape[1], [], known.G.shape[1]
-    for instrument, ends, by_u, state, size in zip(
-        instruments, x, slopes, states, own, strict=True
-    ):
-        at = instrument.slopes(ends, state)
-        values = at.error.shape[1]
-        A = np.zeros((at.error.size, n + sum(own)))
-        A[:, :n] = sum(
-            (tool @ slope).reshape(-1, n) for tool, slope in zip(at.tools, by_u, strict=True)
-        )
-        A[:, first : first + size] = at.own.reshape(at.error.size, size)
-        parts.append(
-            InstrumentRows(A / instrument.noise, at.error.ravel() / instrument.noise, values)
-        )
-        first += size
-    return parts
+    return tools.x.reshape(rows, ends, 3), (tools.slopes @ known.G).reshape(rows, 3 * ends, -1)

@@ -7,18 +7,18 @@ Distances   |x_A − x_B| of a calliper or ballbar
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from deltaid.sensors.planning.offers import PoseKind
 
 Points = Float[np.ndarray, "rows 3"]
+Tools = Float[np.ndarray, "rows ends 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +27,12 @@ class Slopes:
 
     Attributes:
         error: measured less predicted [m].
-        tools: slopes of the prediction by each end's tool point.
+        tools: slopes of the prediction by the tool points of all ends.
         own: slopes of the prediction by changes of the instrument's unknowns.
     """
 
     error: Float[np.ndarray, "rows values"]
-    tools: tuple[Float[np.ndarray, "rows values 3"], ...]
+    tools: Float[np.ndarray, "rows values coordinates"]
     own: Float[np.ndarray, "rows values own"]
 
 
@@ -45,7 +45,7 @@ class Instrument(ABC):
         source: file that they come from.
         q: drive coordinates of each end [rad or m].
         values: what was read [m].
-        noise: standard deviation of each value [m].
+        noise: standard deviation of each value, as stated [m].
         rows: of the file, for messages.
     """
 
@@ -69,13 +69,18 @@ class Instrument(ABC):
         _, first, which = np.unique(self.numbers, axis=0, return_index=True, return_inverse=True)
         return first[which.ravel()]
 
-    @abstractmethod
-    def start(self, x: Sequence[Points]) -> np.ndarray:
-        """A state of the instrument's unknowns that fits tool points of each end."""
+    @property
+    def is_first(self) -> Bool[np.ndarray, " rows"]:
+        """Whether no earlier reading has the same numbers."""
+        return self.repeats == np.arange(len(self.repeats))
 
     @abstractmethod
-    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
-        """Errors and slopes at tool points of each end."""
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """A state of the instrument's unknowns that fits the tool points of its used readings."""
+
+    @abstractmethod
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        """Errors and slopes at tool points."""
 
     def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
         """The state after changes of the unknowns."""
@@ -88,17 +93,17 @@ class PointReadings(Instrument):
     kind = readings = "points"
     unknowns = ("frame turn x", "frame turn y", "frame turn z", "frame x", "frame y", "frame z")
 
-    def start(self, x: Sequence[Points]) -> np.ndarray:
-        return aligned(x[0], self.values)
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        return aligned(x[used, 0], self.values[used])
 
-    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
         R, t = state[:, :3], state[:, 3]
-        turned = x[0] @ R.T
+        turned = x[:, 0] @ R.T
         own = np.zeros((len(turned), 3, 6))
         own[:, :, 3:] = np.eye(3)
         for k, axis in enumerate(np.eye(3)):
             own[:, :, k] = np.cross(axis, turned)
-        return Slopes(self.values - turned - t, (np.broadcast_to(R, (len(own), 3, 3)),), own)
+        return Slopes(self.values - turned - t, np.broadcast_to(R, (len(own), 3, 3)), own)
 
     def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
         turn = Rotation.from_rotvec(by[:3]).as_matrix()
@@ -112,15 +117,16 @@ class ProbeReadings(Instrument):
     readings = "touches"
     unknowns = ("plane height", "plane slope x", "plane slope y")
 
-    def start(self, x: Sequence[Points]) -> np.ndarray:
-        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2]])
-        return np.linalg.lstsq(A, x[0][:, 2] - self.values[:, 0], rcond=None)[0]
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        x = x[used]
+        A = np.insert(x[:, 0, :2], 0, 1.0, axis=1)
+        return np.linalg.lstsq(A, x[:, 0, 2] - self.values[used, 0], rcond=None)[0]
 
-    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
-        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2]])
-        error = A @ state + self.values[:, 0] - x[0][:, 2]
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        A = np.insert(x[:, 0, :2], 0, 1.0, axis=1)
+        error = A @ state + self.values[:, 0] - x[:, 0, 2]
         across = np.broadcast_to([-state[1], -state[2], 1.0], (len(A), 1, 3))
-        return Slopes(error[:, None], (across,), -A[:, None, :])
+        return Slopes(error[:, None], across, -A[:, None, :])
 
 
 class DistanceReadings(Instrument):
@@ -128,14 +134,18 @@ class DistanceReadings(Instrument):
 
     kind = readings = "distances"
 
-    def start(self, x: Sequence[Points]) -> np.ndarray:
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
         return np.zeros(0)
 
-    def slopes(self, x: Sequence[Points], state: np.ndarray) -> Slopes:
-        way = x[1] - x[0]
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        way = x[:, 1] - x[:, 0]
         length = np.linalg.norm(way, axis=1, keepdims=True)
         along = (way / length)[:, None, :]
-        return Slopes(self.values - length, (-along, along), np.zeros((len(way), 1, 0)))
+        return Slopes(
+            self.values - length,
+            np.concatenate([-along, along], axis=2),
+            np.zeros((len(way), 1, 0)),
+        )
 
 
 KINDS: dict[PoseKind, type[Instrument]] = {

@@ -18,6 +18,7 @@ from deltaid.calibration.instruments import (
     Instrument,
     PointReadings,
     ProbeReadings,
+    Tools,
     aligned,
 )
 from deltaid.calibration.loops import Loops
@@ -49,8 +50,7 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         RecordingError: lengths are in another unit, a frame is mirrored, points stand in another
             order, or drives are exchanged.
     """
-    ends = list(instrument.q.swapaxes(0, 1))
-    x = [loops.start(q)[:, :3] for q in ends]
+    x = _described(loops, instrument.q)
     with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
         _require_enough(instrument)
         _require_spread(instrument, x)
@@ -58,7 +58,7 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     here, allowed = _misfit(instrument, x), _ALLOWED * _allowed(loops, known, instrument)
     if here <= allowed:
         return
-    hypotheses = (*_hypotheses(loops, instrument, ends, x), *_sorted(instrument, x, allowed))
+    hypotheses = (*_hypotheses(loops, instrument, x), *_sorted(instrument, x, allowed))
     better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
     if better:
         least = min(left for left, _, _ in better)
@@ -105,9 +105,14 @@ def _require_enough(instrument: Instrument) -> None:
         )
 
 
-def _require_spread(instrument: Instrument, x: list[np.ndarray]) -> None:
+def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
+    """Tool points of the described robot; NaN where its loops do not close."""
+    return loops.start(q.reshape(-1, q.shape[2]))[:, :3].reshape(*q.shape[:2], 3)
+
+
+def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
-        lengths = np.linalg.norm(x[1] - x[0], axis=1)
+        lengths = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
         none = np.flatnonzero((lengths < _SAME) | (instrument.values[:, 0] <= 0))
         if none.size:
             raise RecordingError(
@@ -118,8 +123,8 @@ def _require_spread(instrument: Instrument, x: list[np.ndarray]) -> None:
         return
     across = 2 if isinstance(instrument, ProbeReadings) else 3
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in
-            (x[0][:, :across], instrument.values) if part.shape[1] > 1]  # fmt: skip
-    if min(wide) < _SAME * np.sqrt(len(x[0])):
+            (x[:, 0, :across], instrument.values) if part.shape[1] > 1]  # fmt: skip
+    if min(wide) < _SAME * np.sqrt(len(x)):
         raise RecordingError(
             f"{instrument.readings} lie on a line, or in one place",
             where=instrument.source,
@@ -127,17 +132,19 @@ def _require_spread(instrument: Instrument, x: list[np.ndarray]) -> None:
         )
 
 
-def _require_unit(instrument: Instrument, x: list[np.ndarray]) -> None:
+def _require_unit(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, PointReadings):
-        ratio = np.linalg.norm(np.std(instrument.values, axis=0)) / np.linalg.norm(np.std(x[0], 0))
+        spreads = [np.linalg.norm(np.std(part, axis=0)) for part in (instrument.values, x[:, 0])]
+        ratio = spreads[0] / spreads[1]
     elif isinstance(instrument, ProbeReadings):
         if np.ptp(instrument.values) == 0:
             return
-        A = np.column_stack([np.ones(len(x[0])), x[0][:, :2], instrument.values])
-        slope = np.linalg.lstsq(A, x[0][:, 2], rcond=None)[0][3]
+        A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
+        slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
         ratio = 1 / slope if slope > 0 else 1.0
     else:
-        ratio = float(np.median(instrument.values[:, 0] / np.linalg.norm(x[1] - x[0], axis=1)))
+        lengths = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+        ratio = float(np.median(instrument.values[:, 0] / lengths))
     if 1 / _UNITS < ratio < _UNITS:
         return
     unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
@@ -151,47 +158,46 @@ def _require_unit(instrument: Instrument, x: list[np.ndarray]) -> None:
     )
 
 
-def _misfit(instrument: Instrument, x: list[np.ndarray]) -> float:
+def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
     """Typical error of readings at tool points, whatever a few of them say [m]."""
-    error = instrument.slopes(x, instrument.start(x)).error
+    state = aligned(x[:, 0], instrument.values, mirrored=True) if mirrored else instrument.start(x)
+    error = instrument.slopes(x, state).error
     return float(np.median(np.linalg.norm(error, axis=1)))
 
 
 def _allowed(loops: Loops, known: Unknowns, instrument: Instrument) -> float:
     """What description and noise explain of it [m]."""
     _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
-    return float(np.median(np.linalg.norm(slopes[0], axis=(1, 2)))) + instrument.noise
+    return float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2)))) + instrument.noise
 
 
-def _hypotheses(
-    loops: Loops, instrument: Instrument, ends: list[np.ndarray], x: list[np.ndarray]
-) -> Iterator[tuple[float, str, str]]:
+def _hypotheses(loops: Loops, instrument: Instrument, x: Tools) -> Iterator[tuple[float, str, str]]:
     """Misfit, what would be the case, and what to do about it."""
     if isinstance(instrument, PointReadings):
         handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
-        yield _mirrored(instrument, x), handed, turned
-        order = _order(x[0], instrument.values)
+        yield _misfit(instrument, x, mirrored=True), handed, turned
+        order = _order(x[:, 0], instrument.values)
         wrong = np.flatnonzero(order != np.arange(len(order)))
         if wrong.size:
             rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
             more = ", …" if len(wrong) > 6 else ""
-            another, y = f"points stand in another order (rows {rows}{more})", [x[0][order]]
-            sort = "sort the points"
-            yield _misfit(instrument, y), another, sort
-            yield _mirrored(instrument, y), f"{another} and {handed}", f"{sort} and {turned}"
+            another, sort = f"points stand in another order (rows {rows}{more})", "sort the points"
+            yield _misfit(instrument, x[order]), another, sort
+            both = f"{another} and {handed}", f"{sort} and {turned}"
+            yield _misfit(instrument, x[order], mirrored=True), *both
     if isinstance(instrument, ProbeReadings) and np.ptp(instrument.values):
         yield (
             _misfit(replace(instrument, values=-instrument.values), x),
             "blocks stand below the plane",
             "give heights above the lowest block",
         )
-    n = ends[0].shape[1]
+    n = instrument.q.shape[2]
     as_read, straight = tuple(range(n)), (1,) * n
     exchanged = [(order, straight) for order in permutations(range(n)) if order != as_read]
     reversed_ = [(as_read, signs) for signs in product((1, -1), repeat=n) if signs != straight]
     for order, signs in (*exchanged, *reversed_):
-        y = [loops.start(q[:, order] * signs)[:, :3] for q in ends]
-        if not all(np.isfinite(part).all() for part in y):
+        y = _described(loops, instrument.q[..., order] * signs)
+        if not np.isfinite(y).all():
             continue
         other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
         yield (
@@ -205,21 +211,13 @@ def _hypotheses(
         )
 
 
-def _mirrored(instrument: Instrument, x: list[np.ndarray]) -> float:
-    """Typical error of points in a left-handed frame [m]."""
-    state = aligned(x[0], instrument.values, mirrored=True)
-    return float(np.median(np.linalg.norm(instrument.slopes(x, state).error, axis=1)))
-
-
-def _sorted(
-    instrument: Instrument, x: list[np.ndarray], allowed: float
-) -> Iterator[tuple[float, str, str]]:
+def _sorted(instrument: Instrument, x: Tools, allowed: float) -> Iterator[tuple[float, str, str]]:
     """As `_hypotheses`, of blocks or distances that stand in another order. A few numbers that are
     sorted resemble any others, so these have to fit."""
     if isinstance(instrument, PointReadings):
         return
     probed = isinstance(instrument, ProbeReadings)
-    size = x[0][:, 2] if probed else np.linalg.norm(x[1] - x[0], axis=1)
+    size = x[:, 0, 2] if probed else np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
     values = np.empty_like(instrument.values)
     values[np.argsort(size)] = np.sort(instrument.values, axis=0)
     if (left := _misfit(replace(instrument, values=values), x)) <= allowed:

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
-from deltaid.calibration.gauss_newton import FAR
-from deltaid.calibration.instruments import KINDS, Instrument
+from deltaid.calibration.gauss_newton import FAR, UsedReadings, own_columns, tools_of
+from deltaid.calibration.instruments import KINDS
 from deltaid.calibration.outlook import drawn
 from deltaid.errors import DescriptionError
 from deltaid.sensors.planning.knowledge import Knowledge
@@ -92,7 +92,7 @@ def _used(found: Calibration, reads: PoseReadings) -> int | None:
     """Which instrument of a calibration is that of an offer."""
     for k, past in enumerate(found.fit.instruments):
         stood = past.values if past.kind == "probe" else np.zeros((1, 1))
-        stated = past.noise / found.fit.grown[k] / reads.noise
+        stated = past.noise / reads.noise
         on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
         if past.kind == reads.kind and 1 / _ALIKE <= stated <= _ALIKE and all(on):
             return k
@@ -106,31 +106,26 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
     cost = offer.hours * hourly + (offer.price if past is None else 0.0)
     if past is None and kind == "probe":  # another probe on the same bed
         past = next((k for k, x in enumerate(found.fit.instruments) if x.kind == kind), None)
-    x, blocks = _candidates(found, reads)
-    q = loops.inverse(x.reshape(-1, 3))
-    tools = loops.points(q, found.values, loops.start(q))
-    ends = x.shape[1]
-    instrument: Instrument = KINDS[kind](
-        "", q.reshape(len(x), ends, -1), np.zeros((len(x), 3 if kind == "points" else 1)),
-        reads.noise, np.arange(len(x)),
+    ends, blocks = _candidates(found, reads)
+    rows, knowledge = len(ends), found.fit.knowledge
+    instrument = KINDS[kind](
+        "", loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1),
+        np.zeros((rows, 3 if kind == "points" else 1)), reads.noise, np.arange(rows),
     )  # fmt: skip
-    places = [tools.x.reshape(-1, ends, 3)[:, end] for end in range(ends)]
-    if kind == "points":
-        instrument = replace(instrument, values=places[0])
-    state = instrument.start(places) if past is None else found.fit.states[past]
-    at = instrument.slopes(places, state)
-    by_u = (tools.slopes @ found.known.G).reshape(len(x), ends, 3, n)
-    own = sum(len(other.unknowns) for other in found.fit.instruments[:past])
-    knowledge = found.fit.knowledge
+    x, by_u = tools_of(loops, found.known, instrument, found.fit.u)
     if past is None:  # a new instrument's unknowns
-        new = len(instrument.unknowns)
+        if kind == "points":
+            instrument = replace(instrument, values=x[:, 0])
+        state, new = instrument.start(x), len(instrument.unknowns)
+        own = len(knowledge.root) + np.arange(new)
         root = np.pad(knowledge.root, (0, new))
-        root[len(root) - new :, len(root) - new :] = np.eye(new) / FAR
+        root[own, own] = 1 / FAR
         knowledge = Knowledge(root)
-    A = np.zeros((*at.error.shape, len(knowledge.root)))
-    A[:, :, :n] = sum(tool @ by_u[:, end] for end, tool in enumerate(at.tools))
-    A[:, :, n + own : n + own + at.own.shape[2]] = at.own
-    A /= instrument.noise
+    else:
+        state = found.fit.readings[past].state
+        own = own_columns(n, found.fit.instruments)[past]
+    offered = UsedReadings(instrument, np.ones(rows, dtype=bool), state, reads.noise)
+    A = offered.rows(x, by_u, own, len(knowledge.root)).slopes
     E = np.zeros((found.places.moved.shape[0], len(knowledge.root)))
     E[:, :n] = found.places.moved @ found.known.G
     F = np.linalg.qr(E).R / np.sqrt(len(found.places.x))
@@ -139,8 +134,7 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
     for _ in range(count):
         half = A @ knowledge.inverse
         S = np.eye(half.shape[1]) + half @ half.swapaxes(1, 2)
-        moved = F @ knowledge.inverse @ half.swapaxes(1, 2)
-        moved = moved.swapaxes(1, 2)
+        moved = half @ (F @ knowledge.inverse).T
         worth = np.sum(np.linalg.solve(S, moved) * moved, axis=(1, 2))
         chosen.append(int(np.argmax(worth)))
         knowledge = knowledge.and_rows(A[chosen[-1]])
@@ -148,7 +142,7 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
     size = found.places.size(found.known.G @ knowledge.inverse[:n])
     gain = max(before - goal.left(knowledge), np.finfo(float).tiny)
     return NextReadings(
-        name, offer.title, kind, x[chosen], blocks[chosen], position, size, gain, cost
+        name, offer.title, kind, ends[chosen], blocks[chosen], position, size, gain, cost
     )
 
 
@@ -162,7 +156,7 @@ def _candidates(
     if reads.kind == "points":
         return x[:, None], np.zeros(len(x))
     probes = [k for k, other in enumerate(found.fit.instruments) if other.kind == "probe"]
-    plane = found.fit.states[probes[0]][0] if probes else x[:, 2].min()
+    plane = found.fit.readings[probes[0]].state[0] if probes else x[:, 2].min()
     blocks = np.repeat(reads.blocks, len(x))
     on = np.tile(x, (len(blocks) // len(x), 1))
     on[:, 2] = plane + blocks

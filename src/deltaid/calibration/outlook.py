@@ -115,7 +115,7 @@ def open_directions(found: GeometryFit, over: Places) -> tuple[Direction, ...]:
     L = np.linalg.cholesky(C + 1e-14 * np.trace(C) * np.eye(n))
     _, s, Vt = np.linalg.svd(over.moved @ known.G @ L, full_matrices=False)
     total = np.linalg.norm(s)
-    noise = max(instrument.noise for instrument in found.instruments)
+    noise = max(readings.noise for readings in found.readings)
     directions = []
     reach = float(np.sqrt(np.mean(np.sum((over.x - over.x.mean(axis=0))[:, :2] ** 2, axis=1))))
     for size, v in zip(s, Vt, strict=True):

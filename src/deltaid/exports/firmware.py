@@ -78,7 +78,7 @@ def printer(found: Calibration) -> Printer:
         raise DeltaidError(
             "no bed was probed, so heights above it are not known", where=where, cure="give --probe"
         )
-    h, a, b = found.fit.states[beds[0]]
+    h, a, b = found.fit.readings[beds[0]].state
     loops = found.fit.loops
     q = drawn(loops.kinematics, loops.limbs)
     tools = loops.points(q, np.zeros(len(found.values)), loops.start(q))
