@@ -17,6 +17,7 @@ from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed
+from deltaid.robot.body import HollowCylinder, PointMass
 from deltaid.robot.inertia import (
     INERTIA_NAMES,
     RigidBody,
@@ -25,7 +26,6 @@ from deltaid.robot.inertia import (
     pseudo_inertia,
 )
 from deltaid.robot.load import catalogue, catalogue_text, load_robot
-from deltaid.robot.shapes import HollowCylinder, PointMass
 from deltaid.robot.workspace import Cylinder
 from support import KINDS
 

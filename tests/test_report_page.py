@@ -18,9 +18,9 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter, LimitUse
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
+from deltaid.robot.body import HollowCylinder
 from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import load_robot
-from deltaid.robot.shapes import HollowCylinder
 from deltaid.view.bodies import ellipsoid
 from deltaid.view.check import check_page, page_table, short_table
 from deltaid.view.comparison import TorqueComparison, compare

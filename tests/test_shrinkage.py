@@ -19,7 +19,7 @@ from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import idle
-from deltaid.model.friction_record import FrictionChoice, FrictionTrial
+from deltaid.model.parameter_record import FrictionChoice, FrictionTrial
 from deltaid.model.record import Settings
 from deltaid.recording.recording import open_recordings
 from drives import case

@@ -22,8 +22,7 @@ from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.recording.units import si_factor
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
+from deltaid.robot.part import Part, Positive
 from deltaid.sensors.planning.offers import PoseKind
 
 # What instruments of each kind usually read to [m]: a good tracker or camera with a tag, a touch

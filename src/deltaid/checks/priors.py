@@ -7,11 +7,10 @@ import numpy as np
 
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
-from deltaid.robot.body import ExplicitInertia
+from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.parameter import PRIOR_SPREAD
-from deltaid.robot.shapes import HollowCylinder, PointMass
 from deltaid.sensors.weighings import Weighing, weighings
 
 # kg/m³. Osmium has 22,600; foam some 30.

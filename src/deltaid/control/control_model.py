@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.dynamics.load_friction import with_load_friction
+from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.kernel.batch import BatchKernel
 from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples

@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Int
 
-from deltaid.dynamics.joint_columns import Sign, joint_columns
-from deltaid.dynamics.load_friction import carried, with_load_friction
+from deltaid.dynamics.joint_columns import Sign, carried, joint_columns, with_load_friction
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.kinematics import Kinematics

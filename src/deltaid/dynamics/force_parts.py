@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.rigid_body import Wrench
+from deltaid.dynamics.speed_forces import Wrench
 from deltaid.mechanism.mechanism import LimbBodies, MovingBody
 from deltaid.mechanism.rotation import fixed
 from deltaid.robot.limbs import LimbGeometry

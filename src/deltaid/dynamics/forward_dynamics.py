@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.friction_at_rest import friction_impulses
+from deltaid.dynamics.joint_columns import carried, losses, rotor_inertia
 from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
-from deltaid.dynamics.load_friction import carried, losses, rotor_inertia
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
 from deltaid.kernel.batch import BatchKernel

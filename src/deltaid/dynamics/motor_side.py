@@ -15,8 +15,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from deltaid.dynamics.joint_columns import columns_of_drives, rotor_inertia
 from deltaid.dynamics.known import Parameters
-from deltaid.dynamics.load_friction import columns_of_drives, rotor_inertia
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.task_dynamics import FrictionLaws
 from deltaid.kernel.batch import BatchKernel

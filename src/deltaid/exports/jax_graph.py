@@ -137,7 +137,7 @@ def _step(graph: ca.Function, k: int) -> Step:
     return op, graph.instruction_input(k), graph.instruction_output(k), constant
 
 
-# Steps along the way from home, Newton iterations at each and at the end, as in mechanism.newton.
+# Steps along the way from home, Newton iterations at each and at the end, as in mechanism.forward.
 _ON_THE_WAY, _AT_EACH, _AT_THE_END = 6, 2, 8
 # Residual [m, rad] below which loops are closed, in doubles, and in units of rounding otherwise;
 # distance [m] by which rounding may put a limb in its other working mode.

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.equations import Equations
-from deltaid.dynamics.load_friction import carried, losses
+from deltaid.dynamics.joint_columns import carried, losses
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.exports.functions import Demand, ExportedFunction, Newton, Output, ParameterTable
 from deltaid.exports.straight_line import Array

@@ -38,7 +38,7 @@ from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.model.corrections import Correction
-from deltaid.model.friction_record import FrictionChoice, FrictionTrial, JointTerm
+from deltaid.model.parameter_record import FrictionChoice, FrictionTrial, JointTerm
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import law_in_words

@@ -23,7 +23,7 @@ from deltaid.estimation.reduction import build_reduction, free_coefficients
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import uncertainty
-from deltaid.model.friction_record import FrictionCurve
+from deltaid.model.parameter_record import FrictionCurve
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.friction_terms import FrictionTerm

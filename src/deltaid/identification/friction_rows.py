@@ -34,7 +34,7 @@ from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Rows, Span, level_along
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.traces import Trace, trace
-from deltaid.model.friction_record import AdditionKind, JointTerm
+from deltaid.model.parameter_record import AdditionKind, JointTerm
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.description import RobotDescription

@@ -17,8 +17,7 @@ from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import doubted_sensors, widened_priors
 from deltaid.model.corrections import Correction, FittedEffect
-from deltaid.model.friction_record import FrictionChoice
-from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, Share
+from deltaid.model.parameter_record import BaseParameter, FrictionChoice, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
 from deltaid.model.sources import Source
 from deltaid.recording.readings import Readings

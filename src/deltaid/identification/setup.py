@@ -14,7 +14,7 @@ from deltaid.estimation.additions import Addition
 from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Inseparable, Kind
-from deltaid.model.friction_record import FrictionChoice, JointTerm
+from deltaid.model.parameter_record import FrictionChoice, JointTerm
 from deltaid.model.record import Settings
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription

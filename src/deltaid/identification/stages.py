@@ -28,7 +28,7 @@ from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.identification.velocity_stage import holds_filled, late_rates_left_out
 from deltaid.identification.warmth import changing_friction
-from deltaid.model.friction_record import JointTerm
+from deltaid.model.parameter_record import JointTerm
 
 # Half a 95 % interval in standard deviations: a coefficient within it may be zero.
 _MAY_BE_ZERO = 1.96

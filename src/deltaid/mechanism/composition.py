@@ -8,10 +8,9 @@ from deltaid.mechanism.growth import LengthGrowth
 from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.own import build_own
-from deltaid.mechanism.platform import PlatformParts, build_platform
+from deltaid.mechanism.platform import PlatformParts, build_platform, build_telescope
 from deltaid.mechanism.rotation import Path, fixed
 from deltaid.mechanism.speeds import Speed, Speeds
-from deltaid.mechanism.telescope import build_telescope
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform

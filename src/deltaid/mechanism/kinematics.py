@@ -11,11 +11,11 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
-from deltaid.mechanism.joint_states import PassiveJoints, WithJointStates
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
 from deltaid.mechanism.rotation import inverse
+from deltaid.mechanism.tree_joints import PassiveJoints, WithJointStates
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 
@@ -77,7 +77,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
 
         In closed form where there is one (platform below or above the drives, as in the home pose),
         else by Newton's method from the home pose, on its side of singularities
-        (`mechanism.newton`); rows are then taken for consecutive samples of a motion.
+        (`mechanism.forward`); rows are then taken for consecutive samples of a motion.
 
         Raises:
             KinematicsError: no platform position closes the loops, its Jacobian is singular, or a

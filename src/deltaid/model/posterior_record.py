@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
+from deltaid.robot.part import Part, Positive
 
 
 class PosteriorRecord(Part):

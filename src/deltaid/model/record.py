@@ -16,8 +16,14 @@ from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
 from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
-from deltaid.model.friction_record import FrictionChoice, FrictionCurve
-from deltaid.model.parameter_record import BaseParameter, HeldLoad, Parameter, place
+from deltaid.model.parameter_record import (
+    BaseParameter,
+    FrictionChoice,
+    FrictionCurve,
+    HeldLoad,
+    Parameter,
+    place,
+)
 from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.settings import Settings
 from deltaid.model.sources import Source

@@ -10,9 +10,8 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.estimation.scatter import NORMAL
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import BatchKernel, Recurrence
 from deltaid.kernel.real import real_numbers
-from deltaid.kernel.recurrence import Recurrence
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.entries import LoadEntries

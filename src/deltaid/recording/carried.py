@@ -15,8 +15,7 @@ from deltaid.errors import RecordingError
 from deltaid.robot.body import InertiaTensor
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Mass, Point, Positive
+from deltaid.robot.part import Coordinate, Mass, Part, Point, Positive
 
 Time = Annotated[float, Field(ge=-1e12, le=1e12)]
 

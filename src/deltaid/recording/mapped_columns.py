@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from deltaid.errors import RecordingError
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
+from deltaid.robot.part import Part, Positive
 
 
 def _numbered(value: object) -> object:

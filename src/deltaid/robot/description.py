@@ -21,9 +21,8 @@ from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
-from deltaid.robot.part import Part
+from deltaid.robot.part import Coordinate, Gravity, Part, Position, Positive, Speed
 from deltaid.robot.platform import Platform, RigidPlatform, Telescope
-from deltaid.robot.quantities import Coordinate, Gravity, Position, Positive, Speed
 from deltaid.robot.sensors import Sensor
 from deltaid.robot.task import NAMES, Task
 from deltaid.robot.tolerances import Tolerances

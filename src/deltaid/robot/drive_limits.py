@@ -3,8 +3,7 @@
 import numpy as np
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Position, Positive, Speed
+from deltaid.robot.part import Coordinate, Part, Position, Positive, Speed
 
 
 class DriveLimits(Part):

@@ -19,8 +19,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Positive
+from deltaid.robot.part import Part, Positive
 
 # Beyond these a term is as good as Coulomb's, or as an end stop.
 EXPONENTS = (0.05, 5.0)

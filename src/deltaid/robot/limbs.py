@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Length, Point, Positive, Radius
+from deltaid.robot.part import Coordinate, Length, Part, Point, Positive, Radius
 
 DriveKind = Literal["rotary", "linear"]
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]

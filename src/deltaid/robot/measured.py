@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Mass, Point, Position, Positive, Vector
+from deltaid.robot.part import Coordinate, Mass, Part, Point, Position, Positive, Vector
 
 Axis = Literal["x", "y", "z"]
 Count = Annotated[int, Field(ge=1, le=1000)]

@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Positive
+from deltaid.robot.part import Coordinate, Part, Positive
 from deltaid.robot.task import NAMES, Task, TaskName
 
 JointKind = Literal["rotary", "linear"]

@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, Length, Point, Positive
+from deltaid.robot.part import Coordinate, Length, Part, Point, Positive
 
 # What `_check` below refuses, for editors too.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Coordinate, NotNegative, Point, Positive, Vector
+from deltaid.robot.part import Coordinate, NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.tolerances import AngleTolerance, LengthTolerance
 
 Share = Annotated[float, Field(ge=0, lt=1)]

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import limited
+from deltaid.robot.part import Part, limited
 
 # Larger ones are in another unit: millimetres for metres, degrees for radians, per cent for shares.
 _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import Length, Position
+from deltaid.robot.part import Length, Part, Position
 
 Range = tuple[Position, Position]
 

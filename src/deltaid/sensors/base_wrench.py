@@ -4,7 +4,7 @@ Forces inside the robot cancel, so the sensor carries what all moving bodies tak
 
     f = Σ (m a + …),    n = Σ (moment about the link frame + (r − o) × force),
 
-by `dynamics.rigid_body.wrench` about its origin o. Of springs, friction and whatever closes loops
+by `dynamics.speed_forces.wrench` about its origin o. Of springs, friction and whatever closes loops
 nothing is left. A rotor of inertia I, as its drive feels it, turns n times as fast as the drive, so
 that its own is I/n², its spin I/n q̇ about the drive's axis, and the base gives it I/n q̈. For a
 rail n is 2π times the spindle's turns per metre, about the rail's direction.

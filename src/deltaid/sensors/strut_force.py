@@ -15,8 +15,7 @@ import casadi as ca
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
-from deltaid.dynamics.rigid_body import wrench
-from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.dynamics.speed_forces import SpeedForces, wrench
 from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.platform import H4Platform, RigidPlatform

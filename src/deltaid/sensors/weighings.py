@@ -23,7 +23,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import rotation as about_axis
 from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
-from deltaid.robot.quantities import Vector
+from deltaid.robot.part import Vector
 
 Ten = Float[np.ndarray, " 10"]
 

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model.friction_record import FrictionChoice, FrictionCurve, FrictionTrial
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.parameter_record import FrictionChoice, FrictionCurve, FrictionTrial
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.comparison import TorqueComparison

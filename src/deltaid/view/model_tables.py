@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from deltaid.model.friction_record import AdditionKind, FrictionChoice, FrictionTrial
+from deltaid.model.parameter_record import AdditionKind, FrictionChoice, FrictionTrial
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA

@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.load import load_yaml, parse
 from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed
-from deltaid.robot.part import Part
-from deltaid.robot.quantities import NotNegative, Point, Positive, Vector
+from deltaid.robot.part import NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.sensors import Sensor, Share
 from deltaid.shown import Shown
 

@@ -10,7 +10,7 @@ from deltaid.estimation.information import triangle
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.measured import Axis, Measured, Placed
-from deltaid.robot.quantities import Vector
+from deltaid.robot.part import Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
 from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
