@@ -125,8 +125,8 @@ class _Build:
         ]
         self._platform = tuple(self._part(body) for body in mechanism.platform)
         self._telescope, self._bar = (), None
-        if mechanism.platform is not None:
-            bodies, length = mechanism.platform, mechanism.joints["slide"]
+        if mechanism.telescope is not None:
+            bodies, length = mechanism.telescope, mechanism.joints["slide"]
             upper, lower, tool = map(self._part, (bodies.upper, bodies.lower, bodies.tool))
             self._telescope = (upper, lower, tool)
             self._bar = bar_forces(length, upper, lower, tool, forces.effort("slide"))

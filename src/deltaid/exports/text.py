@@ -93,7 +93,7 @@ class Precision:
         return f"({text})" if text.startswith("-") else text
 
 
-# Distances in double precision are those of mechanism.forward and mechanism.forward. A float has 24
+# Distances in double precision are those of mechanism.forward. A float has 24
 # bits: coordinates of a metre are known to 1e-7 m, and sums of a few squares of them to 1e-6 m².
 DOUBLE = Precision("double", "LREAL", "", 1e-12, 1e-9, 1e-9, 1e-150)
 SINGLE = Precision("float", "REAL", "f", 1e-5, 1e-5, 1e-6, 1e-18)
