@@ -25,8 +25,8 @@ from deltaid.robot.inertia import (
     inertia_parameters,
     pseudo_inertia,
 )
+from deltaid.robot.limits import Cylinder
 from deltaid.robot.load import catalogue, catalogue_text, load_robot
-from deltaid.robot.workspace import Cylinder
 from support import KINDS
 
 

@@ -26,9 +26,9 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Box, Cylinder
 from deltaid.robot.load import catalogue_text, load_robot
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
-from deltaid.robot.workspace import Box, Cylinder
 from html_page import Document
 from support import KINDS
 

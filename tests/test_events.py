@@ -10,8 +10,8 @@ from deltaid.identification.events import events, on_time
 from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.outstanding import outstanding
+from deltaid.model.corrections import Event
 from deltaid.model.record import IdentifiedModel, Settings
-from deltaid.model.sources import Event
 from deltaid.recording import windows
 from deltaid.recording.columns import Columns
 from deltaid.recording.memory import Recording as RawRecording

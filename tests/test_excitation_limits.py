@@ -9,8 +9,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.robot.load import load_robot
-from deltaid.robot.workspace import Box, Cylinder, Hemisphere
 
 
 def changed(robot: RobotDescription, **values: object) -> RobotDescription:

@@ -28,8 +28,8 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, HessSoom, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
-from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import load_robot
+from deltaid.robot.parameter import TURNING
 
 ROBOT, SECONDS, RATE = "clavel-delta3", 10.0, 1000.0
 STRIBECK = Stribeck(coefficient=1.6, speed=0.4, exponent=2.0)

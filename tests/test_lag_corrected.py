@@ -21,9 +21,8 @@ from deltaid.identification.sources import model_filtered
 from deltaid.identification.validation import validate
 from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
 from deltaid.joint_forces.ranges import evidence
-from deltaid.model.corrections import Correction
+from deltaid.model.corrections import Correction, Event
 from deltaid.model.record import IdentifiedModel, Settings
-from deltaid.model.sources import Event
 from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters

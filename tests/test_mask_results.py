@@ -9,7 +9,7 @@ from polars.testing import assert_frame_equal
 import deltaid
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
-from deltaid.model.sources import LeftOut, TimeSpan
+from deltaid.model.corrections import LeftOut, TimeSpan
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, open_recordings, with_filter

@@ -18,8 +18,8 @@ from deltaid.motion.surrogate import write_recording
 from deltaid.recording.opening import open_log
 from deltaid.recording.reach import BranchCheck, Stretch
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Box
 from deltaid.robot.load import load_robot
-from deltaid.robot.workspace import Box
 
 MAKES = {
     "h4": Make("h4", unequal=True),

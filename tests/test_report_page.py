@@ -19,8 +19,8 @@ from deltaid.motion.excitation.excite import ExcitationSettings, Exciter, LimitU
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.body import HollowCylinder
-from deltaid.robot.joint_units import TURNING
 from deltaid.robot.load import load_robot
+from deltaid.robot.parameter import TURNING
 from deltaid.view.bodies import ellipsoid
 from deltaid.view.check import check_page, page_table, short_table
 from deltaid.view.comparison import TorqueComparison, compare

@@ -7,8 +7,8 @@ import pytest
 from deltaid.control.simulation import integrate, step_through
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.dynamics.friction_at_rest import friction_impulses
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.dynamics.task_dynamics import friction_impulses
 from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction import Friction, Stribeck

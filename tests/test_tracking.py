@@ -22,8 +22,8 @@ from deltaid.control.trajectory import Desired
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model, load
+from deltaid.robot.limits import NAMES, Task
 from deltaid.robot.load import load_robot
-from deltaid.robot.task import NAMES, Task
 from deltaid.view.page import Table, Text
 from deltaid.view.tracking import comparison_page
 from test_controllers import ROBOT, motion

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from deltaid.motion.excitation.excite import Excitation
-    from deltaid.robot.joint_units import JointUnits
+    from deltaid.robot.parameter import JointUnits
 
 
 def excite(

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
     from deltaid.identification.torque_error import TorqueError
     from deltaid.identification.validation import Compared
-    from deltaid.model.sources import Source
+    from deltaid.model.corrections import Source
 
 # Events that the terminal lists.
 _EVENTS = 20

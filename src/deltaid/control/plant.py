@@ -8,9 +8,8 @@ from jaxtyping import Float
 from scipy.linalg import inv
 
 from deltaid.control.simulation import time_steps
-from deltaid.dynamics.known import Parameters
 from deltaid.dynamics.motor_side import link_side, motor_inertia, motor_speeds
-from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model

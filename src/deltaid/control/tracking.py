@@ -25,7 +25,7 @@ from deltaid.control.trajectory import Desired, Trajectory
 from deltaid.dynamics.limits import effort_limits
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
-from deltaid.robot.task import Task
+from deltaid.robot.limits import Task
 
 # Resolution of a common encoder, 20 bits a turn [rad].
 ENCODER_STEP = 2 * np.pi / 2**20

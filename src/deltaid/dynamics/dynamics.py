@@ -9,8 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, beyond_rounding, build_equations
-from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
-from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.parameters import (
+    Parameters,
+    WithParameters,
+    known_parameters,
+    parameter_layout,
+)
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples

@@ -6,11 +6,19 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.friction_at_rest import friction_impulses
 from deltaid.dynamics.joint_columns import carried, losses, rotor_inertia
-from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
-from deltaid.dynamics.parameters import parameter_layout
-from deltaid.dynamics.task_dynamics import TaskDynamics, build_task_dynamics, cholesky_solve
+from deltaid.dynamics.parameters import (
+    Parameters,
+    WithParameters,
+    known_parameters,
+    parameter_layout,
+)
+from deltaid.dynamics.task_dynamics import (
+    TaskDynamics,
+    build_task_dynamics,
+    cholesky_solve,
+    friction_impulses,
+)
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many

@@ -13,7 +13,7 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.workspace import Box, Cylinder, Hemisphere
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
 
 Shares = Float[np.ndarray, "samples limits"]
 

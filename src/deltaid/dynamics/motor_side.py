@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.joint_columns import columns_of_drives, rotor_inertia
-from deltaid.dynamics.known import Parameters
-from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.dynamics.task_dynamics import FrictionLaws
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples

@@ -23,7 +23,7 @@ from deltaid.estimation.posing import METRICS
 from deltaid.estimation.reduction import INTERIOR, Reduction, build_reduction
 from deltaid.estimation.regularizer import Matrix, Regularizer, SpectralTerm, Vector, prior_root
 from deltaid.estimation.scatter import inverse
-from deltaid.model.posterior_record import PosteriorRecord
+from deltaid.model.parameter_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 

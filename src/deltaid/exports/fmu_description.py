@@ -10,7 +10,7 @@ import numpy as np
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.text import element
 from deltaid.model.model import Model
-from deltaid.robot.task import UNITS
+from deltaid.robot.limits import UNITS
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01

@@ -16,10 +16,9 @@ from deltaid.identification.sensor_stage import fitted_sensors
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import doubted_sensors, widened_priors
-from deltaid.model.corrections import Correction, FittedEffect
+from deltaid.model.corrections import Correction, FittedEffect, Source
 from deltaid.model.parameter_record import BaseParameter, FrictionChoice, HeldLoad, Parameter, Share
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
-from deltaid.model.sources import Source
 from deltaid.recording.readings import Readings
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.parameter import ADDED

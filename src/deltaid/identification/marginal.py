@@ -22,7 +22,7 @@ from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.regularizer import prior_scale
 from deltaid.estimation.scatter import NORMAL, ROUNDING, correlations, inverse
 from deltaid.identification.fit import FittedProblem
-from deltaid.model.posterior_record import PosteriorRecord
+from deltaid.model.parameter_record import PosteriorRecord
 
 # Steps at most, their largest length, and the gradient at the end.
 _STEPS, _FAR, _AGREE = 200, 1e9, 1e-9

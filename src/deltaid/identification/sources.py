@@ -11,8 +11,8 @@ from jaxtyping import Float
 from deltaid.effects.at_platform import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.torque_error import TorqueError
+from deltaid.model.corrections import Event, LeftOut, Source, TimeSpan
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.model.sources import Event, LeftOut, Source, TimeSpan
 from deltaid.recording.delay import LagGrowth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log

@@ -8,8 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
-from deltaid.dynamics.known import Parameters, WithParameters, known_parameters
-from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.parameters import (
+    Parameters,
+    WithParameters,
+    known_parameters,
+    parameter_layout,
+)
 from deltaid.errors import DescriptionError, Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples

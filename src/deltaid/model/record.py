@@ -15,18 +15,17 @@ from deltaid.checksum import EMPTY, is_intact, sealed
 from deltaid.dynamics.parameters import ParameterLayout, least_margin, parameter_layout
 from deltaid.errors import DescriptionError
 from deltaid.files import written_whole
-from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable
+from deltaid.model.corrections import Correction, FittedEffect, FittedSensor, Inseparable, Source
 from deltaid.model.parameter_record import (
     BaseParameter,
     FrictionChoice,
     FrictionCurve,
     HeldLoad,
     Parameter,
+    PosteriorRecord,
     place,
 )
-from deltaid.model.posterior_record import PosteriorRecord
 from deltaid.model.settings import Settings
-from deltaid.model.sources import Source
 from deltaid.progress import Watch
 from deltaid.recording.readings import Readings
 from deltaid.robot.description import RobotDescription

@@ -19,7 +19,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import LogTable
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.drive_limits import DriveLimits
+from deltaid.robot.limits import DriveLimits
 
 # How many times a described limit may be exceeded.
 _FACTOR = 100.0

@@ -13,20 +13,18 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 
 from deltaid.robot.body import Body
-from deltaid.robot.drive_limits import DriveLimits
 from deltaid.robot.fitting_parts import require_parts_that_fit
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm, friction_terms
-from deltaid.robot.joint_units import SLIDING, TURNING, JointUnits
 from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
+from deltaid.robot.limits import NAMES, DriveLimits, Task, Workspace
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
+from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
 from deltaid.robot.part import Coordinate, Gravity, Part, Position, Positive, Speed
 from deltaid.robot.platform import Platform, RigidPlatform, Telescope
 from deltaid.robot.sensors import Sensor
-from deltaid.robot.task import NAMES, Task
 from deltaid.robot.tolerances import Tolerances
-from deltaid.robot.workspace import Workspace
 from deltaid.shown import Plotted, Reported, Shown
 
 TELESCOPE_BODIES = ("TU", "TL", "EE")

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from deltaid.robot.body import Body
 from deltaid.robot.limbs import Limbs
+from deltaid.robot.limits import Box
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.tolerances import LENGTHS
-from deltaid.robot.workspace import Box
 
 if TYPE_CHECKING:
     from deltaid.robot.description import RobotDescription

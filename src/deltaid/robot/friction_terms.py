@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.robot.friction import Friction
-from deltaid.robot.joint_units import TURNING, JointUnits
-from deltaid.robot.parameter import PriorParameter
+from deltaid.robot.parameter import TURNING, JointUnits, PriorParameter
 
 # Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
 _REST = 1e-9

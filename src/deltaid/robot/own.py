@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
+from deltaid.robot.limits import NAMES, Task, TaskName
 from deltaid.robot.part import Coordinate, Part, Positive
-from deltaid.robot.task import NAMES, Task, TaskName
 
 JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.recording import PreparedRecording
-from deltaid.robot.workspace import Box, Cylinder, Hemisphere
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.page import Figure
 from deltaid.view.robot_shape import members, outline, outline_points

@@ -6,10 +6,17 @@ from itertools import groupby
 
 import numpy as np
 
-from deltaid.model.corrections import NAMES, Correction, FittedSensor, Kind
+from deltaid.model.corrections import (
+    NAMES,
+    Correction,
+    Event,
+    FittedSensor,
+    Kind,
+    LeftOut,
+    TimeSpan,
+)
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
-from deltaid.model.sources import Event, LeftOut, TimeSpan
 from deltaid.robot.body import body_in_words
 from deltaid.view.model_tables import MEASURED, value_and_width
 from deltaid.view.numbers import in_words, number, percent, with_uncertainty

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import KinematicsError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.drive_limits import DriveLimits
+from deltaid.robot.limits import DriveLimits
 from deltaid.view.robot_shape import outline_points
 
 # Directions of the rays: one every so many degrees.

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.errors import Doubt
-from deltaid.robot.drive_limits import DriveLimits
+from deltaid.robot.limits import DriveLimits
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 from deltaid.view.reach import Reach, WorkspaceSurvey

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.robot.workspace import Box, Cylinder, Hemisphere
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
 
 _NUMBERED = re.compile(r"([USC])(\d+)")

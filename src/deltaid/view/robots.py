@@ -7,7 +7,7 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.drive_limits import DriveLimits
+from deltaid.robot.limits import DriveLimits
 from deltaid.robot.load import yaml_text
 from deltaid.view import style
 from deltaid.view.card import Card

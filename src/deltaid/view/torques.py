@@ -8,7 +8,7 @@ from jaxtyping import Float
 from plotly.subplots import make_subplots
 from scipy import stats
 
-from deltaid.robot.joint_units import JointUnits
+from deltaid.robot.parameter import JointUnits
 from deltaid.view import style
 from deltaid.view.comparison import TorqueComparison
 from deltaid.view.page import Figure

@@ -9,7 +9,7 @@ import numpy as np
 from deltaid.errors import DeltaidError
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
-from deltaid.robot.joint_units import JointUnits
+from deltaid.robot.parameter import JointUnits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,8 +4,8 @@ import numpy as np
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Cylinder
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
-from deltaid.robot.workspace import Cylinder
 from deltaid.studio.drafting.kinds import has_telescope, limbs_of, platform_of
 from deltaid.studio.drafting.questions import asked
 

@@ -1,0 +1,227 @@
+"""Where a robot may go: its task coordinates, its workspace, and what its drives can do.
+
+The task z consists of coordinates of the platform point r, and ψ of a tool. A Delta has z = (x, y,
+z) or (x, y, z, ψ). A mechanism of the user's own may have fewer: a planar one (x, z), a sled (x), a
+turntable (ψ). Directions in which r does not move keep the coordinate 0.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+from pydantic import Field, model_validator
+
+from deltaid.robot.part import Coordinate, Length, Part, Position, Positive, Speed
+
+TaskName = Literal["x", "y", "z", "psi"]
+NAMES: tuple[TaskName, ...] = ("x", "y", "z", "psi")
+UNITS = {"x": "m", "y": "m", "z": "m", "psi": "rad"}
+
+
+@dataclass(frozen=True)
+class Task:
+    """The entries of z, in their order: some of x, y and z, then ψ if the tool turns."""
+
+    names: tuple[TaskName, ...]
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Which of the world's axes 0, 1, 2 the point moves along; they come first in z."""
+        return tuple(NAMES.index(name) for name in self.names if name != "psi")
+
+    @property
+    def turn(self) -> int | None:
+        """The place of ψ in z; None for a robot that does not turn its tool."""
+        return self.names.index("psi") if "psi" in self.names else None
+
+    @property
+    def moves(self) -> slice:
+        """The places of the point's coordinates in z."""
+        return slice(0, len(self.axes))
+
+    def point(self, z: Float[np.ndarray, "*rows dof"]) -> Float[np.ndarray, "*rows 3"]:
+        """The platform point r in the world [m]."""
+        if self.axes == (0, 1, 2):
+            return z[..., :3]
+        r = np.zeros((*z.shape[:-1], 3))
+        r[..., self.axes] = z[..., self.moves]
+        return r
+
+    def of_point(self, r: Shaped[np.ndarray, "*rows 3"]) -> Float[np.ndarray, "*rows moves"]:
+        """The entries of z that a point in the world has."""
+        return r[..., self.axes]
+
+
+Range = tuple[Position, Position]
+
+
+class Cylinder(Part):
+    """A cylinder about world z."""
+
+    shape: Literal["cylinder"] = Field(description="about world z")
+    radius: Length = Field(description="m")
+    z: Range = Field(description="lowest and highest platform point, m")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Cylinder":
+        _require_increasing("z", self.z)
+        return self
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents of a box inside."""
+        side = self.radius / np.sqrt(2)
+        centre, half = 0.5 * (self.z[0] + self.z[1]), 0.5 * (self.z[1] - self.z[0])
+        return np.array([0.0, 0.0, centre]), np.array([side, side, half])
+
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        r = self.radius
+        return np.array([[-r, -r, self.z[0]], [r, r, self.z[1]]])
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        inside = np.hypot(points[:, 0], points[:, 1]) <= self.radius
+        return inside & (points[:, 2] >= self.z[0]) & (points[:, 2] <= self.z[1])
+
+
+class Hemisphere(Part):
+    """The lower half of a ball whose centre lies on world z at height `top`."""
+
+    shape: Literal["hemisphere"] = Field(description="the lower half of a ball")
+    radius: Length = Field(description="m")
+    top: Position = Field(description="height of the flat side, m")
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents of a box inside."""
+        half = self.radius / np.sqrt(3)
+        return np.array([0.0, 0.0, self.top - 0.5 * half]), np.array([half, half, 0.5 * half])
+
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        r = self.radius
+        return np.array([[-r, -r, self.top - r], [r, r, self.top]])
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        centred = points - np.array([0.0, 0.0, self.top])
+        return (np.linalg.norm(centred, axis=1) <= self.radius) & (centred[:, 2] <= 0)
+
+
+class Box(Part):
+    """A box along the world's axes; a mechanism of the user's own may not move along some."""
+
+    shape: Literal["box"] = Field(description="along the world's axes")
+    x: Range | None = Field(default=None, description="m; omitted where the robot does not move")
+    y: Range | None = Field(default=None, description="m; the same")
+    z: Range | None = Field(default=None, description="m; the same")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Box":
+        for name in ("x", "y", "z"):
+            if (bounds := getattr(self, name)) is not None:
+                _require_increasing(name, bounds)
+        return self
+
+    @property
+    def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Centre and half extents: the box itself."""
+        bounds = self.bounds
+        return bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
+
+    @property
+    def bounding_box(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of a box around [m]."""
+        return self.bounds.T
+
+    def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
+        """Which platform points lie inside."""
+        bounds = self.bounds
+        return np.all((points >= bounds[:, 0]) & (points <= bounds[:, 1]), axis=1)
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "3 2"]:
+        """Lowest and highest coordinate; the point stays at 0 where it does not move."""
+        return np.array([self.x or (0.0, 0.0), self.y or (0.0, 0.0), self.z or (0.0, 0.0)])
+
+
+Workspace = Annotated[Cylinder | Hemisphere | Box, Field(discriminator="shape")]
+
+
+def _require_increasing(name: str, bounds: Range) -> None:
+    if bounds[0] >= bounds[1]:
+        raise ValueError(f"{name} must be given as [lowest, highest]")
+
+
+class DriveLimits(Part):
+    """What one drive can do: a motor in degrees and newton metres, a rail in metres and newtons."""
+
+    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
+        default=None, description="lowest and highest angle of a rotary drive, degrees"
+    )
+    speed_deg_s: Positive | None = Field(
+        default=None, description="largest speed of a rotary drive, degrees/s"
+    )
+    acceleration_deg_s2: Positive | None = Field(
+        default=None, description="largest acceleration of a rotary drive, degrees/s²"
+    )
+    torque: Positive | None = Field(
+        default=None, description="largest torque of a rotary drive, N m"
+    )
+    position: tuple[Position, Position] | None = Field(
+        default=None, description="lowest and highest position of a linear drive, m"
+    )
+    speed: Speed | None = Field(default=None, description="largest speed of a linear drive, m/s")
+    acceleration: Positive | None = Field(
+        default=None, description="largest acceleration of a linear drive, m/s²"
+    )
+    force: Positive | None = Field(default=None, description="largest force of a linear drive, N")
+
+    @model_validator(mode="after")
+    def _check(self) -> "DriveLimits":
+        for name in ("angle_deg", "position"):
+            value = getattr(self, name)
+            if value is not None and value[0] >= value[1]:
+                raise ValueError(f"{name} must be given as [lowest, highest]")
+        if self._given(_ROTARY) and self._given(_LINEAR):
+            raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
+        return self
+
+    def _given(self, names: tuple[str, ...]) -> list[str]:
+        return [name for name in names if getattr(self, name) is not None]
+
+    def foreign(self, *, linear: bool) -> list[str]:
+        """Keys given that are of the other kind of drive."""
+        return self._given(_ROTARY if linear else _LINEAR)
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Lowest and highest drive coordinate [rad or m]."""
+        if self.angle_deg is not None:
+            low, high = np.deg2rad(self.angle_deg)
+            return float(low), float(high)
+        return self.position
+
+    @property
+    def top_speed(self) -> float | None:
+        """Largest speed [rad/s or m/s]."""
+        return float(np.deg2rad(self.speed_deg_s)) if self.speed_deg_s else self.speed
+
+    @property
+    def top_acceleration(self) -> float | None:
+        """Largest acceleration [rad/s² or m/s²]."""
+        in_degrees = self.acceleration_deg_s2
+        return float(np.deg2rad(in_degrees)) if in_degrees else self.acceleration
+
+    @property
+    def effort(self) -> float | None:
+        """Largest torque or force [N m or N]."""
+        return self.torque or self.force
+
+
+_ROTARY = ("angle_deg", "speed_deg_s", "acceleration_deg_s2", "torque")
+_LINEAR = ("position", "speed", "acceleration", "force")
