@@ -31,12 +31,10 @@ def random_motion(
     Raises:
         KinematicsError: no such motion was found; the description's limits leave no room.
     """
-    robot = kinematics.robot
-    reason = ""
+    robot, reason = kinematics.robot, ""
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
-        time = np.linspace(0.0, period, _GRID)
-        z, zd, zdd = motion.evaluate(time)
+        z, zd, zdd = motion.evaluate(np.linspace(0.0, period, _GRID))
         try:
             q, _, _ = kinematics.drive_motion(z, zd, zdd)
         except KinematicsError as error:

@@ -12,7 +12,7 @@ vector, as h' + h' × θ₀ is.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,27 +27,21 @@ _ROUNDS = 5
 Seen = Float[np.ndarray, "channels samples"]
 
 
-class _Expected(NamedTuple):
-    """h, what is half turned, and ŷ."""
-
-    straight: Seen
-    half: Seen
-    shown: Seen
-
-
 @dataclass(frozen=True, eq=False)
 class RowsAbout(SensorRows):
     """The same rows; what the sensor showed is not looked at.
 
     Attributes:
-        name: its key in the description.
         rows: the sensor's.
         values: p₀ and the values of the sensor's own unknowns, in the order of the columns.
     """
 
-    name: str
     rows: SensorRows
     values: Float[np.ndarray, " columns"]
+
+    @property
+    def name(self) -> str:
+        return self.rows.name
 
     @property
     def channels(self) -> tuple[SensorChannel, ...]:
@@ -64,21 +58,19 @@ class RowsAbout(SensorRows):
     def entries(
         self, z: Motion, qd: Motion, qdd: Motion, shown: Float[np.ndarray, "channels samples"]
     ) -> Float[np.ndarray, "entries samples"]:
-        seen = self._expected(z, qd, qdd)
-        entries = self.rows.entries(z, qd, qdd, seen.shown)
-        for of, what in (
-            (self._unknown("position"), seen.straight),
-            (self._unknown("rotation"), seen.half),
-        ):
+        straight, half, expected = self._expected(z, qd, qdd)
+        entries = self.rows.entries(z, qd, qdd, expected)
+        for of, what in ((self._position, straight), (self._rotation, half)):
             if of.any():
                 entries[of] = self.rows.entries(z, qd, qdd, what)[of]
         return entries
 
     def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Seen:
         """What the sensor should show, ŷ, at some samples."""
-        return self._expected(z, qd, qdd).shown
+        return self._expected(z, qd, qdd)[2]
 
-    def _expected(self, z: Motion, qd: Motion, qdd: Motion) -> "_Expected":
+    def _expected(self, z: Motion, qd: Motion, qdd: Motion) -> tuple[Seen, Seen, Seen]:
+        """h, what is half turned, and ŷ."""
         channels, columns = self.pattern
         values = self.values[columns][:, None]
 
@@ -89,43 +81,31 @@ class RowsAbout(SensorRows):
                 np.add.at(total, channels[of], self.rows.entries(z, qd, qdd, seen)[of] * values[of])
             return total
 
-        position, rotation = self._unknown("position"), self._unknown("rotation")
+        position, rotation = self._position, self._rotation
         straight = more(np.zeros((len(self.channels), len(z))), ~(position | rotation))
         moved = straight + more(straight, position)
         turned = half = moved
         for _ in range(_ROUNDS if rotation.any() else 0):
             turned = moved + more(half, rotation)
             half = 0.5 * (moved + turned)
-        return _Expected(straight, half, turned / (1.0 - self._gain))
+        gain = sum(self.values[self._places("gain")])  # g₀; zero where the gain is known
+        return straight, half, turned / (1.0 - gain)
 
-    def _unknown(self, symbol: str) -> Bool[np.ndarray, " entries"]:
-        """Which entries are of such unknowns."""
+    def _places(self, symbol: str) -> list[int]:
+        """Columns of such unknowns."""
         first = len(self.values) - len(self.parameters)
-        of = [
-            k
-            for k, parameter in enumerate(self.parameters, first)
-            if parameter.symbol.startswith(symbol)
-        ]
-        return np.isin(self.pattern[1], of)
+        own = enumerate(self.parameters, first)
+        return [k for k, parameter in own if parameter.symbol.startswith(symbol)]
 
-    @property
-    def _gain(self) -> float:
-        """g₀; zero where the gain is known."""
-        first = len(self.values) - len(self.parameters)
-        own = zip(self.parameters, self.values[first:], strict=True)
-        return next((float(value) for unknown, value in own if unknown.symbol == "gain"), 0.0)
+    @cached_property
+    def _position(self) -> Bool[np.ndarray, " entries"]:
+        return np.isin(self.pattern[1], self._places("position"))
+
+    @cached_property
+    def _rotation(self) -> Bool[np.ndarray, " entries"]:
+        return np.isin(self.pattern[1], self._places("rotation"))
 
 
 def is_of_pose(parameter: PriorParameter) -> bool:
     """Whether a sensor's unknown is an error of its place or its axes."""
     return parameter.symbol.startswith(("position", "rotation"))
-
-
-def about(rows: SensorRows, values: Float[np.ndarray, " columns"]) -> RowsAbout:
-    """Rows of a sensor about p₀ and values of its own unknowns.
-
-    Args:
-        rows: of the sensor.
-        values: in the order of the columns, p first.
-    """
-    return RowsAbout(rows.name, rows, values)

@@ -87,8 +87,7 @@ class BaseWrenchRows(GraphRows):
         spins = [fixed(spin.axis) * accelerations[self._index(spin.drive)] for spin in self._spins]
         beside = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
         R = fixed(rotation(self.sensor.rotation_deg).T)
-        to_sensor = ca.diagcat(R, R)
-        return mechanism.speeds.by_drives()(to_sensor @ ca.horzcat(columns, beside))
+        return mechanism.speeds.by_drives()(ca.diagcat(R, R) @ ca.horzcat(columns, beside))
 
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
@@ -100,12 +99,8 @@ class BaseWrenchRows(GraphRows):
             found.append(self.unknown(spin.symbol, "kg m" if rail else "kg m²", std))
         return tuple(found)
 
-    @property
-    def still(self) -> tuple[Unknown, ...]:
-        return self._still
-
     @cached_property
-    def _still(self) -> tuple[Unknown, ...]:
+    def still(self) -> tuple[Unknown, ...]:
         s, found = self.sensor, []
         force, moment = s.force_bias, s.moment_bias
         force = wide_force(self.dynamics) if force is None else force
@@ -151,12 +146,11 @@ class BaseWrenchRows(GraphRows):
     def _spins(self) -> tuple[_Spin, ...]:
         drives = self.dynamics.robot.rotor_drives
         if self.dynamics.robot.mechanism is not None:
-            each = [
-                (drive, axis, e)
+            return tuple(
+                _Spin(drive, f"spin_{axis}_{drive}", e)
                 for drive in drives
                 for axis, e in zip(_AXES, np.eye(3), strict=True)
-            ]
-            return tuple(_Spin(drive, f"spin_{axis}_{drive}", e) for drive, axis, e in each)
+            )
         free = [drive for drive in drives if self._turns(drive) is None]
         return tuple(_Spin(drive, f"spin_{drive}", self._axis(drive)) for drive in free)
 

@@ -53,5 +53,4 @@ class JointTorqueRows(GraphRows):
             for k, column in enumerate(joint_columns(robot), start=layout.coefficients.start)
             if column.joint == self.sensor.drive and column.parameter.kind != "spring"
         }
-        none = ca.SX(1, 1)
-        return ca.horzcat(*(none if k in motor else row[k] for k in range(row.numel())))
+        return ca.horzcat(*(ca.SX(1, 1) if k in motor else row[k] for k in range(row.numel())))

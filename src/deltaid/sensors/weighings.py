@@ -25,8 +25,6 @@ from deltaid.robot.limbs import rotation as about_axis
 from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
 from deltaid.robot.part import Vector
 
-Ten = Float[np.ndarray, " 10"]
-
 _AXES: dict[Axis, tuple[float, float, float]] = {
     "x": (1.0, 0.0, 0.0),
     "y": (0.0, 1.0, 0.0),
@@ -98,7 +96,9 @@ def weighing(
     c, masses = np.zeros(len(prior)), np.zeros(len(prior))
     for part in placed:
         at = layout.body(part.body)
-        c[at] += part.count * _coefficients(measured, part)
+        R, d = rotation(part.turned_deg), np.array(part.at)
+        units = [RigidBody(unit).moved(R, d) for unit in np.eye(10)]
+        c[at] += part.count * np.array([_quantity(measured, unit) for unit in units])
         masses[at.start] += part.count
     value, std = measured.value, measured.std
     if measured.quantity == "centre":
@@ -116,12 +116,6 @@ def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed,
     for k, measured in enumerate(robot.measured):
         assert isinstance(measured, MeasuredTogether)
         yield measured, measured.placed, f"measured[{k + 1}]"
-
-
-def _coefficients(measured: Measured, placed: Placed) -> Ten:
-    """Of one body's ten parameters in the measured quantity."""
-    R, d = rotation(placed.turned_deg), np.array(placed.at)
-    return np.array([_quantity(measured, RigidBody(unit).moved(R, d)) for unit in np.eye(10)])
 
 
 def _quantity(measured: Measured, body: RigidBody) -> float:

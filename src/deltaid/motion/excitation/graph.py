@@ -6,7 +6,6 @@ Gradients come from the same graph: a reverse sweep for the regressor (which ser
 well), a sparse Jacobian for the limits.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -25,12 +24,8 @@ from deltaid.robot.friction_terms import at_rest
 _SIGN_WIDTH = 0.05
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """Where the entries of a sparse matrix stand."""
-
-    rows: Int[np.ndarray, " entries"]
-    columns: Int[np.ndarray, " entries"]
+# Row and column of each entry of a sparse matrix.
+Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
 
 
 class ExcitationGraph:
@@ -59,14 +54,14 @@ class ExcitationGraph:
     @cached_property
     def regressor_pattern(self) -> Pattern:
         """Drive and base column of each regressor entry, drive by drive."""
-        columns, rows = self._base(self._smooth).T.sparsity().get_triplet()
-        return Pattern(np.array(rows), np.array(columns))
+        columns, rows = self._smooth.Y[:, self._at].T.sparsity().get_triplet()
+        return np.array(rows), np.array(columns)
 
     @cached_property
     def limit_pattern(self) -> Pattern:
         """Limit and entry of s of each nonzero of ∂u/∂s."""
         rows, columns = ca.jacobian(self._u, self._s).sparsity().get_triplet()
-        return Pattern(np.array(rows), np.array(columns))
+        return np.array(rows), np.array(columns)
 
     @cached_property
     def regressor(self) -> BatchKernel:
@@ -97,18 +92,15 @@ class ExcitationGraph:
         """s → nonzeros of ∂u/∂s."""
         return BatchKernel(self._s, ca.jacobian(self._u, self._s).nz[:])
 
-    def _base(self, motion: TaskMotion) -> ca.SX:
-        return motion.Y[:, self._at]
-
     def _entries(self, motion: TaskMotion) -> ca.SX:
-        return self._base(motion).T.nz[:]
+        return motion.Y[:, self._at].T.nz[:]
 
     def dense(
         self, entries: Float[np.ndarray, "entries samples"]
     ) -> Float[np.ndarray, "samples dof base"]:
         """Regressor entries as matrices."""
         Y = np.zeros((entries.shape[1], self.dynamics.dof, self.n_columns))
-        Y[:, self.regressor_pattern.rows, self.regressor_pattern.columns] = entries.T
+        Y[:, *self.regressor_pattern] = entries.T
         return Y
 
 

@@ -234,21 +234,21 @@ class ExcitationProblem:
         """J − w‖q̇‖ and its gradient with respect to s, by one reverse sweep."""
         Y = self._weighted(self.graph.dense(entries))
         value, slope = self.criterion.evaluate(self._information(Y))
-        n, pattern = s.shape[1], self.graph.regressor_pattern
+        n = s.shape[1]
         d_Y = self._weighted((2 / n) * (Y @ slope))
         relative = qd / self.velocity.speed[:, None]
         norm = max(float(np.sqrt(np.mean(np.sum(relative**2, axis=0)))), 1e-12)
         d_qd = -self.velocity.weight * relative / (self.velocity.speed[:, None] * n * norm)
-        adjoint = np.vstack([d_Y[:, pattern.rows, pattern.columns].T, d_qd])
+        adjoint = np.vstack([d_Y[:, *self.graph.regressor_pattern].T, d_qd])
         gradient = self.graph.pullback(np.vstack([s, adjoint]), threads=1)
         return value - self.velocity.weight * norm, gradient
 
     def _limits(self, s: States, entries: Entries) -> Float[np.ndarray, "limits samples"]:
-        pattern = self.graph.regressor_pattern
+        drives, columns = self.graph.regressor_pattern
         rows = [self.graph.limit_values(s, threads=1)]
         for drive, largest in self.torques.largest.items():
-            at = pattern.rows == drive
-            rows.append((self.torques.base[pattern.columns[at]] @ entries[at])[None] / largest)
+            at = drives == drive
+            rows.append((self.torques.base[columns[at]] @ entries[at])[None] / largest)
         return np.vstack(rows)
 
     def _limit_gradients(
@@ -256,20 +256,18 @@ class ExcitationProblem:
     ) -> Float[np.ndarray, "limits inputs samples"]:
         """Σ_t weights_t ∂u_t/∂s of every limit; torques by reverse sweeps, all in one call."""
         gradients = np.zeros((len(weights), *s.shape))
-        pattern = self.graph.limit_pattern
-        slopes = self.graph.limit_slopes(s, threads=1)
-        gradients[pattern.rows, pattern.columns] = slopes * weights[pattern.rows]
-        entry, n = self.graph.regressor_pattern, s.shape[1]
+        limits, inputs = self.graph.limit_pattern
+        gradients[limits, inputs] = self.graph.limit_slopes(s, threads=1) * weights[limits]
+        (drives, columns), n = self.graph.regressor_pattern, s.shape[1]
         if not self.torques.largest:
             return gradients
         adjoints = []
         for k, (drive, largest) in enumerate(self.torques.largest.items(), len(self.graph.limits)):
-            share = np.where(entry.rows == drive, self.torques.base[entry.columns], 0.0) / largest
+            share = np.where(drives == drive, self.torques.base[columns], 0.0) / largest
             speeds = np.zeros((self.series.dof, n))
             adjoints.append(np.vstack([s, np.outer(share, weights[k]), speeds]))
         swept = self.graph.pullback(np.hstack(adjoints), threads=1)
-        torque = swept.reshape(len(s), len(adjoints), n).swapaxes(0, 1)
-        gradients[len(self.graph.limits) :] = torque
+        gradients[len(self.graph.limits) :] = swept.reshape(len(s), -1, n).swapaxes(0, 1)
         return gradients
 
 
@@ -277,8 +275,6 @@ def _smooth_maximum(
     u: Float[np.ndarray, "limits samples"], two_sided: np.ndarray, sharpness: float
 ) -> tuple[Float[np.ndarray, " limits"], Float[np.ndarray, "limits samples"]]:
     """(1/ρ) log Σ exp(ρ u), over u and −u where two-sided, and its derivative with respect to u."""
-    below = np.where(two_sided[:, None], -u, -np.inf)
-    both = sharpness * np.hstack([u, below])
-    share = softmax(both, axis=1)
-    n = u.shape[1]
+    both = sharpness * np.hstack([u, np.where(two_sided[:, None], -u, -np.inf)])
+    share, n = softmax(both, axis=1), u.shape[1]
     return logsumexp(both, axis=1) / sharpness, share[:, :n] - share[:, n:]

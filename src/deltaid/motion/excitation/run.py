@@ -73,12 +73,12 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
     Raises:
         DeltaidError: no ramp of up to two periods keeps them.
     """
-    phases = np.arange(_PHASES) * motion.period / _PHASES
-    best = np.inf
+    phases, best = np.arange(_PHASES) * motion.period / _PHASES, np.inf
     for share in _RAMPS:
         for phase in phases:
             run = Run(motion, float(phase), share * motion.period, repeats)
-            use = _ramp_use(problem, run)
+            ramp = np.linspace(0.0, run.ramp, _POINTS)
+            use = float(_use_at(problem, run, np.append(ramp, run.duration - ramp)).max())
             if use <= _FULL:
                 return run
             best = min(best, use)
@@ -93,11 +93,6 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
 def run_use(problem: ExcitationProblem, run: Run, samples: int) -> Float[np.ndarray, " limits"]:
     """Largest use of every limit over a whole run."""
     return _use_at(problem, run, np.linspace(0.0, run.duration, samples))
-
-
-def _ramp_use(problem: ExcitationProblem, run: Run) -> float:
-    ramp = np.linspace(0.0, run.ramp, _POINTS)
-    return float(_use_at(problem, run, np.append(ramp, run.duration - ramp)).max())
 
 
 def _use_at(

@@ -47,13 +47,10 @@ def exchanges(
         found: the bodies along a generic motion, the base last.
     """
     by_name = {name: [body for body in found if body.name == name] for name in robot.body_names}
-    base = found[-1]
-    proposed = list[Exchange]()
-    for a, b in combinations(robot.body_names, 2):
-        proposed += _between(layout, by_name[a], by_name[b])
-    for a, b in combinations(robot.body_names, 2):
-        proposed += _alike(layout, by_name[a], by_name[b])
-    resting = {name: _resting(layout, some, base) for name, some in by_name.items()}
+    pairs = [(by_name[a], by_name[b]) for a, b in combinations(robot.body_names, 2)]
+    proposed = [exchange for a, b in pairs for exchange in _between(layout, a, b)]
+    proposed += [exchange for a, b in pairs for exchange in _alike(layout, a, b)]
+    resting = {name: _resting(layout, some, found[-1]) for name, some in by_name.items()}
     for a, b in combinations([name for name, moments in resting.items() if moments], 2):
         # Mass at rest may pass from one body to another wherever the base carries both.
         words = f"mass at rest in the base {_passes(a, b)}"
@@ -62,21 +59,13 @@ def exchanges(
         what = f"{body_in_words(name)}'s" if some else ""
         for kind, direction in some:
             proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
-    for a, b in combinations(robot.body_names, 2):
-        proposed += _between(layout, by_name[a], by_name[b], move_alike)
-    proposed += [*_rotors(robot, layout), *_geared(robot, layout)]
-    return tuple(proposed)
+    moving = [exchange for a, b in pairs for exchange in _between(layout, a, b, move_alike)]
+    return (*proposed, *moving, *_rotors(robot, layout), *_geared(robot, layout))
 
 
 def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
     """The ten parameters of 1 kg at a point."""
     return RigidBody.point(1.0, r).p
-
-
-def _along(r: Float[np.ndarray, " 3"], e: Float[np.ndarray, " 3"]) -> tuple[Ten, Ten]:
-    """First and second moment along e at a point: derivatives of a point mass along e."""
-    plus, minus, here = point_mass(r + e), point_mass(r - e), point_mass(r)
-    return 0.5 * (plus - minus), 0.5 * (plus + minus) - here
 
 
 def _between(
@@ -119,12 +108,17 @@ def _partner(one: Instance, others: Sequence[Instance], partner: Partner) -> Sha
 def _moments(
     points: Sequence[np.ndarray], directions: Sequence[np.ndarray]
 ) -> list[tuple[str, Float[np.ndarray, "instances 10"]]]:
-    """What may leave all instances at their points and along their directions, in words."""
-    found = [("mass", np.stack([point_mass(r) for r in points]))]
+    """What may leave all instances at their points and along their directions, in words: moments
+    are derivatives of a point mass along a direction."""
+    here = np.stack([point_mass(r) for r in points])
+    found = [("mass", here)]
     for k in range(len(directions[0])):
-        pairs = [_along(r, e[k]) for r, e in zip(points, directions, strict=True)]
-        found.append(("first moment", np.stack([first for first, _ in pairs])))
-        found.append(("second moment", np.stack([second for _, second in pairs])))
+        plus, minus = (
+            np.stack([point_mass(r + sign * e[k]) for r, e in zip(points, directions, strict=True)])
+            for sign in (1, -1)
+        )
+        found.append(("first moment", 0.5 * (plus - minus)))
+        found.append(("second moment", 0.5 * (plus + minus) - here))
     return found
 
 
@@ -156,9 +150,8 @@ def _resting(
     met = [point for point in found if point is not None]
     if len(met) < len(found) or np.ptp([point.a for point in met], axis=0).max() > 1e-7:
         return []
-    moments = _moments([met[0].a], [met[0].along])
     total, result = sum(body.count for body in some), []
-    for what, ten in moments:
+    for what, ten in _moments([met[0].a], [met[0].along]):
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(some[0].name)] = ten[0] / total
         result.append((what, direction))

@@ -156,8 +156,7 @@ def _open(
 ) -> Open:
     d = np.where(seen, direction, 0.0)
     share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
-    at = np.flatnonzero(share > _SMALL * share.max())
-    names = tuple(layout.names[k] for k in at)
+    names = tuple(layout.names[k] for k in np.flatnonzero(share > _SMALL * share.max()))
     return Open(words or f"a combination of {', '.join(names)}", names, d)
 
 

@@ -93,7 +93,13 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
             if one is None and weigh.of == EACH:
                 continue
             if one is None:
-                raise _nothing(key, placed)
+                of = " + ".join(part.body for part in placed)
+                raise DescriptionError(
+                    f"a share of {of}'s value is no standard deviation: the value is zero at the "
+                    "prior",
+                    where=f"offers.{key}.weigh",
+                    cure="give std as well",
+                )
             row = weighing_row(scene, one)
             what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
             names.append(what)
@@ -127,15 +133,6 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
     value = float(row(weigh.quantity, 1.0, 1.0).coefficients @ p)
     std = float(np.hypot(weigh.std, weigh.share * abs(value)))
     return row(weigh.quantity, value, std) if std > 0 else None
-
-
-def _nothing(key: str, placed: Sequence[Placed]) -> DescriptionError:
-    return DescriptionError(
-        f"a share of {' + '.join(part.body for part in placed)}'s value is no standard deviation: "
-        "the value is zero at the prior",
-        where=f"offers.{key}.weigh",
-        cure="give std as well",
-    )
 
 
 def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | None:
