@@ -13,7 +13,7 @@ from _excitation_judge import FINER
 
 import deltaid
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.objective import parameter_scale
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.optimize import random_start

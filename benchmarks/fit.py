@@ -45,8 +45,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information
 from deltaid.estimation.log_cholesky import LogCholesky
-from deltaid.estimation.objective import Solution, default_gamma
-from deltaid.estimation.posing import pose
+from deltaid.estimation.objective import Solution, default_gamma, pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

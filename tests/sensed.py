@@ -9,12 +9,12 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import prior_scale
+from deltaid.identification.column_stages import with_new_entries
 from deltaid.identification.fit import FittedProblem, fit, with_geometry
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.measured_rows import SensorAddition
-from deltaid.identification.sensor_stage import with_new_entries
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter

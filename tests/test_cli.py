@@ -10,9 +10,9 @@ import pytest
 
 from command import refused, run
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.identification.prediction import misfit
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.torque_error import TorqueError, predict
-from deltaid.identification.validation import misfit
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.opening import open_log
 from deltaid.robot.load import catalogue, catalogue_text

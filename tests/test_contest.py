@@ -20,7 +20,7 @@ from deltaid.effects.ripple_search import _blocks
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
-from deltaid.identification.friction_curves import LawConstants
+from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.identify import _moves_of_laws
 from deltaid.identification.setup import UNEXPLAINED, ContestOutcome, Setup
 from deltaid.identification.study import studied_trace

@@ -13,12 +13,11 @@ from bad_logs import GOOD, ROWS, changed, with_field
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import minimise
 from deltaid.estimation.information import gather_samples
 from deltaid.estimation.objective import Objective, Solution, Solver
-from deltaid.estimation.posing import minimise
-from deltaid.identification.fit import fit
+from deltaid.identification.fit import against_motion, contradiction, fit
 from deltaid.identification.identify import identify
-from deltaid.identification.signs import against_motion, contradiction
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log

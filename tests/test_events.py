@@ -9,7 +9,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
 from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.outstanding import outstanding
+from deltaid.identification.outliers import detected_outliers
 from deltaid.model.corrections import Event
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording import windows
@@ -185,7 +185,9 @@ def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
         [(one.first, one.last) for one in cut], [(one.first, one.last) for one in whole], atol=4e-3
     )
     # What is kept of a recording of any length keeps no samples alive.
-    arrays = [x for one in outstanding(expected).stretches for x in (one.z, one.speed, one.left)]
+    arrays = [
+        x for one in detected_outliers(expected).stretches for x in (one.z, one.speed, one.left)
+    ]
     assert arrays
     assert all(x.base is None for x in arrays)
 

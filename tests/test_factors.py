@@ -18,7 +18,7 @@ from deltaid.fleets.factor_file import FactorFile, read, write
 from deltaid.fleets.gather import Gathering, gather_into, gathered
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.identification.identify import identify
-from deltaid.identification.validation import validate
+from deltaid.identification.prediction import validate
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording

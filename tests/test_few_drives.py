@@ -15,7 +15,7 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.identification.identify import identify
-from deltaid.identification.validation import validate
+from deltaid.identification.prediction import validate
 from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (

@@ -13,8 +13,7 @@ from deltaid.estimation import conic
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information, active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
-from deltaid.estimation.objective import Objective, data_term, default_gamma, noise_level
-from deltaid.estimation.posing import METRICS
+from deltaid.estimation.objective import METRICS, Objective, data_term, default_gamma, noise_level
 from deltaid.estimation.reduction import INTERIOR, build_reduction
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters

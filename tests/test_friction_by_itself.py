@@ -14,8 +14,13 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.friction_choice import choose_friction, chosen_friction
-from deltaid.identification.friction_constants import _bounded, moved
-from deltaid.identification.friction_curves import LawConstants, curve_rows, freed
+from deltaid.identification.friction_constants import (
+    LawConstants,
+    _bounded,
+    curve_rows,
+    freed,
+    moved,
+)
 from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.setup import Setup

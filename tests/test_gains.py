@@ -16,8 +16,8 @@ from deltaid.identification.fit import fit
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import identify
 from deltaid.identification.judgement import judged_base, judged_parameters
+from deltaid.identification.prediction import validate
 from deltaid.identification.setup import Setup
-from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import Settings

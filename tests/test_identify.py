@@ -11,7 +11,7 @@ from deltaid.identification.demo import demonstrate, mass_matrix_error
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.identify import identify
 from deltaid.identification.least_squares import identify_base
-from deltaid.identification.validation import validate
+from deltaid.identification.prediction import validate
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.load import load_robot
 from identified import identified

@@ -15,11 +15,11 @@ from deltaid.effects.lag_groups import chosen_groups
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
+from deltaid.identification.column_stages import late_rate, late_rates_left_out
 from deltaid.identification.identify import identify
+from deltaid.identification.prediction import validate
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import model_filtered
-from deltaid.identification.validation import validate
-from deltaid.identification.velocity_stage import late_rate, late_rates_left_out
 from deltaid.joint_forces.ranges import evidence
 from deltaid.model.corrections import Correction, Event
 from deltaid.model.record import IdentifiedModel, Settings

@@ -15,8 +15,8 @@ from deltaid.errors import RecordingError, UnknownNameError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.loads import declared_loads, held, joined
+from deltaid.identification.prediction import validate
 from deltaid.identification.setup import Setup
-from deltaid.identification.validation import validate
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.model.verdict import Grade

@@ -14,7 +14,7 @@ from deltaid.fleets.identify_gathered import identify_gathered, validate_gathere
 from deltaid.fleets.merged import merged, merging_of
 from deltaid.fleets.steps import gain_rows
 from deltaid.identification.identify import identify
-from deltaid.identification.validation import validate
+from deltaid.identification.prediction import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording.mapping import ColumnMapping

@@ -12,7 +12,7 @@ from deltaid.errors import DescriptionError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky
-from deltaid.estimation.posing import pose
+from deltaid.estimation.objective import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.identification.generic_motion import random_motion_base

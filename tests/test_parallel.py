@@ -115,7 +115,7 @@ import multiprocessing, sys
 import numpy as np
 import polars as pl
 import deltaid
-from deltaid.identification.validation import validate  # all that is compiled before
+from deltaid.identification.prediction import validate  # all that is compiled before
 
 log, manifest = sys.argv[1:]
 t, *columns = np.loadtxt(log, delimiter=",", skiprows=1).T

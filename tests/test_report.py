@@ -12,8 +12,8 @@ import pytest
 from command import refused
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.identify import Identification, identify
+from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import torque_error
-from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.view.comparison import TorqueComparison, compare

@@ -8,7 +8,7 @@ import pypdfium2
 import pytest
 from playwright import sync_api
 
-from deltaid.identification.validation import validate
+from deltaid.identification.prediction import validate
 from deltaid.model.model import load
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.check import short_table

@@ -14,8 +14,8 @@ from deltaid.effects.contest import account
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
 from deltaid.estimation.problem import LinearProblem, Span
+from deltaid.identification.column_stages import _lag
 from deltaid.identification.friction_rows import FrictionRows
-from deltaid.identification.velocity_stage import _lag
 
 LONG = 4  # samples a stretch
 SAMPLES = STRETCHES * LONG

@@ -11,8 +11,8 @@ import pytest
 from command import run
 from deltaid.checks.identified import Judged
 from deltaid.checks.verdicts import Verdicts
+from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import validate
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel

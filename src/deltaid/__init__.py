@@ -31,10 +31,9 @@ if TYPE_CHECKING:
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.fleets.run import FleetRun, fleet
-    from deltaid.identification.feed_forward import FeedForward, torque
     from deltaid.identification.generic_motion import base
     from deltaid.identification.identify import Identification
-    from deltaid.identification.validation import Validation, validate
+    from deltaid.identification.prediction import FeedForward, Validation, torque, validate
     from deltaid.joint_forces.constraint_forces import ConstraintForces
     from deltaid.joint_forces.forces import Forces, forces
     from deltaid.mechanism.kinematics import Kinematics
@@ -98,7 +97,7 @@ _HOME = {
     "RobotDescription": "deltaid.robot.description",
     "Samples": "deltaid.model.samples",
     "Settings": "deltaid.model.record",
-    "Validation": "deltaid.identification.validation",
+    "Validation": "deltaid.identification.prediction",
     "Verdict": "deltaid.model.verdict",
     "Verdicts": "deltaid.checks.verdicts",
     "build_limb": "deltaid.mechanism.limb",
@@ -113,7 +112,7 @@ _HOME = {
     "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
     "forces": "deltaid.joint_forces.forces",
-    "FeedForward": "deltaid.identification.feed_forward",
+    "FeedForward": "deltaid.identification.prediction",
     "Forces": "deltaid.joint_forces.forces",
     "SensorNoise": "deltaid.motion.surrogate",
     "FleetRun": "deltaid.fleets.run",
@@ -135,8 +134,8 @@ _HOME = {
     "sensor_plan": "deltaid.sensors.planning.plan",
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
-    "torque": "deltaid.identification.feed_forward",
-    "validate": "deltaid.identification.validation",
+    "torque": "deltaid.identification.prediction",
+    "validate": "deltaid.identification.prediction",
 }
 
 # Names of earlier versions, and what they are now.

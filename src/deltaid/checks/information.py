@@ -21,8 +21,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, KinematicsError
 from deltaid.estimation.base_parameters import base_parameters
-from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information, gather_samples, merge
+from deltaid.estimation.information import NOISE_FLOOR, Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.model.verdict import Fault, Grade, Verdict, listed

@@ -9,8 +9,8 @@ from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.fleets.factor_record import FactorRecord
+    from deltaid.identification.prediction import Validation
     from deltaid.identification.torque_error import TorqueError
-    from deltaid.identification.validation import Validation
     from deltaid.model.model import Model
     from deltaid.recording.mapping import MappingLike
 
@@ -77,6 +77,6 @@ def compared(
 
         file = read(log)
         return validate_gathered(model, file), file.record
-    from deltaid.identification.validation import validate
+    from deltaid.identification.prediction import validate
 
     return validate(model, log, columns=columns, keep_all=keep_all)

@@ -9,8 +9,8 @@ from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:
     from deltaid.identification.identify import Identification
+    from deltaid.identification.prediction import Compared
     from deltaid.identification.torque_error import TorqueError
-    from deltaid.identification.validation import Compared
     from deltaid.model.corrections import Source
 
 # Events that the terminal lists.
@@ -144,7 +144,7 @@ def _of_positions(source: "Source") -> str:
 
 def summary(result: "Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
-    from deltaid.estimation.posing import SOLVERS
+    from deltaid.estimation.conic import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
     from deltaid.view.corrections import reversals
     from deltaid.view.parameters import shares_sentence

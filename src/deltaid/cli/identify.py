@@ -133,7 +133,7 @@ def identify(
     with _uncollected():
         from deltaid.checks.identified import identify as run
         from deltaid.cli.identified import as_dictionary, print_result
-        from deltaid.identification.validation import Validation, noted, remarks
+        from deltaid.identification.prediction import Validation, noted, remarks
         from deltaid.model.model import load
         from deltaid.model.record import Settings
         from deltaid.recording.source import opened

@@ -29,7 +29,7 @@ def torque(
     that rests at an end, or is --periodic, has torques in every row; at an end that moves, as many
     rows as the filter is long are written without.
     """
-    from deltaid.identification.feed_forward import torque as run
+    from deltaid.identification.prediction import torque as run
     from deltaid.model.model import load
 
     require_outputs((model, log, columns), {"--output": output})

@@ -10,9 +10,11 @@ interior-point method ends at the global optimum with a dual bound below it. Ste
 
 The entropic part needs −log det A of the normalised block A: with Z lower triangular and
 [[A, Z], [Zᵀ, diag Z]] ⪰ 0, log det A = max Σ log Z_ii (exponential cones).
+
+The paper's route borrows this bound (`minimise`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -23,9 +25,10 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.objective import Objective, Solution
+from deltaid.estimation.log_cholesky import LogCholesky
+from deltaid.estimation.objective import LOG_DET, Objective, Quadratic, Solution, Solver, Vector
 from deltaid.estimation.reduction import INTERIOR, Affine, Block
-from deltaid.estimation.regularizer import LOG_DET, Quadratic, Vector
+from deltaid.model.options import Method
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,18 @@ class Conic:
                 value = objective.value(x)
                 return Solution(x, value, value, 0, "interior optimum")
         return _Program(objective, quadratic, self).solve()
+
+
+SOLVERS: dict[Method, Solver] = {"conic": Conic(), "log-cholesky": LogCholesky()}
+
+
+def minimise(objective: Objective, solver: Solver) -> Solution:
+    """Minimise J by a solver; one that does not certify borrows the bound of one that does. Errors
+    as of `Solver.solve`."""
+    solution = solver.solve(objective)
+    if solver.certifies or not objective.regularizer.convex:
+        return solution
+    return replace(solution, bound=Conic().solve(objective).bound)
 
 
 def _stacked(objective: Objective) -> Quadratic:

@@ -10,18 +10,16 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
-from deltaid.estimation.information import active_columns
+from deltaid.estimation.information import NOISE_FLOOR, active_columns
+from deltaid.estimation.objective import Metric
 from deltaid.estimation.problem import DEPENDENT, Columns, LinearProblem, Rows, Span, lengths
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Metric
 from deltaid.estimation.traces import Trace
 
 # Stretches of time of a recording whose scatter gives covariances.
 STRETCHES = 40
 # No recording fits a model better than to this share of its largest torque.
 _MISFIT_FLOOR = 1e-5
-# Noise of torques is at least this share of the largest one.
-NOISE_FLOOR = 1e-6
 # What makes less of a drive's largest torque may be the error of differentiated positions.
 POSITION_ERROR = 3e-4
 

@@ -20,9 +20,10 @@ from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
 from deltaid.estimation.problem import LinearProblem
 
+# Noise of torques is at least this share of the largest one.
+NOISE_FLOOR = 1e-6
 # Samples whose regressor is in memory at once.
 _AT_ONCE = 8000
-
 # Entries of a matrix that is factored at once: it stays in the cache.
 _PANEL = 60_000
 

@@ -17,9 +17,8 @@ import casadi as ca
 import numpy as np
 
 from deltaid.errors import IdentificationError
-from deltaid.estimation.objective import Objective, Solution
+from deltaid.estimation.objective import Matrix, Objective, Solution, Vector
 from deltaid.estimation.reduction import INTERIOR, Reduction
-from deltaid.estimation.regularizer import Matrix, Vector
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import PriorParameter
 

@@ -19,9 +19,15 @@ from scipy.linalg import solve_triangular
 
 from deltaid.errors import DescriptionError
 from deltaid.estimation.information import triangle
-from deltaid.estimation.posing import METRICS
+from deltaid.estimation.objective import (
+    METRICS,
+    Matrix,
+    Regularizer,
+    SpectralTerm,
+    Vector,
+    prior_root,
+)
 from deltaid.estimation.reduction import INTERIOR, Reduction, build_reduction
-from deltaid.estimation.regularizer import Matrix, Regularizer, SpectralTerm, Vector, prior_root
 from deltaid.estimation.scatter import inverse
 from deltaid.model.parameter_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel

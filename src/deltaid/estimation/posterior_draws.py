@@ -158,8 +158,7 @@ def effective_size(draws: Draws) -> Each:
     """How many independent draws tell as much of the middle of the distribution."""
     z = _scores(draws)
     length, chains, _ = z.shape
-    centred = z - z.mean(axis=0)
-    spectrum = np.abs(np.fft.rfft(centred, n=2 * length, axis=0)) ** 2
+    spectrum = np.abs(np.fft.rfft(z - z.mean(axis=0), n=2 * length, axis=0)) ** 2
     covariance = np.fft.irfft(spectrum, axis=0)[:length].mean(axis=1) / length
     within = covariance[0] * length / (length - 1)
     total = covariance[0] + z.mean(axis=0).var(axis=0, ddof=1)

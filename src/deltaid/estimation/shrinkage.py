@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock, Normal
-from deltaid.estimation.drive_rows import NOISE_FLOOR
+from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import surprise
 

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.information import triangle
+from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import prior_scale
 from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription

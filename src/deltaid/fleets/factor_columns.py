@@ -28,7 +28,7 @@ from deltaid.effects.joint import FrictionJoint, joints_of, of_load, one_way, on
 from deltaid.estimation.additions import Addition, Extended, Own, Values, extended
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import active_columns
-from deltaid.identification.friction_curves import LawConstants
+from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock

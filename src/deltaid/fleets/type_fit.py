@@ -10,8 +10,7 @@ from jaxtyping import Float
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
-from deltaid.estimation.objective import Objective
-from deltaid.estimation.regularizer import Quadratic, Regularizer
+from deltaid.estimation.objective import Objective, Quadratic, Regularizer
 from deltaid.estimation.scatter import half_width
 from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, sorted_out, torques
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U

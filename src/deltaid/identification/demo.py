@@ -10,8 +10,8 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import with_prior
 from deltaid.identification.identify import Identification, identify
+from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import validate
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import (
     SensorNoise,

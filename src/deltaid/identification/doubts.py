@@ -10,10 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.estimation.drive_rows import NOISE_FLOOR
+from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
-from deltaid.identification.fit import FittedProblem
-from deltaid.identification.signs import CURE, against_motion, contradiction
+from deltaid.identification.fit import CURE, FittedProblem, against_motion, contradiction
 from deltaid.model.corrections import Inseparable
 from deltaid.sensors.weighings import weighings
 

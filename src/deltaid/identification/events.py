@@ -1,6 +1,6 @@
 """Contacts, pushes, spikes and stops that no model has: detected, classified, excluded.
 
-Outliers of a recording (`outstanding.py`) are excluded, with one exception. Friction that the
+Outliers of a recording (`outliers.py`) are excluded, with one exception. Friction that the
 description has no law for causes outliers as well, where a drive turns round: that is for the
 choice of friction laws. Gears with play cause them where their torque changes its sign; all of
 these changes are excluded, as backlash. What lasts, or fills much of a recording, is no event but a
@@ -17,11 +17,11 @@ import numpy as np
 
 from deltaid.identification.expectation import Expectation, expect
 from deltaid.identification.expectation_source import ExplainedRecording
-from deltaid.identification.outstanding import (
+from deltaid.identification.outliers import (
     JoinedStretches,
     OutlierStretch,
-    outstanding,
-    stands_out,
+    detected_outliers,
+    has_outliers,
     without_recurring,
 )
 from deltaid.identification.setup import Progress, Setup
@@ -100,7 +100,7 @@ def _is_excerpt_quiet(expected: Expectation) -> bool:
     if excerpt is None or excerpt.whole or not expected.fits:
         return False
     brief = replace(source, recording=source.recording.brief)
-    return outstanding(replace(expected, source=brief)).is_empty
+    return detected_outliers(replace(expected, source=brief)).is_empty
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class Watch:
     starts: list[float] = field(default_factory=list[float])
 
     def __call__(self, window: Window) -> None:
-        if len(window.own.time) and stands_out(self.expected, window):
+        if len(window.own.time) and has_outliers(self.expected, window):
             self.starts.append(float(window.own.time[0]))
 
 
@@ -171,7 +171,7 @@ def _corrections(
 
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     """What of a recording is to be excluded, in the order of time."""
-    outliers, recording = outstanding(expected), expected.source.recording
+    outliers, recording = detected_outliers(expected), expected.source.recording
     log, low_pass, delay = recording.log, recording.filter, recording.repairs.delay
     duration, margin = log.samples / log.rate, max(_BESIDE, 1.0 / log.rate)
     spread = _PERIOD / low_pass.motion_cutoff

@@ -24,8 +24,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import surprise
-from deltaid.identification.friction_constants import Refined, refined
-from deltaid.identification.friction_curves import LawConstants
+from deltaid.identification.friction_constants import LawConstants, Refined, refined
 from deltaid.identification.friction_rows import (
     FrictionRows,
     JudgedColumns,

@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.estimation.additions import Extended
-from deltaid.estimation.drive_rows import NOISE_FLOOR
 from deltaid.estimation.information import (
+    NOISE_FLOOR,
     Chunk,
     Condensed,
     Information,

@@ -15,7 +15,7 @@ from deltaid.estimation.additions import of_each
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
-from deltaid.identification.friction_curves import LawConstants, freed
+from deltaid.identification.friction_constants import LawConstants, freed
 from deltaid.identification.judgement import assembled, judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
@@ -35,7 +35,7 @@ from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
-    from deltaid.identification.validation import Validation
+    from deltaid.identification.prediction import Validation
 
 # Windows of a recording, spread over all of it, that a model's torques are compared with.
 _COMPARED = 32

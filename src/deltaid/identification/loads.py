@@ -21,7 +21,7 @@ from deltaid.effects.effect import Cause, causes_of
 from deltaid.effects.load_columns import LoadColumns, Ten
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, of_each
-from deltaid.estimation.posing import pose
+from deltaid.estimation.objective import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import with_events, without_events

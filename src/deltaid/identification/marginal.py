@@ -18,8 +18,8 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.regularizer import prior_scale
+from deltaid.estimation.information import NOISE_FLOOR
+from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.scatter import NORMAL, ROUNDING, correlations, inverse
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.parameter_record import PosteriorRecord

@@ -16,10 +16,10 @@ from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Inseparable, Kind
 from deltaid.model.parameter_record import FrictionChoice, JointTerm
 from deltaid.model.record import Settings
+from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 
-Progress = Callable[[str], None]
 WIND_UP = "compliance"
 
 Coefficients = Float[np.ndarray, " coefficients"]

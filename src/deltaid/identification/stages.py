@@ -14,19 +14,23 @@ from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import of_each
+from deltaid.identification.column_stages import (
+    holds_filled,
+    late_rates_left_out,
+    sensors_included,
+    sensors_settled,
+)
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import without_events
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_choice import chosen_friction
-from deltaid.identification.friction_curves import freed
+from deltaid.identification.friction_constants import freed
 from deltaid.identification.friction_rows import cutoff_of
 from deltaid.identification.gains import gains
 from deltaid.identification.lags_and_gears import gears_turned_back, lags_corrected
 from deltaid.identification.loads import declared_loads, undeclared_loads
-from deltaid.identification.sensor_stage import sensors_included, sensors_settled
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.uncertainty import uncertainty
-from deltaid.identification.velocity_stage import holds_filled, late_rates_left_out
 from deltaid.identification.warmth import changing_friction
 from deltaid.model.parameter_record import JointTerm
 

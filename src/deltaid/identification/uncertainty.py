@@ -11,11 +11,10 @@ from scipy.linalg import solve_triangular
 
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.conic import definite, interior_point, svec
-from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
+from deltaid.estimation.objective import prior_root, prior_scale
 from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.reduction import Block
-from deltaid.estimation.regularizer import prior_root, prior_scale
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.parameter_record import Share

@@ -31,9 +31,9 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import Doubt
+from deltaid.estimation.conic import SOLVERS, minimise
 from deltaid.estimation.information import triangle
-from deltaid.estimation.posing import SOLVERS, minimise, pose
-from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.objective import parameter_scale, pose
 from deltaid.estimation.scatter import correlations, inverse, surprise
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.model.corrections import Correction

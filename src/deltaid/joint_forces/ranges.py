@@ -25,13 +25,11 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.drive_rows import NOISE_FLOOR
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import balanced, gather_all
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.geometry import Geometry, geometry
-from deltaid.identification.least_squares import BaseEstimate, estimate_base
+from deltaid.identification.least_squares import BaseEstimate, Geometry, estimate_base, geometry
 from deltaid.identification.loads import as_known
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.sources import model_filtered

@@ -19,9 +19,8 @@ from scipy import optimize
 
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
-from deltaid.estimation.objective import Objective, Solution
+from deltaid.estimation.objective import Objective, Solution, Vector
 from deltaid.estimation.reduction import Reduction
-from deltaid.estimation.regularizer import Vector
 from deltaid.reproduce.accuracy import Accuracy
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.estimation.posing import SOLVERS
+from deltaid.estimation.conic import SOLVERS
 from deltaid.files import require_writable, written_whole
 from deltaid.identification.identify import Identification
 from deltaid.model.options import Method

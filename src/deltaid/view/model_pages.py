@@ -8,8 +8,8 @@ import plotly.graph_objects as go
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
+from deltaid.identification.prediction import Validation
 from deltaid.identification.sources import left_out, model_filtered
-from deltaid.identification.validation import Validation
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst

@@ -6,7 +6,7 @@ from dataclasses import replace
 import polars as pl
 
 from deltaid.identification.identify import Identification
-from deltaid.identification.validation import Validation
+from deltaid.identification.prediction import Validation
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from deltaid.identification.identify import Identification
+from deltaid.identification.prediction import Compared, misfit, remarks
 from deltaid.identification.torque_error import TorqueError
-from deltaid.identification.validation import Compared, misfit, remarks
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel, Verification
 from deltaid.view.corrections import corrected

@@ -16,7 +16,7 @@ from deltaid.checks.wiring.candidate import WiringHypothesis, named_units
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.identification.signs import row_at_home
+from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import Proposal, listed, percent
 from deltaid.recording.mapped_columns import AllDrives
 from deltaid.recording.mapping import Quantity

@@ -28,11 +28,9 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
-from deltaid.estimation.objective import Objective
-from deltaid.estimation.posing import METRICS
+from deltaid.estimation.objective import METRICS, Objective, Quadratic, Regularizer
 from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.estimation.regularizer import Quadratic, Regularizer
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 
 # Weight of a drive at rest, whose torque friction balances as it likes.

@@ -14,7 +14,7 @@ from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import unknown
 from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.estimation.regularizer import parameter_scale
+from deltaid.estimation.objective import parameter_scale
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.model.model import ModelLike, load
 from deltaid.motion.excitation.graph import ExcitationGraph, torques_without_friction
