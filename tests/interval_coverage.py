@@ -84,7 +84,7 @@ def estimates(
     columns |= {f"tau{i + 1}": x for i, x in enumerate(tau)}
     pl.DataFrame(columns).write_parquet(folder / "log.parquet")
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
-    wide = extended(dynamics, [Courses(np.concatenate([tau[None], noise]), RATE)])
+    wide = extended(dynamics, [Courses(dynamics, np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)
     limits = np.abs(tau).max(axis=1)
     base, found = None, []

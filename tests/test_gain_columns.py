@@ -43,10 +43,6 @@ class Push(Addition):
         return np.ones((1, len(w.time)))
 
     @property
-    def is_absolute(self) -> bool:
-        return True
-
-    @property
     def witness(self) -> str:
         return "a push"
 
@@ -55,7 +51,7 @@ def gains(alike: tuple[int, ...] = ()) -> tuple[Dynamics, Gains]:
     """With a push of 3 N m, beside what the prior says of a robot."""
     dynamics = compiled(load_robot("clavel-delta3"))
     values = np.append(prior_parameters(dynamics.robot), 3.0)
-    return dynamics, Gains(dynamics, (Push(),), values, GAIN, prior_spread=0.5, alike=alike)
+    return dynamics, Gains(dynamics, (Push(dynamics),), values, GAIN, prior_spread=0.5, alike=alike)
 
 
 def test_before_any_recording_torque_constants_are_right_to_a_tenth() -> None:

@@ -39,7 +39,6 @@ STRONG = 0.21  # N m, one eighth of the prior's size
 class Weight(Addition):
     """A known point mass at the platform, in one recording."""
 
-    dynamics: Dynamics
     log: str
 
     @property
@@ -60,10 +59,6 @@ class Weight(Addition):
     @property
     def free(self) -> Free:
         return Free((), np.zeros((1, 0)), np.array([MASS]), ())
-
-    @property
-    def is_absolute(self) -> bool:
-        return True
 
     @property
     def witness(self) -> str:
@@ -226,7 +221,7 @@ def recordings() -> tuple[PreparedRecording, ...]:
 
 def test_an_addition_is_fitted_in_the_recording_that_has_it_and_judged_like_the_rest() -> None:
     dynamics, p = moving()
-    hum = Hum(1, str(recordings()[0].path))
+    hum = Hum(dynamics, 1, str(recordings()[0].path))
     problem = fit(dynamics, recordings(), Settings(), additions=[hum])
     plain = fit(dynamics, recordings(), Settings())
     judged = judged_parameters(problem)[-1]

@@ -7,13 +7,12 @@ At single drives these are springs and ripples,
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
 from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter
@@ -31,8 +30,6 @@ Position = Float[np.ndarray, " samples"]
 @dataclass(frozen=True, eq=False)
 class AlongMotion(Addition):
     """Torques of a robot that are linear in their coefficients."""
-
-    dynamics: Dynamics
 
     is_corrected = True
     kind: ClassVar[Kind]
@@ -61,9 +58,6 @@ class AlongMotion(Addition):
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return self.of_motion(w.z, w.qd)
-
-    def on(self, dynamics: Dynamics) -> "AlongMotion":
-        return replace(self, dynamics=dynamics)
 
 
 @dataclass(frozen=True, eq=False)

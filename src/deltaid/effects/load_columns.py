@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.reduction import Free, free_body
 from deltaid.model.corrections import Correction
@@ -52,7 +51,6 @@ _VAGUE = 1.0
 class LoadColumns(Addition):
     """A load that is held, declared or detected."""
 
-    dynamics: Dynamics  # of the robot
     load: Load  # what is declared of it
     prior_spread: float  # of the fit, which all scales of parameters are relative to
     taken: Ten  # p_L as far as it has been subtracted from the recordings
@@ -75,9 +73,6 @@ class LoadColumns(Addition):
     def is_fixed(self) -> bool:
         """Whether all its identifiable parameters are known exactly."""
         return not self._entries and self.load.mass_tolerance is None
-
-    def on(self, dynamics: Dynamics) -> "LoadColumns":
-        return replace(self, dynamics=dynamics)
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
@@ -160,13 +155,10 @@ class LoadColumns(Addition):
         )
 
     @property
-    def is_absolute(self) -> bool:
+    def witness(self) -> str | None:
         mass, tolerance = self.load.mass, self.load.mass_tolerance or 0.0
-        return mass is not None and tolerance <= _SURE * mass
-
-    @property
-    def witness(self) -> str:
-        return "what the known load weighs and how it resists"
+        is_known = mass is not None and tolerance <= _SURE * mass
+        return "what the known load weighs and how it resists" if is_known else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         mass, body = self.whole(judged)[0], self.body

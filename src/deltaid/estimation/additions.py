@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,12 +31,14 @@ _Added = TypeVar("_Added", bound="Addition")
 _Value = TypeVar("_Value")
 
 
+@dataclass(frozen=True, eq=False)
 class Addition(ABC):
     """Further columns, which some recordings of a fit or all have.
 
     Those of other recordings are zero. Values of `Extended` are linear in their parameters.
     """
 
+    dynamics: Dynamics  # of the robot that they are beside
     # whether the fit holds its parameters, which count as unknown in its judgement
     is_held: ClassVar[bool] = False
     # whether it is an effect that the fit corrects, which no study of the residual finds
@@ -56,10 +58,9 @@ class Addition(ABC):
         """The entries along consecutive samples w of a recording, at the full rate; `own` are those
         of the robot's regressor there, in the order of its pattern."""
 
-    def on(self, dynamics: Dynamics) -> "Addition":
+    def on(self, dynamics: Dynamics) -> Self:
         """The same for a robot with other friction laws."""
-        del dynamics
-        return self
+        return replace(self, dynamics=dynamics)
 
     @property
     def free(self) -> Free:
@@ -70,19 +71,14 @@ class Addition(ABC):
         return Free((), np.zeros((n, 0)), np.zeros(n), ())
 
     @property
-    def is_absolute(self) -> bool:
-        """Whether it is known in kg or N m, so that it determines the scale of torques."""
-        return False
-
-    @property
     def determines(self) -> tuple[str, ...]:
         """Prefixes of tolerances that its parameters determine."""
         return ()
 
     @property
-    def witness(self) -> str:
-        """Its name where it determines the scale of torques."""
-        return "what is known"
+    def witness(self) -> str | None:
+        """Its name where it is known in kg or N m, so that it determines the scale of torques."""
+        return None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """Corrections by its fitted parameters `judged`."""
@@ -94,11 +90,10 @@ class Addition(ABC):
 class OfTorques(Addition):
     """Columns that follow from the torques of a robot and of additions beside it."""
 
-    dynamics: Dynamics
     beside: tuple[Addition, ...]
     p: Parameters  # of both, in their order
 
-    def on(self, dynamics: Dynamics) -> "OfTorques":
+    def on(self, dynamics: Dynamics) -> Self:
         """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
         if dynamics is self.dynamics:
             return self

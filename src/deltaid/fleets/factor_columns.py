@@ -16,7 +16,7 @@ A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
@@ -56,7 +56,6 @@ def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "
 class SpeedColumns(Addition):
     """The columns of one joint's friction over speed; `top` is its reference speed [rad/s, m/s]."""
 
-    dynamics: Dynamics
     name: str
     top: float
 
@@ -86,9 +85,6 @@ class SpeedColumns(Addition):
             columns += [one_way(v, C, v), one_way_speed(v, C, v)]
         return np.vstack(columns)
 
-    def on(self, dynamics: Dynamics) -> "SpeedColumns":
-        return replace(self, dynamics=dynamics)
-
     def following(self, h: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " columns"]:
         """The combination of columns that is a law's h(v), v with its sign."""
         knots = self.top * np.array(KNOTS)
@@ -103,7 +99,6 @@ class SpeedColumns(Addition):
 class CarriedColumns(Addition):
     """One column a drive, sign(q̇) |x|; x by parameters p, of the robot and of what it holds."""
 
-    dynamics: Dynamics
     p: Float[np.ndarray, " parameters"]
 
     @property
@@ -120,9 +115,6 @@ class CarriedColumns(Addition):
         del own, recording
         x = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + w.carried
         return of_load(w.qd, np.sign(w.qd), x).T
-
-    def on(self, dynamics: Dynamics) -> "CarriedColumns":
-        return replace(self, dynamics=dynamics)
 
 
 def _constants(joint: str, symbols: list[str], unit: str) -> tuple[PriorParameter, ...]:

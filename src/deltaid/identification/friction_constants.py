@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import joints_of, of_slope, of_term
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.information import triangle
@@ -193,7 +192,6 @@ def moved(law: Friction, kind: str, name: str, step: float) -> Friction:
 class LawConstants(Addition):
     """Changes of a robot's friction with the constants of its laws, in logarithms."""
 
-    dynamics: Dynamics
     is_held = True  # the constants are those of the law
 
     @property
@@ -225,9 +223,6 @@ class LawConstants(Addition):
             joint = joints[term.joint]
             values.append(term.size * term.slopes(joint.speed(own))[name] * own[joint.coulomb])
         return np.vstack(values)
-
-    def on(self, dynamics: Dynamics) -> "LawConstants":
-        return LawConstants(dynamics)
 
 
 def freed(problem: FittedProblem) -> FittedProblem:

@@ -88,7 +88,7 @@ class Gains(OfTorques):
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
-        absolute = [other.witness for other in self.beside if other.is_absolute]
+        absolute = [other.witness for other in self.beside if other.witness]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
         assumed = f", {silent} is taken to be right" if silent else ""
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
@@ -128,7 +128,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     setup = setup.without(Gains).all_repaired(gain=())
     dynamics, settings, others = setup.dynamics, setup.settings, setup.additions
     limbs, alike = setup.robot.limbs, ()
-    absolute = any(addition.is_absolute for addition in others)
+    absolute = any(addition.witness for addition in others)
     if not absolute and limbs is not None and limbs.identical:
         uneven = setup.outcome is not None and "gain" in setup.outcome.kept
         alike = tuple(range(limbs.count)) if uneven else ()
@@ -156,7 +156,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     """Additions without gains that only sensors determine, no load that torques carry: with these,
     friction has no scale."""
-    by_load = any(addition.is_absolute and len(addition.pattern[0]) for addition in additions)
+    by_load = any(addition.witness and len(addition.pattern[0]) for addition in additions)
     return tuple(
         addition
         for addition in additions

@@ -149,7 +149,7 @@ def assembled(
     )
     # What determines the scale of a fit's torques and masses beside torque constants, in words.
     facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
-    known = [addition.witness for addition in problem.additions if addition.is_absolute]
+    known = [addition.witness for addition in problem.additions if addition.witness]
     absolute = (*known, *(fact.name for fact in facts))
     moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
     return IdentifiedModel(

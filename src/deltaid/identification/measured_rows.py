@@ -8,7 +8,7 @@ been subtracted from the torques is subtracted here.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -39,7 +39,6 @@ PerRow = Float[np.ndarray, "rows samples"]
 class SensorAddition(Addition):
     """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows."""
 
-    dynamics: Dynamics
     rows: SensorRows  # what it shows of robot and unknowns
     prior_spread: float  # of the fit, which all scales of parameters are relative to
     # parameters by name about which gain and pose are linear; the prior if missing
@@ -52,7 +51,7 @@ class SensorAddition(Addition):
         name: str,
         prior_spread: float,
         known: Mapping[str, float] | None = None,
-    ) -> "SensorAddition":
+    ) -> Self:
         """A sensor of a robot by its name in the description; `known` as there."""
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
         columns = cls(dynamics, rows, prior_spread, known or {})
@@ -67,7 +66,7 @@ class SensorAddition(Addition):
         """Whether some columns depend on its expected reading, and so on other parameters."""
         return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
-    def on(self, dynamics: Dynamics) -> "SensorAddition":
+    def on(self, dynamics: Dynamics) -> Self:
         same, name = dynamics is self.dynamics, self.rows.name
         return self if same else self.for_sensor(dynamics, name, self.prior_spread, self.known)
 
@@ -83,12 +82,9 @@ class SensorAddition(Addition):
         return np.zeros((0, len(w.time)))
 
     @property
-    def is_absolute(self) -> bool:
-        return self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
-
-    @property
-    def witness(self) -> str:
-        return f"sensor {self.rows.name}"
+    def witness(self) -> str | None:
+        is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
+        return f"sensor {self.rows.name}" if is_sure else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         own = f".{self.rows.name}"

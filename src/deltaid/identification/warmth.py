@@ -10,13 +10,12 @@ without temperature can have.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.problem import lengths
 from deltaid.identification.friction_choice import rows_for_friction
@@ -61,7 +60,6 @@ class Course:
 class Warmth(Addition):
     """Changes of all joints' friction along recordings, the same in all for the same course."""
 
-    dynamics: Dynamics
     courses: tuple[Course, ...]  # of the change in each recording that has them
     several: bool = False  # whether the fit has others
     is_corrected = True
@@ -99,9 +97,6 @@ class Warmth(Addition):
             if course.recording.log.sha256 == recording.log.sha256:
                 return changing * course.values(w)
         return np.zeros_like(changing)
-
-    def on(self, dynamics: Dynamics) -> "Warmth":
-        return replace(self, dynamics=dynamics)
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """How friction changes, in one sentence."""
