@@ -11,10 +11,9 @@ from deltaid.checks.run import of_robot
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
-from deltaid.studio.drafting.backwards import answers, kind_of
-from deltaid.studio.drafting.draft import GIVEN, Draft, quantity
+from deltaid.studio.drafting.draft import GIVEN, Draft, answers, kind_of, quantity
 from deltaid.studio.drafting.interview import description, doubts, interview
-from deltaid.studio.drafting.kinds import KINDS as KINDS_OF_ROBOT
+from deltaid.studio.drafting.questions import KINDS as KINDS_OF_ROBOT
 from deltaid.studio.drafting.questions import QUESTIONS, Question, asked, lifted
 from deltaid.studio.drafting.text import written
 from support import KINDS

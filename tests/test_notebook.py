@@ -11,8 +11,7 @@ import pytest
 import deltaid
 from deltaid.model.verdict import Grade
 from deltaid.sensors.planning.offers import shipped_offers
-from deltaid.view.card import Card, text
-from deltaid.view.show import _KINDS
+from deltaid.view.show import _KINDS, Card
 from html_page import HOSTILE, Document
 from identified import identified, simulated
 from logs import recorded
@@ -104,7 +103,7 @@ def test_a_prompt_shows_a_few_lines(values: dict[str, object]) -> None:
 
 def test_much_to_say_is_cut_and_what_to_do_next_stays() -> None:
     lines = ("word " * 200, *(f"line {k}" for k in range(30)))
-    said = text(Card("Title", lines, "", (("n", "1"),) * 50, methods=(".plot()",)))
+    said = Card("Title", lines, "", (("n", "1"),) * 50, methods=(".plot()",)).text()
     assert len(said.splitlines()) <= LINES
     assert len(said) <= 2 * SHORT
     assert said.splitlines()[-2:] == ["  …", "→ .plot()"]

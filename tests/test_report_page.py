@@ -26,11 +26,10 @@ from deltaid.view.check import check_page, page_table, short_table
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import corrected
 from deltaid.view.excitation import excitation_page
-from deltaid.view.html import render
+from deltaid.view.html import explained, render
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 from deltaid.view.torques import torque_blocks
-from deltaid.view.typeset import explained
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write
 from support import KINDS

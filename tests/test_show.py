@@ -14,9 +14,9 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot
 from deltaid.view.at_pose import home_view, moved
+from deltaid.view.drawing import along, cylinder
 from deltaid.view.reach import good, reach, survey
-from deltaid.view.robot_page import percent_of, robot_page
-from deltaid.view.shapes import along, cylinder
+from deltaid.view.robots import percent_of, rest_page
 from identified import identified
 
 ROBOTS = ("clavel-delta3", "irb360-6-1600")
@@ -117,7 +117,7 @@ def test_limits_that_cut_the_workspace_are_warned_of() -> None:
     turned = np.rad2deg(rest.dynamics.kinematics.inverse(z)[:, 0])
     assert 0 < surveyed.within < 1
     assert surveyed.within == pytest.approx(np.mean((turned >= 0) & (turned <= 30)), abs=0.02)
-    page = robot_page(rest, reach(rest), surveyed, "")
+    page = rest_page(rest, reach(rest), surveyed, "")
     (warning,) = page.warnings
     assert warning.startswith(
         f"{percent_of(1 - surveyed.within)} of the described workspace cannot be used; likeliest "

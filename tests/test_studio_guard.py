@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from deltaid.studio.guard import Guard
+from deltaid.studio.server import Guard
 
 
 def _asked(headers: list[tuple[str, str]], path: str = "/", query: str = "", kind: str = "http"):

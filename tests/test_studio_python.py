@@ -11,7 +11,7 @@ from deltaid.errors import DeltaidError
 from deltaid.model.model import load
 from deltaid.model.record import Settings
 from deltaid.robot.load import load_robot
-from deltaid.studio.describe import drafted, new_step
+from deltaid.studio.drafting.interview import drafted, new_step
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.steps import (
     Step,

@@ -20,8 +20,7 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.model_pages import identification_page
 from deltaid.view.model_tables import error_table
 from deltaid.view.page import Fact, Summary, Table, Trust
-from deltaid.view.provenance import provenance_section
-from deltaid.view.summary import summary, without_doubts
+from deltaid.view.summary import provenance_section, summary, without_doubts
 from html_page import Document
 from identified import identified, simulated
 from logs import write

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deltaid.view.thinning import even_rows, extreme_rows, peak_rows
+from deltaid.view.comparison import even_rows, extreme_rows, peak_rows
 
 MOST = 1000
 

@@ -207,8 +207,7 @@ def _as_dictionary(result: "Excitation") -> dict[str, Any]:
 
 
 def _print(result: "Excitation", full: bool) -> None:
-    from deltaid.view.excitation import verdict
-    from deltaid.view.motions import limit_table, prediction_table, start_table
+    from deltaid.view.excitation import limit_table, prediction_table, start_table, verdict
 
     exciter, run = result.exciter, result.run
     robot = exciter.dynamics.robot

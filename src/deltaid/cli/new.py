@@ -22,8 +22,7 @@ from deltaid.cli.output import (
 )
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, together, written_whole
-from deltaid.studio.drafting.kinds import KINDS
-from deltaid.studio.drafting.questions import QUESTIONS, Question
+from deltaid.studio.drafting.questions import KINDS, QUESTIONS, Question
 
 if TYPE_CHECKING:
     from deltaid.studio.drafting.draft import Draft
@@ -122,8 +121,7 @@ def _draft(
 ) -> "Draft":
     """A draft from what the options say."""
     from deltaid.robot.load import load_robot
-    from deltaid.studio.drafting.backwards import answers, kind_of
-    from deltaid.studio.drafting.draft import Draft
+    from deltaid.studio.drafting.draft import Draft, answers, kind_of
 
     offered: dict[str, float] = {}
     if start is not None:
@@ -235,12 +233,12 @@ def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     from deltaid.studio.drafting.draft import ASSUMED
     from deltaid.studio.drafting.interview import unusual
     from deltaid.view.reach import reach, survey
-    from deltaid.view.robot_page import warnings
+    from deltaid.view.robots import rest_warnings
 
     model = load(str(file))
     at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
     surveyed, doubts = survey(at_rest), unusual(draft)
-    print_warnings((*doubts, *warnings(at_rest, surveyed)))
+    print_warnings((*doubts, *rest_warnings(at_rest, surveyed)))
     assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
     lines = [
         f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`",

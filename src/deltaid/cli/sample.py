@@ -57,7 +57,7 @@ def sample(
     domain randomisation that no recording contradicts.
     """
     from deltaid.model.model import load
-    from deltaid.view.samples import sample_sentence, sample_table
+    from deltaid.view.models import sample_sentence, sample_table
 
     if to == "npz" and output.suffix.lower() != ".npz":
         raise DeltaidError("must end in .npz for --to npz", where=str(output))

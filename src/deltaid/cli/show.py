@@ -58,11 +58,12 @@ def show(
 
     require_outputs([robot], {"--report": report})
     if live:
-        from deltaid.view.live import require_port, require_viser
+        from deltaid.view.live import require_viser
+        from deltaid.view.own_page import free_port
 
         require_viser()
         if port is not None:
-            require_port(port)
+            free_port((port,))
     model = load(robot)
     require_space(model.robot)
     with judged(model, force=True), progress(False) as say:
@@ -81,21 +82,21 @@ def robot_report(robot: "AtRest", path: Path, origin: str) -> None:
     """Write the page of a robot at rest, whose parameters are of that origin."""
     from deltaid.view.html import write_page
     from deltaid.view.reach import reach, survey
-    from deltaid.view.robot_page import robot_page
+    from deltaid.view.robots import rest_page
 
-    write_page(robot_page(robot, reach(robot), survey(robot), origin), path)
+    write_page(rest_page(robot, reach(robot), survey(robot), origin), path)
     print_written(path)
 
 
 def print_survey(robot: "AtRest", *, full: bool = False) -> None:
     """Facts and tables of a robot at rest."""
-    from deltaid.view import robot_page as page
+    from deltaid.view import robots
     from deltaid.view.reach import reach, survey
 
     reached, surveyed = reach(robot), survey(robot)
-    print_warnings(page.warnings(robot, surveyed))
-    uses, ends = page.use_table(robot, surveyed), page.end_table(robot, reached)
-    drives = page.drive_table(robot, surveyed).without("held at home")
+    print_warnings(robots.rest_warnings(robot, surveyed))
+    uses, ends = robots.use_table(robot, surveyed), robots.end_table(robot, reached)
+    drives = robots.rest_table(robot, surveyed).without("held at home")
     print_found(
         fact_lines(robot, reached, surveyed),
         [
@@ -109,13 +110,13 @@ def print_survey(robot: "AtRest", *, full: bool = False) -> None:
 
 def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -> list[str]:
     """A robot's title and its figures at rest, a line each."""
-    from deltaid.view.robot_page import facts
+    from deltaid.view.robots import rest_facts
 
     return [
         robot.robot.title or robot.robot.name,
         *(
             f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
-            for fact in facts(robot, reached, surveyed)
+            for fact in rest_facts(robot, reached, surveyed)
         ),
     ]
 

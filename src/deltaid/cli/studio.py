@@ -28,10 +28,10 @@ def studio(
 
     Everything stays in FOLDER, in the files that the other commands read and write.
     """
-    from deltaid.studio.server import port_for, require_nicegui, serve
+    from deltaid.studio.server import PORTS, require_nicegui, serve
+    from deltaid.view.own_page import free_port
 
     require_nicegui()
-
     opened = False
 
     def say(address: str) -> None:
@@ -42,6 +42,6 @@ def studio(
         opened = True
 
     try:
-        serve(folder, port_for(port), show=browser, say=say)
+        serve(folder, free_port(PORTS if port is None else (port,)), show=browser, say=say)
     except KeyboardInterrupt:
         console.print("closed")

@@ -135,7 +135,6 @@ class Job:
 
 
 def _environment() -> dict[str, str]:
-    """This process's, for one that works in another folder."""
     found = os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"}
     if given := os.environ.get("PYTHONPATH"):
         places = (os.path.abspath(place) for place in given.split(os.pathsep) if place)

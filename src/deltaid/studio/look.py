@@ -24,7 +24,7 @@ from deltaid.recording.opening import resolved_table
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
-from deltaid.view.thinning import extreme_rows, stretch_length
+from deltaid.view.comparison import extreme_rows, stretch_length
 
 # Points of a curve at most; a screen has hardly more columns.
 POINTS = 1600

@@ -187,7 +187,7 @@ class Session:
         task.add_done_callback(self._tasks.discard)
 
     async def _go(self, job: Job) -> None:
-        """FinishedRun a job to an end, whatever comes between."""
+        """Run a job to an end, whatever comes between."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -199,7 +199,7 @@ class Session:
                 self.store.tell()
 
     async def _run(self, job: Job) -> None:
-        """FinishedRun a job, and keep what a check or a fit has come to."""
+        """Run a job, and keep what a check or a fit has come to."""
         await self._go(job)
         if job.step.kind == "check" and job.run is not None and job.state == "done":
             grade = str(output(self.folder, job.run).get("grade", ""))

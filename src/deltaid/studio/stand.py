@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import load
-from deltaid.view.robot_shape import members, outline_points, outline_segments
+from deltaid.view.drawing import members, outline_points, outline_segments
 
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
@@ -108,7 +108,7 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
     from scipy.spatial.transform import Rotation
 
     from deltaid.view.at_pose import home_view, moved
-    from deltaid.view.shapes import along
+    from deltaid.view.drawing import along
 
     rest, skeleton = _built(robot, changed)
     units = _units(rest)

@@ -232,7 +232,6 @@ def _robot(plan: Plan) -> str:
 
 
 def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
-    """Mappings as Python takes them: none, one for all, or one each."""
     names = [recording.mapping for recording in used]
     return names if len(set(names)) > 1 else names[0] if names else None
 

@@ -12,9 +12,9 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
+from deltaid.view.comparison import even_rows
+from deltaid.view.drawing import members, outline, outline_points
 from deltaid.view.page import Figure
-from deltaid.view.robot_shape import members, outline, outline_points
-from deltaid.view.thinning import even_rows
 
 # Frames of the player, seconds that they show, points of the whole path: what a page holds easily.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
@@ -88,7 +88,6 @@ def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
 
 
 def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
-    """What does not move: the workspace, the whole path, and the part of it that is shown."""
     edges = workspace_line(kinematics.robot.workspace, {"color": style.PRIOR, "width": 1})
     edges.showlegend = False
     return [
@@ -128,7 +127,6 @@ def with_gaps(ends: Float[np.ndarray, "segments 2 3"]) -> Float[np.ndarray, "poi
 def _body_line(
     skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
 ) -> Float[np.ndarray, "3 points"]:
-    """One line through all segments of a body, with gaps between them."""
     own = [i for i, segment in enumerate(skeleton.segments) if segment.body == body]
     return with_gaps(shape[own]).T.astype(np.float32)
 

@@ -75,44 +75,27 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     there all the same, and the message names the limits.
     """
     wanted = np.array(wanted, dtype=float)  # a copy: views do not change
-    if not np.all(np.isfinite(wanted)):
-        return _staying(view, wanted, "the pose is no number")
-    if not robot(wanted[None]).stands[0]:
-        return _staying(view, wanted, robot.why_not(wanted))
-    return _standing(robot, wanted)
-
-
-def _staying(view: View, wanted: Float[np.ndarray, " dof"], why: str) -> View:
+    finite = bool(np.all(np.isfinite(wanted)))
+    if finite and robot(wanted[None]).stands[0]:
+        return _standing(robot, wanted)
+    why = robot.why_not(wanted) if finite else "the pose is no number"
     return replace(view, wanted=wanted, message=f"{why}; the robot stays where it was")
 
 
 def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
-    poses, described = robot(z[None]), robot.robot
-    drives = [
-        DriveReading(
-            name=name,
-            position=units.per_shown * float(poses.q[0, i]),
-            position_unit=units.shown,
-            torque=float(poses.torque[0, i]),
-            torque_unit=units.force,
-        )
-        for i, (name, units) in enumerate(described.drive_units.items())
-    ]
-    uses = [_limit(n, float(s)) for n, s in zip(robot.limits, poses.shares[0], strict=True)]
-    over = [use.name for use in uses if use.state == "over"]
-    return View(
-        z=z,
-        wanted=z,
-        drives=tuple(drives),
-        condition=float(poses.condition[0]),
-        limits=tuple(uses),
-        message=f"beyond {', '.join(over)}" if over else "",
+    poses = robot(z[None])
+    q, torque = poses.q[0].tolist(), poses.torque[0].tolist()
+    drives = tuple(
+        DriveReading(name, units.per_shown * q[i], units.shown, torque[i], units.force)
+        for i, (name, units) in enumerate(robot.robot.drive_units.items())
     )
-
-
-def _limit(name: str, share: float) -> LimitReading:
-    state: State = "over" if share > 1 else "near" if share > _NEAR else "good"
-    return LimitReading(name, share, state)
+    limits = tuple(
+        LimitReading(name, share, "over" if share > 1 else "near" if share > _NEAR else "good")
+        for name, share in zip(robot.limits, poses.shares[0].tolist(), strict=True)
+    )
+    over = ", ".join(limit.name for limit in limits if limit.state == "over")
+    condition = float(poses.condition[0])
+    return View(z, z, drives, condition, limits, message=f"beyond {over}" if over else "")
 
 
 def panel(view: View) -> str:

@@ -82,7 +82,6 @@ def _mesh(
     z: Float[np.ndarray, "1 dof"],
     p: Float[np.ndarray, " parameters"],
 ) -> go.Mesh3d:
-    """The ellipsoids of all bodies as one mesh."""
     ball = _ball()
     faces = _faces(ball)
     points, corners, labels = [], [], []
@@ -110,7 +109,6 @@ def _outlines(
     z: Float[np.ndarray, "1 dof"],
     p: Float[np.ndarray, " parameters"],
 ) -> go.Scatter3d:
-    """The three principal ellipses of every body's ellipsoid, as one line with gaps."""
     angle = np.linspace(0, 2 * np.pi, 61)
     flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     flat = np.append(flat, np.full((1, 3), np.nan), axis=0)
@@ -142,7 +140,6 @@ def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
 
 
 def _ball() -> Float[np.ndarray, "points 3"]:
-    """Points spread evenly over the unit sphere, along a spiral."""
     k = np.arange(_POINTS)
     z = 1 - (2 * k + 1) / _POINTS
     r = np.sqrt(1 - z**2)

@@ -11,10 +11,10 @@ from deltaid.calibration.instruments import KINDS
 from deltaid.calibration.next_readings import NextReadings
 from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.view import style
-from deltaid.view.card import Card
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import percent, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.show import Card
 
 # Excluded rows that a line names.
 _ROWS = 3

@@ -8,7 +8,6 @@ from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.view.card import Card
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import in_words
 from deltaid.view.page import (
@@ -22,6 +21,7 @@ from deltaid.view.page import (
     Text,
     Trust,
 )
+from deltaid.view.show import Card
 
 COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
 
@@ -115,7 +115,6 @@ def check_page(
 
 
 def _summary(grades: Sequence[Grade]) -> Summary:
-    """In one sentence whether one may go on to an identification."""
     worst = max(grades, key=list(Grade).index, default=Grade.GOOD)
     many = grades.count(worst)
     things = f"{in_words(many)} thing{'s' if many > 1 else ''}"

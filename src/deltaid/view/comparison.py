@@ -3,19 +3,19 @@
 Filtered signals are thinned to the rate that the cut-off allows, which loses nothing. Where that is
 still more than a figure can show, each stretch of equal length is represented by its sample of
 largest residual, so that no outlier disappears; figures that count samples use an even thinning.
+Below is which of many samples any figure draws.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import signal
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import PreparedRecording
-from deltaid.view.thinning import stretch_length
 
 # Points over time that a figure draws quickly and a file holds easily.
 _SHOWN = 20_000
@@ -138,3 +138,32 @@ class _Spectrum:
         """Frequencies without zero, and the roots of both power densities."""
         measured, residual = np.sqrt(self._power)[:, 1:]
         return np.fft.rfftfreq(self._length, 1 / self._rate)[1:], measured, residual
+
+
+def stretch_length(samples: int, most: int) -> int:
+    """Samples a stretch, so that there are at most `most` stretches."""
+    return max(1, -(-samples // most))
+
+
+def even_rows(samples: int, most: int) -> slice:
+    """At most `most` rows at equal distances: for clouds of points."""
+    return slice(None, None, stretch_length(samples, most))
+
+
+def peak_rows(size: Float[np.ndarray, " samples"], most: int) -> Int[np.ndarray, " rows"]:
+    """Of each of at most `most` stretches the row of the largest size; NaN is the smallest."""
+    return _largest(size, stretch_length(len(size), most))
+
+
+def extreme_rows(values: Float[np.ndarray, " samples"], length: int) -> Int[np.ndarray, " rows"]:
+    """Rows of the least and the largest value of each stretch of `length` samples, in order.
+
+    NaN counts only where a stretch holds nothing else.
+    """
+    return np.sort(np.concatenate([_largest(-values, length), _largest(values, length)]))
+
+
+def _largest(values: Float[np.ndarray, " samples"], length: int) -> Int[np.ndarray, " rows"]:
+    blocks = np.full((-(-len(values) // length), length), -np.inf)
+    blocks.flat[: len(values)] = np.where(np.isnan(values), -np.inf, values)
+    return np.arange(0, len(values), length) + blocks.argmax(axis=1)

@@ -74,7 +74,6 @@ def _short(subjects: Sequence[str]) -> list[str]:
 
 
 def _next(name: str) -> str:
-    """drive3 after drive2; nothing after a name without a number."""
     numbered = re.fullmatch(r"(.*?)(\d+)", name)
     return f"{numbered[1]}{int(numbered[2]) + 1}" if numbered else ""
 
@@ -108,7 +107,6 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
 
 
 def _size(correction: Correction) -> str:
-    """Value, interval and unit."""
     if correction.value is None:
         return ""
     scale, unit = 1.0, correction.unit

@@ -1,9 +1,10 @@
-"""A still drawing of a robot with its bodies named, made of lines, for the head of a page."""
+"""How a robot is drawn: a still drawing with its bodies named, colours, edges of its workspace."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from markupsafe import Markup
 
 from deltaid.errors import visible
@@ -11,8 +12,9 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
+from deltaid.view import style
 from deltaid.view.page import Drawing
-from deltaid.view.robot_shape import members
 
 # The robot's largest width and height, the room for names at either side, their least distance,
 # and what is free above the robot [px].
@@ -23,8 +25,6 @@ _EYE = np.array([1.6, 1.15, 0.75]) / np.linalg.norm([1.6, 1.15, 0.75])
 
 @dataclass(frozen=True)
 class _Label:
-    """A body's name: what it points at, and on which side it stands."""
-
     body: str
     at: Float[np.ndarray, " 2"]
     left: bool
@@ -98,12 +98,11 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
                        '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
                 .format(start, y, *label.at, *label.at)
             )  # fmt: skip
-            parts.append(_name(edge, y, anchor, label.body, body_in_words(label.body)))
+            parts.append(_named(edge, y, anchor, label.body, body_in_words(label.body)))
     return parts
 
 
-def _name(x: float, y: float, anchor: str, short: str, words: str) -> Markup:
-    """A short name, with what it stands for below it."""
+def _named(x: float, y: float, anchor: str, short: str, words: str) -> Markup:
     second = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>').format(x, visible(words))
     if words == short:
         second = Markup("")
@@ -122,3 +121,145 @@ def _apart(wanted: list[float], height: float) -> list[float]:
         placed[i] = min(placed[i], low)
         low = placed[i] - _LINE
     return placed
+
+
+_NUMBERED = re.compile(r"([USC])(\d+)")
+_ONE = {"U": "upper arm", "C": "carriage", "S": "strut"}
+_ANGLES = np.linspace(0.0, 2 * np.pi, 73)
+_LIFTED = np.full((1, 3), np.nan)
+# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
+_THICK = 0.0013
+Line = Float[np.ndarray, "_ 3"]
+
+
+@dataclass(frozen=True)
+class DrawnBody:
+    """What a body is called in a legend, its colour, and its width in pixels."""
+
+    label: str
+    color: str
+    width: int
+
+    def radius(self, size: float) -> float:
+        """Radius of its parts for a robot of this size [m]."""
+        return _THICK * size * self.width
+
+
+_KNOWN = {
+    "base": DrawnBody("base", style.PRIOR, 5),
+    "U": DrawnBody("upper arms", style.SERIES[0], 8),
+    "C": DrawnBody("carriages", style.SERIES[0], 8),
+    "S": DrawnBody("struts", style.SERIES[5], 3),
+    "P": DrawnBody("platform", style.SERIES[3], 6),
+    "SB": DrawnBody("side bars", style.SERIES[3], 6),
+    "MB": DrawnBody("middle bar", style.SERIES[2], 6),
+    "MP": DrawnBody("main parts", style.SERIES[3], 6),
+    "R": DrawnBody("rods", style.SERIES[2], 6),
+    "HP": DrawnBody("half platforms", style.SERIES[3], 6),
+    "TU": DrawnBody("upper bar", style.SERIES[2], 5),
+    "TL": DrawnBody("lower bar", style.SERIES[4], 5),
+    "EE": DrawnBody("end effector", style.SERIES[1], 5),
+}
+
+
+def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
+    """Each body's member: those of a limb of its own by its number, foreign ones by their name."""
+    drawn = dict[str, DrawnBody]()
+    for i, body in enumerate(bodies):
+        numbered = _NUMBERED.fullmatch(body)
+        own = DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
+        if numbered:
+            like = _KNOWN[numbered[1]]
+            own = DrawnBody(f"{_ONE[numbered[1]]} {numbered[2]}", like.color, like.width)
+        drawn[body] = _KNOWN.get(body, own)
+    return drawn
+
+
+def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
+    """Circles and edges of a workspace in the world [m]."""
+    if isinstance(workspace, Hemisphere):
+        half = _ANGLES[36:]  # π to 2 π: below
+        across, height = workspace.radius * np.cos(half), workspace.top
+        height, nothing = height + workspace.radius * np.sin(half), np.zeros_like(half)
+        arcs = [(across, nothing, height), (nothing, across, height)]
+        lines = [_circle(workspace.radius, workspace.top), *map(np.column_stack, arcs)]
+    elif isinstance(workspace, Cylinder):
+        low, high = (_circle(workspace.radius, height) for height in workspace.z)
+        lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(0, 72, 18))]
+    else:
+        x, y, z = workspace.bounds
+        corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])])
+        low, high = (np.column_stack([corners, np.full(5, height)]) for height in z)
+        lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(4))]
+    return np.concatenate([part for line in lines for part in (line, _LIFTED)])
+
+
+def outline_segments(workspace: Cylinder | Hemisphere | Box) -> Float[np.ndarray, "segments 2 3"]:
+    """The same as pairs of ends."""
+    edges = outline(workspace)
+    pairs = np.stack([edges[:-1], edges[1:]], axis=1)
+    return pairs[~np.isnan(pairs).any(axis=(1, 2))]
+
+
+def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
+    """The same without gaps."""
+    edges = outline(workspace)
+    return edges[~np.isnan(edges[:, 0])]
+
+
+def _circle(radius: float, height: float) -> Line:
+    x, y = radius * np.cos(_ANGLES), radius * np.sin(_ANGLES)
+    return np.column_stack([x, y, np.full_like(x, height)])
+
+
+# Sides of a cylinder, enough to look round.
+_SIDES = 16
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Corners, and triangles by the numbers of their corners, seen from outside anticlockwise."""
+
+    corners: Float[np.ndarray, "corners 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where copies of a mesh are: centres, orientations (w, x, y, z), scales along own axes."""
+
+    positions: Float[np.ndarray, "n 3"]
+    wxyz: Float[np.ndarray, "n 4"]
+    scales: Float[np.ndarray, "n 3"]
+
+
+def cylinder() -> Mesh:
+    """A closed cylinder of radius 1 and length 1 about its z axis, its middle at the origin."""
+    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)])
+    up = np.array([0.0, 0.0, 0.5])
+    corners = np.concatenate([ring - up, ring + up, [-up, up]])
+    low, high = np.arange(_SIDES), np.arange(_SIDES) + _SIDES
+    low_next, high_next = np.roll(low, -1), np.roll(high, -1)
+    bottom, top = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
+    faces = [(low, low_next, high_next), (low, high_next, high)]
+    faces += [(bottom, low_next, low), (top, high, high_next)]
+    return Mesh(corners, np.concatenate([np.column_stack(face) for face in faces]))
+
+
+def along(segments: Float[np.ndarray, "n 2 3"], radius: float) -> Placement:
+    """Cylinders between the two ends of each segment."""
+    way = segments[:, 1] - segments[:, 0]
+    length = np.linalg.norm(way, axis=1)
+    # A segment without length has no direction; any will do.
+    unit = np.where(length[:, None] > 0, way, [0.0, 0.0, 1.0])
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    # The shortest rotations that take z there; straight down any axis across z does.
+    wxyz = np.column_stack([1 + unit[:, 2], -unit[:, 1], unit[:, 0], np.zeros(len(unit))])
+    wxyz[1 + unit[:, 2] < 1e-12] = 0.0, 1.0, 0.0, 0.0
+    thick = np.full(len(segments), radius)
+    return Placement(
+        positions=segments.mean(axis=1),
+        wxyz=wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True),
+        scales=np.column_stack([thick, thick, np.maximum(length, 1e-9)]),
+    )

@@ -2,17 +2,19 @@
 
 import numpy as np
 import plotly.graph_objects as go
+import polars as pl
 from jaxtyping import Bool, Float
-from plotly.subplots import make_subplots
 
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
+from deltaid.motion.excitation.run import Run, sample_run
+from deltaid.motion.fourier import FourierMotion
 from deltaid.view import style
 from deltaid.view.animation import ShownMotion, animation
 from deltaid.view.drawing import drawing
-from deltaid.view.motions import prediction_table, start_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.robots import robot_figure
+from deltaid.view.show import Card
 
 # Points over time that a figure draws quickly.
 _SAMPLES = 2000
@@ -24,8 +26,7 @@ def excitation_page(result: Excitation) -> Page:
     """Everything about an optimised motion, at the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
-    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
-    periods = f"{run.repeats} periods" if run.repeats > 1 else "1 period"
+    fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
     facts = [
         Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
         Fact(
@@ -35,7 +36,32 @@ def excitation_page(result: Excitation) -> Page:
         ),
     ]
     if fullest is not None:
-        facts.append(Fact("fullest limit", _used(fullest), fullest.name))
+        facts.append(Fact("fullest limit", f"{100 * fullest.share:.1f} %", fullest.name))
+    noise = percent(settings.torque_noise)
+    condition = Text(
+        "Standard deviations of least squares on this motion, if the prior is right. Torque noise: "
+        f"{noise} of each drive's largest torque, samples at {settings.rate:g} Hz."
+    )
+    chosen = (
+        ("criterion", settings.criterion),
+        ("harmonics", str(settings.harmonics)),
+        ("longest period [s]", number(settings.duration)),
+        ("repeats", str(settings.repeats)),
+        ("weight of speed", number(settings.velocity_weight)),
+        ("weighed by the prior", "yes" if settings.weigh_prior else "no"),
+        ("torque noise, share of the largest torque", noise),
+        ("rate [Hz]", number(settings.rate)),
+        ("starts", str(settings.starts)),
+        ("seed", str(settings.seed)),
+    )
+    time = np.linspace(0, run.duration, max(_SAMPLES, int(50 * run.duration)))
+    moving = animation(
+        exciter.dynamics.kinematics,
+        ShownMotion(time, run.evaluate(time)[0]),
+        "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
+        "The distance of the two struts in a pair is not part of the description and drawn as it "
+        "looks usual.",
+    )
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
@@ -45,16 +71,20 @@ def excitation_page(result: Excitation) -> Page:
         sections=(
             Section(
                 "Motion",
-                (_animation(result), _over_time(result)),
+                (moving, _over_time(result)),
                 "the robot moving, and its drives over time",
             ),
-            Section("Limits", (_limits(result),), "how much of each the motion uses"),
+            Section("Limits", (_limit_bars(result),), "how much of each the motion uses"),
             Section(
                 "Predicted deviations",
-                _predictions(result),
+                (condition, prediction_table(result)),
                 "how well each number will be known",
             ),
-            Section("Search", (start_table(result), _settings(result)), "starts and settings"),
+            Section(
+                "Search",
+                (start_table(result), Table(("setting", "value"), chosen)),
+                "starts and settings",
+            ),
         ),
     )
 
@@ -65,27 +95,15 @@ def verdict(result: Excitation) -> Summary:
     lasts = f"{run.duration:.1f} s from rest to rest"
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
-    fullest = max(result.limits, key=lambda limit: limit.share, default=None)
-    used = f"; {fullest.name} comes nearest, {_used(fullest)}" if fullest else ""
+    fullest = _fullest(result)
+    used = f"; {fullest.name} comes nearest, {100 * fullest.share:.1f} %" if fullest else ""
     lines = (f"It shows {len(result.predictions)} combinations of the robot's numbers.",)
     return Summary(Trust.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
                    lines)  # fmt: skip
 
 
-def _used(limit: LimitUse) -> str:
-    return f"{100 * limit.share:.1f} %"
-
-
-def _animation(result: Excitation) -> Figure:
-    time = np.linspace(0, result.run.duration, max(_SAMPLES, int(50 * result.run.duration)))
-    z, *_ = result.run.evaluate(time)
-    return animation(
-        result.exciter.dynamics.kinematics,
-        ShownMotion(time, z),
-        "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
-        "The distance of the two struts in a pair is not part of the description and drawn as it "
-        "looks usual.",
-    )
+def _fullest(result: Excitation) -> LimitUse | None:
+    return max(result.limits, key=lambda limit: limit.share, default=None)
 
 
 def excitation_figure(result: Excitation) -> go.Figure:
@@ -99,7 +117,6 @@ def exciter_figure(exciter: Exciter) -> go.Figure:
 
 
 def _over_time(result: Excitation) -> Figure:
-    """Platform, drives, speeds and torques of a run."""
     run, dynamics = result.run, result.exciter.dynamics
     time = np.linspace(0, run.duration, _SAMPLES)
     z, zd, zdd = run.evaluate(time)
@@ -116,11 +133,10 @@ def _over_time(result: Excitation) -> Figure:
         ("{0.effort} [{0.force}]", result.exciter.preview(run, _SAMPLES), turns),
     ]
     foreign = np.array([u != first for u in units.values()])
-    figure = make_subplots(
-        rows=len(rows),
-        cols=1,
-        shared_xaxes=True,
-        vertical_spacing=0.03,
+    figure = style.stacked(
+        [title.format(first) for title, *_ in rows],
+        height=880,
+        spacing=0.03,
         specs=[[{"secondary_y": True}]] * len(rows),
     )
     for row, (title, values, colors) in enumerate(rows, 1):
@@ -147,11 +163,8 @@ def _over_time(result: Excitation) -> Figure:
                     "tickmode": "auto",
                 }
                 figure.update_yaxes(own, row=row, col=1, secondary_y=True)
-        figure.update_yaxes(title_text=title.format(first), row=row, col=1, secondary_y=False)
     for edge in (run.ramp, run.duration - run.ramp):
         figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
-    figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
-    figure.update_layout(height=880)
     return Figure(
         figure,
         "Platform point, coordinates and speeds of the drives, and the torques or forces that the "
@@ -164,57 +177,130 @@ def _over_time(result: Excitation) -> Figure:
 def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.ndarray, " drives"]:
     """Which columns are so much larger or smaller than most that one of both would look flat."""
     sizes = np.abs(values).max(axis=0)
-    usual = np.median(sizes)
-    return (sizes > 5 * usual) | (sizes < 0.2 * usual)
+    return (sizes > 5 * np.median(sizes)) | (sizes < 0.2 * np.median(sizes))
 
 
-def _limits(result: Excitation) -> Figure:
-    figure = go.Figure(
-        go.Bar(
-            x=[100 * limit.share for limit in result.limits],
-            y=[style.label(limit.name) for limit in result.limits],
-            orientation="h",
-            marker={"color": style.SERIES[0]},
-            hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
-        ),
-        {
-            "yaxis": style.DOWNWARDS,
-            "xaxis": {"title": "largest use over the whole run [%]", "rangemode": "tozero"},
-            "height": 22 * len(result.limits) + 100,
-            "margin": {"t": 20},
-            "bargap": 0.35,
-        },
+def _limit_bars(result: Excitation) -> Figure:
+    figure = style.bars(
+        [limit.name for limit in result.limits],
+        [100 * limit.share for limit in result.limits],
+        "largest use over the whole run [%]",
+        height=22 * len(result.limits) + 100,
+        marker={"color": style.SERIES[0]},
+        hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
     )
     figure.add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
     return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
 
 
-def _predictions(result: Excitation) -> tuple[Text, Table]:
-    settings = result.exciter.settings
-    return (
-        Text(
-            f"Standard deviations of least squares on this motion, if the prior is right. Torque "
-            f"noise: {percent(settings.torque_noise)} of each drive's largest torque, samples at "
-            f"{settings.rate:g} Hz."
-        ),
-        prediction_table(result),
+def excitation_card(value: Excitation) -> Card:
+    """Duration, criterion, fullest limit; folded predicted deviations."""
+    robot, settings, run = value.exciter.dynamics.robot, value.exciter.settings, value.run
+    facts = [
+        ("duration", f"{number(run.duration)} s"),
+        ("criterion", f"{number(value.criterion_after)} ({settings.criterion}), "
+         f"{number(value.criterion_before)} before"),
+        ("base parameters", f"{len(value.predictions)} made visible"),
+    ]  # fmt: skip
+    fullest = _fullest(value)
+    if fullest is not None:
+        facts.append(("fullest limit", f"{percent(fullest.share)} ({fullest.name})"))
+    return Card(
+        f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
+        facts=tuple(facts),
+        more=(("limits", limit_table(value)), ("predicted deviations", prediction_table(value))),
+        methods=(".plot()", ".to_frame()", '.save("motion.csv")', '.report("x.html")'),
     )
 
 
-def _settings(result: Excitation) -> Table:
-    s = result.exciter.settings
+def excitation_frame(value: Excitation) -> pl.DataFrame:
+    """The run at the rate of the settings: t, q1…, qd1…, qdd1…, x, y, z; in SI units."""
+    exciter = value.exciter
+    return sample_run(exciter.dynamics.kinematics, value.run, exciter.settings.rate)
+
+
+def exciter_card(value: Exciter) -> Card:
+    """What is to be optimised."""
+    robot, settings = value.dynamics.robot, value.settings
+    return Card(
+        f"Exciter of {robot.title or robot.name}",
+        facts=(
+            ("criterion", settings.criterion),
+            ("starts", str(settings.starts)),
+            ("harmonics", str(settings.harmonics)),
+            ("longest period", f"{settings.duration:.4g} s"),
+            ("base parameters", str(len(value.base.groups))),
+        ),
+        methods=(".optimise()", ".plot()"),
+    )
+
+
+def run_card(value: Run | FourierMotion) -> Card:
+    """Period, number of harmonics, and duration of a run."""
+    motion = value.motion if isinstance(value, Run) else value
+    facts = [
+        ("period", f"{number(motion.period)} s"),
+        ("harmonics", str(motion.sine.shape[1])),
+        ("coordinates", str(len(motion.centre))),
+    ]
+    title = "Periodic motion"
+    if isinstance(value, Run):
+        title = "Motion from rest to rest"
+        facts[:0] = ("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats))
+    return Card(title, facts=tuple(facts), methods=(".evaluate(time)",))
+
+
+def limit_table(result: Excitation) -> Table:
+    """Largest use of every limit over the whole run."""
+    rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
+    return Table(("limit", "in use"), rows, title="limits")
+
+
+def prediction_table(result: Excitation) -> Table:
+    """What the motion will tell about every base parameter."""
     return Table(
-        ("setting", "value"),
-        (
-            ("criterion", s.criterion),
-            ("harmonics", str(s.harmonics)),
-            ("longest period [s]", number(s.duration)),
-            ("repeats", str(s.repeats)),
-            ("weight of speed", number(s.velocity_weight)),
-            ("weighed by the prior", "yes" if s.weigh_prior else "no"),
-            ("torque noise, share of the largest torque", percent(s.torque_noise)),
-            ("rate [Hz]", number(s.rate)),
-            ("starts", str(s.starts)),
-            ("seed", str(s.seed)),
+        ("base parameter", "prior", "predicted ±", "unit", "share"),
+        tuple(
+            (
+                p.formula,
+                number(p.value),
+                f"{p.std:.2g}",
+                p.unit,
+                percent(p.std / abs(p.value)) if abs(p.value) > p.std else "",
+            )
+            for p in result.predictions
         ),
+        "Predicted standard deviation of every base parameter; the share is of the prior, and is "
+        "omitted where the deviation is larger than the value.",
+        title="predicted deviations",
     )
+
+
+def start_table(result: Excitation) -> Table:
+    """What became of each start of the search."""
+    accounts = result.optimum.accounts
+    judged = any(a.judged is not None for a in accounts)
+    rows = tuple(
+        (
+            str(a.seed),
+            number(a.before),
+            number(a.after),
+            str(a.evaluations),
+            f"{a.seconds:.1f}",
+            f"{100 * a.use:.1f} %",
+            "yes" if a.feasible else "no",
+            *([number(a.judged, 5) if a.judged is not None else ""] if judged else []),
+        )
+        for a in accounts
+    )
+    columns = (
+        "start", "as drawn", "optimised", "evaluations", "seconds", "fullest limit", "feasible",
+        *(["bodies"] if judged else []),
+    )  # fmt: skip
+    caption = "Objective of the search for each start as it was drawn at random, and optimised."
+    if judged:
+        caption += (
+            " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
+            "in nats, by which the motion was chosen."
+        )
+    return Table(columns, rows, caption, title="starts")

@@ -5,17 +5,16 @@ from collections import Counter
 import numpy as np
 import plotly.graph_objects as go
 import polars as pl
-from plotly.subplots import make_subplots
 
 from deltaid.joint_forces.forces import ForceFinding, Forces
 from deltaid.view import style
-from deltaid.view.card import Card
+from deltaid.view.comparison import extreme_rows, stretch_length
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import measured, number, span, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
-from deltaid.view.provenance import provenance_section
-from deltaid.view.thinning import extreme_rows, stretch_length
+from deltaid.view.show import Card
+from deltaid.view.summary import provenance_section
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
@@ -141,25 +140,20 @@ def _over_time(study: Forces) -> Figure:
     forces, (time, along) = study.constraint_forces, _envelope(study)
     limbs = len(forces.robot.limb_geometry)
     each = len(forces.struts) // limbs
-    figure = make_subplots(rows=limbs, cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    titles = [f"limb {row + 1} [N]" for row in range(limbs)]
+    figure = style.stacked(titles, height=200 * limbs + 60, spacing=0.03)
     for k, strut in enumerate(forces.struts):
-        row = k // each + 1
-        figure.add_trace(
-            go.Scatter(
-                x=time[:, k].astype(np.float32),
-                y=along[:, k].astype(np.float32),
-                name=strut,
-                showlegend=each > 1,  # where there is one, the axis names its limb
-                mode="lines",
-                line={"color": style.SERIES[k % each], "width": 1.2},
-                hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
-            ),
-            row=row,
+        figure.add_scatter(
+            x=time[:, k].astype(np.float32),
+            y=along[:, k].astype(np.float32),
+            name=strut,
+            showlegend=each > 1,  # where there is one, the axis names its limb
+            mode="lines",
+            line={"color": style.SERIES[k % each], "width": 1.2},
+            hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
+            row=k // each + 1,
             col=1,
         )
-        figure.update_yaxes(title_text=f"limb {row} [N]", row=row, col=1)
-    figure.update_xaxes(title_text="time [s]", row=limbs, col=1)
-    figure.update_layout(height=200 * limbs + 60)
     return Figure(
         figure,
         "Force along the struts at the platform; tension is positive. In long recordings each "
@@ -251,7 +245,6 @@ def _heading(study: Forces) -> str:
 
 
 def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:
-    """Value, range or openness, time."""
     value, time = finding.worst.value + offset, f"{finding.worst.at.time:.3f}"
     if finding.range is not None:
         ends = span(finding.range.low + offset, finding.range.high + offset)

@@ -11,12 +11,11 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.parameter_record import FrictionChoice, FrictionCurve, FrictionTrial
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.comparison import TorqueComparison
+from deltaid.view.comparison import TorqueComparison, even_rows
 from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
-from deltaid.view.thinning import even_rows
-from deltaid.view.torques import grid
+from deltaid.view.torques import grid, place
 
 # Points of a law at either sign of the speed, and dots of recordings that do not hide it.
 _POINTS, _DOTS = 200, 1500
@@ -51,11 +50,8 @@ def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
     joints = model.robot.friction_joints
     figure = grid(joints, 270)
     prior = prior_parameters(model.robot)
-    named = set()
     for i, joint in enumerate(joints):
-        row, col = i // 2 + 1, i % 2 + 1
-        fastest = model.robot.platform_speed
-        traces = []
+        fastest, traces = model.robot.platform_speed, list[go.Scatter]()
         if joint in model.robot.drives:
             drive = model.robot.drives.index(joint)
             speed = np.concatenate([c.speed[:, drive] for c in comparisons])
@@ -73,27 +69,32 @@ def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
             )
         positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
         speeds = np.concatenate([-positive[::-1], positive])
-        assumed = law(model.robot, joint, speeds, prior)
-        traces.append(_line("prior", speeds, assumed, style.PRIOR, "dash"))
+        lines = [("prior", prior, {"color": style.PRIOR, "dash": "dash"})]
         if model.identified is not None:
-            curves = model.identified.friction_curves
-            traces += [_band(curve) for curve in curves if curve.joint == joint]
-            found = law(model.robot, joint, speeds, model.p)
-            traces.append(_line("identified", speeds, found, style.IDENTIFIED, "solid"))
+            lines.append(("identified", model.p, {"color": style.IDENTIFIED, "dash": "solid"}))
+        shown = [
+            go.Scatter(
+                x=speeds,
+                y=law(model.robot, joint, speeds, p),
+                name=name,
+                mode="lines",
+                line={"width": 2, **line},
+            )
+            for name, p, line in lines
+        ]
+        curves = model.identified.friction_curves if model.identified else ()
+        bands = [_band(curve) for curve in curves if curve.joint == joint]
         units = model.robot.units(joint)
-        for trace in traces:
+        for trace in (*traces, shown[0], *bands, *shown[1:]):
             trace.update(
                 x=units.per_shown * np.asarray(trace.x, np.float32),
                 y=np.asarray(trace.y, np.float32),
-                legendgroup=trace.name,
-                showlegend=trace.name not in named,
             )
-            named.add(trace.name)
-            figure.add_trace(trace, row=row, col=col)
-        figure.update_xaxes(title_text=f"speed [{units.shown}/s]", row=row, col=col)
-        figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", row=row, col=col)
+            figure.add_trace(trace, **place(i))
+        figure.update_xaxes(title_text=f"speed [{units.shown}/s]", **place(i))
+        figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", **place(i))
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Friction over speed, prior and identified. The dots are what the recordings leave for a "
         "drive's friction when everything else the model predicts is taken away; where they leave "
         "the line, the law does not fit. The band is the 95 % interval of the whole curve, with "
@@ -114,22 +115,6 @@ def _band(curve: FrictionCurve) -> go.Scatter:
         fillcolor=style.IDENTIFIED,
         opacity=0.25,
         hoverinfo="skip",
-    )
-
-
-def _line(
-    name: str,
-    speed: Float[np.ndarray, " points"],
-    torque: Float[np.ndarray, " points"],
-    color: str,
-    dash: str,
-) -> go.Scatter:
-    return go.Scatter(
-        x=speed,
-        y=torque,
-        name=name,
-        mode="lines",
-        line={"color": color, "width": 2, "dash": dash},
     )
 
 

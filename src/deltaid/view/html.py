@@ -7,10 +7,11 @@ is behind it unfolds below.
 
 import base64
 import gzip
+import re
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import plotly.io
 from jinja2 import ChoiceLoader, Environment, PackageLoader
@@ -19,7 +20,8 @@ from plotly.offline import get_plotlyjs
 
 from deltaid.errors import visible
 from deltaid.files import written_whole
-from deltaid.view import style, typeset
+from deltaid.robot.body import body_in_words
+from deltaid.view import style
 from deltaid.view.page import Chart, Figure, Lines, Page, Table, Text
 
 # Cells longer than this may break into lines.
@@ -67,27 +69,16 @@ def environment(room: str = "view") -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    cast("dict[str, Any]", environment.tests).update(
-        {kind.__name__.lower(): _is(kind) for kind in (Text, Table, Lines, Figure, Chart)}
-    )
-    cast("dict[str, Any]", environment.filters).update(
-        {
-            "json": _figure_json,
-            "paragraphs": typeset.paragraphs,
-            "numeric": typeset.numeric,
-            "cell": typeset.cell,
-            "heading": typeset.heading,
-            "typeset": typeset.typeset,
-            "explained": typeset.explained,
-            "legend": typeset.legend,
-            "long": lambda cell: len(cell) > _LONG,
-        }
-    )
+    environment.tests |= {
+        kind.__name__.lower(): lambda block, kind=kind: isinstance(block, kind)
+        for kind in (Text, Table, Lines, Figure, Chart)
+    }
+    environment.filters |= {
+        "json": _figure_json,
+        "long": lambda cell: len(cell) > _LONG,
+        **{f.__name__: f for f in (paragraphs, numeric, cell, heading, typeset, explained, legend)},
+    }
     return environment
-
-
-def _is(kind: type) -> object:
-    return lambda block: isinstance(block, kind)
 
 
 def part(name: str) -> Markup:
@@ -96,7 +87,6 @@ def part(name: str) -> Markup:
 
 
 def _figure_json(block: Figure | Chart) -> Markup:
-    """What Plotly draws, without a template."""
     figure = block.data()
     figure["layout"].pop("template", None)
     return _embedded(figure)
@@ -114,3 +104,107 @@ def _embedded(value: dict[str, Any]) -> Markup:
 def _plotly() -> Markup:
     """Plotly's script, packed: unpacked by the browser, it makes a page half as large."""
     return Markup(base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode())
+
+
+_UNIT = re.compile(r"\[.*?\]|\d %")
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
+_NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
+# Those of a sentence that need setting; names of files and options hold none.
+_IN_PROSE = re.compile(
+    r"(?<![\w.:/-])(?:(-)(?=\d)|(?=\d+(?:\.\d+)?e[+-]))(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w./-])"
+)
+# What a cell of numbers holds besides them.
+_AROUND = re.compile(r"[\s…,×≥≤±%]*")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_MIXED = ("xy", "xz", "yz")
+# Entries of the parameter vector, in words.
+_ENTRIES = {
+    "m": "mass",
+    **{f"mc{axis}": f"mass times centre of mass along {axis}" for axis in "xyz"},
+    **{f"I{axis}{axis}": f"moment of inertia about {axis}" for axis in "xyz"},
+    **{f"I{a}{b}": f"product of inertia of {a} and {b}" for a, b in _MIXED},
+    **{f"S{axis}{axis}": f"second moment of mass along {axis}" for axis in "xyz"},
+    **{f"S{a}{b}": f"second moment of mass along {a} and {b}" for a, b in _MIXED},
+}
+_ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
+# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
+_NAME = re.compile(
+    rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
+    r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
+)
+
+
+def numeric(table: Table, column: int) -> bool:
+    """Whether a column holds numbers: each filled cell starts with one."""
+    cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
+    return bool(cells) and all(_STARTS.match(cell) for cell in cells)
+
+
+def paragraphs(text: str) -> list[str]:
+    """Paragraphs of a text; a per cent sign stays on the line of its number."""
+    parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
+    return [part for part in parts if part.strip()]
+
+
+def heading(text: str) -> str:
+    """Head of a column, which may take several lines; a unit or a per cent sign stays whole."""
+    return _UNIT.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
+
+
+def cell(text: str) -> str | Markup:
+    """A cell that holds nothing but numbers typeset, any other with its short names explained."""
+    return typeset(text) if _AROUND.fullmatch(_NUMBER.sub("", text)) else explained(text)
+
+
+def typeset(text: str) -> str:
+    """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
+    return _NUMBER.sub(_written, text)
+
+
+def _written(match: re.Match[str]) -> str:
+    sign, digits, exponent_sign, exponent = match.groups()
+    raised = f"{exponent_sign or ''}{exponent or ''}".strip("+").translate(_SUPERSCRIPTS)
+    return ("−" if sign else "") + digits + (f"·10{raised}" if exponent else "")
+
+
+def _prose(text: str) -> str:
+    return visible(_IN_PROSE.sub(_written, text))
+
+
+def explained(text: str) -> Markup:
+    """A sentence whose short names of bodies and entries say what they stand for; numbers set."""
+    parts = text.split(", ")
+    if all(_is_short(part) for part in parts):
+        return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
+    pieces, at = [], 0
+    for name in _NAME.finditer(text):
+        body, entry = body_in_words(_body_of(name)), name["entry"] or name["first"]
+        words = f"{name['tool']}: {body}" if name["tool"] else body
+        words += f": {_ENTRIES[entry]}" if entry else ""
+        pieces += [_prose(text[at : name.start()]), _short(name[0], words)]
+        at = name.end()
+    return Markup("").join([*pieces, _prose(text[at:])])
+
+
+def _short(name: str, words: str) -> Markup:
+    return Markup('<abbr title="{}">{}</abbr>').format(visible(words), visible(name))
+
+
+def legend(table: Table) -> tuple[tuple[str, str], ...]:
+    """Short names of bodies in a table, each once, and what they stand for: alone, in a list, in
+    names of entries; links have names of their own."""
+    first, names = 1 if table.links else 0, list[str]()
+    for cell in (*table.columns, *(cell for row in table.rows for cell in row[first:])):
+        parts = cell.split(", ")
+        names += parts if all(_is_short(part) for part in parts) else []
+        names += [_body_of(name) for name in _NAME.finditer(cell)]
+    return tuple((name, body_in_words(name)) for name in dict.fromkeys(names) if _is_short(name))
+
+
+def _body_of(name: re.Match[str]) -> str:
+    """U of a `_NAME`."""
+    return name["body"] or name["of"] or name["key"] or name["on"]
+
+
+def _is_short(name: str) -> bool:
+    return body_in_words(name) != name

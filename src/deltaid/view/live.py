@@ -2,9 +2,7 @@
 
 import contextlib
 import io
-import socket
 import threading
-from functools import cached_property
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -13,19 +11,15 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest
-from deltaid.errors import DeltaidError
 from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
 from deltaid.view.at_pose import View, home_view, moved, panel
-from deltaid.view.own_page import answering_own_page_only
+from deltaid.view.drawing import Placement, along, cylinder, members, outline_segments
+from deltaid.view.own_page import HOST, answering_own_page_only
 from deltaid.view.reach import reach
 from deltaid.view.reach_figures import limit_kinds, patches
-from deltaid.view.robot_shape import members, outline_segments
-from deltaid.view.shapes import along, cylinder
 
-# Only this machine can open the view.
-HOST = "127.0.0.1"
 # The usual port of a local server.
 DEFAULT_PORT = 8080
 # Share of a phone's height that readings cover, below the robot; viser itself takes 60 %.
@@ -51,24 +45,6 @@ def require_viser() -> ModuleType:
     return import_module("viser")
 
 
-def require_port(port: int) -> None:
-    """Refuse a port that something else listens at, or that may not be used.
-
-    Raises:
-        DeltaidError: it cannot be had.
-    """
-    with socket.socket() as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            trial.bind((HOST, port))
-        except OSError as error:
-            raise DeltaidError(
-                f"cannot be used: {error.strerror or error}",
-                where=f"--port {port}",
-                cure="give another one, or 0 for any that is free",
-            ) from None
-
-
 class LiveView:
     """A robot in a browser window, and the server behind it.
 
@@ -91,9 +67,18 @@ class LiveView:
             self.server = viser.ViserServer(HOST, port, robot.robot.name, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self._skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
+        points = self._skeleton.evaluate(robot.home[None]).reshape(-1, 3)
+        self._size = float(np.ptp(points, axis=0).max())  # of the robot at home [m]
         self._bars = self._add_robot()
         self._add_surroundings()
-        self._target = self._add_target()
+        self._target = self.server.scene.add_transform_controls(
+            "/target",
+            scale=0.2 * self._size,
+            disable_rotations=True,
+            depth_test=False,
+            position=self.view.z[:3],
+        )
+        self._target.on_update(self._dragged)
         self._inputs = self._add_inputs()
         self._panel = self.server.gui.add_html(panel(self.view))
         self.server.gui.add_html(_PHONE)
@@ -118,11 +103,8 @@ class LiveView:
 
     def _draw(self, dragging: bool) -> None:
         with self.server.atomic():
-            shapes = self._shapes()
-            for body, bars in self._bars.items():
-                placed = along(
-                    shapes[self._segments_of(body)], members((body,))[body].radius(self._size)
-                )
+            for body, placed in self._placed().items():
+                bars = self._bars[body]
                 bars.batched_positions = placed.positions.astype(np.float32)
                 bars.batched_wxyzs = placed.wxyz.astype(np.float32)
                 bars.batched_scales = placed.scales.astype(np.float32)
@@ -133,37 +115,32 @@ class LiveView:
                 self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
             self._panel.content = panel(self.view)
 
-    def _shapes(self) -> Float[np.ndarray, "segments 2 3"]:
-        return self._skeleton.evaluate(self.view.z[None])[0]
-
-    def _segments_of(self, body: str) -> list[int]:
-        return [i for i, s in enumerate(self._skeleton.segments) if s.body == body]
-
-    @cached_property
-    def _size(self) -> float:
-        """Of the robot at home [m]."""
-        points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
-        return float(np.ptp(points, axis=0).max())
+    def _placed(self) -> dict[str, Placement]:
+        """Where the cylinders of each body are now."""
+        shapes = self._skeleton.evaluate(self.view.z[None])[0]
+        own = {body: list[int]() for body in self._skeleton.bodies}
+        for i, segment in enumerate(self._skeleton.segments):
+            own[segment.body].append(i)
+        drawn = members(self._skeleton.bodies)
+        return {body: along(shapes[k], drawn[body].radius(self._size)) for body, k in own.items()}
 
     def _add_robot(self) -> dict[str, Any]:
-        """One batch of cylinders for each body."""
-        mesh, shapes, bars = cylinder(), self._shapes(), {}
-        for body, member in members(self._skeleton.bodies).items():
-            placed = along(shapes[self._segments_of(body)], member.radius(self._size))
-            bars[body] = self.server.scene.add_batched_meshes_simple(
+        mesh, drawn = cylinder(), members(self._skeleton.bodies)
+        return {
+            body: self.server.scene.add_batched_meshes_simple(
                 f"/robot/{body}",
                 mesh.corners.astype(np.float32),
                 mesh.triangles.astype(np.uint32),
                 placed.wxyz.astype(np.float32),
                 placed.positions.astype(np.float32),
                 batched_scales=placed.scales.astype(np.float32),
-                batched_colors=_paint(member.color),
+                batched_colors=_paint(drawn[body].color),
                 lod="off",
             )
-        return bars
+            for body, placed in self._placed().items()
+        }
 
     def _add_surroundings(self) -> None:
-        """Workspace, reachable region, floor, camera."""
         scene, found = self.server.scene, reach(self.robot)
         scene.add_line_segments(
             "/workspace",
@@ -199,21 +176,7 @@ class LiveView:
         camera = client.camera
         if camera.aspect < 1:
             points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
-            position, look_at = upright_camera(points, camera.fov, camera.aspect)
-            camera.position = position
-            camera.look_at = look_at
-
-    def _add_target(self) -> Any:
-        """The handle that is dragged."""
-        target = self.server.scene.add_transform_controls(
-            "/target",
-            scale=0.2 * self._size,
-            disable_rotations=True,
-            depth_test=False,
-            position=self.view.z[:3],
-        )
-        target.on_update(self._dragged)
-        return target
+            camera.position, camera.look_at = upright_camera(points, camera.fov, camera.aspect)
 
     def _dragged(self, event: Any) -> None:
         """The robot follows the handle, which returns to it when let go; the message stays."""
@@ -224,7 +187,6 @@ class LiveView:
             self.move(np.array([*event.target.position, *self.view.z[3:]]), dragging=True)
 
     def _add_inputs(self) -> dict[str, Any]:
-        """Numbers to type, the tool's angle, and the way home."""
         gui, turn = self.server.gui, self.robot.robot.turn
         inputs: dict[str, Any] = {
             "point": gui.add_vector3("platform [m]", tuple(self.view.z[:3]), step=0.001)

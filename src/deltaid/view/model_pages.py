@@ -22,15 +22,19 @@ from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import left_out_table, put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.friction import friction_section
-from deltaid.view.information import information_section
 from deltaid.view.model_tables import base_table, error_table
 from deltaid.view.models import fit_errors
 from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
-from deltaid.view.parameters import parameter_chart, parameter_section
-from deltaid.view.provenance import certificate, file_names, provenance_section
+from deltaid.view.parameters import information_section, parameter_chart, parameter_section
 from deltaid.view.robots import robot_figure, robot_page
-from deltaid.view.summary import summary, without_doubts
+from deltaid.view.summary import (
+    certificate,
+    file_names,
+    provenance_section,
+    summary,
+    without_doubts,
+)
 from deltaid.view.torques import over_time, residual_blocks, torque_blocks
 
 # Height of one drive's two plots in a notebook, and of what is around all of them [px].
@@ -125,7 +129,6 @@ def motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
 
 
 def _error_facts(model: IdentifiedModel, verification: Validation | None) -> Iterator[Fact]:
-    """The worst drive's errors, on the motion that is unseen and on that of the identification."""
     errors = {"error on its own recording": model.fit.nrmse}
     if verification is not None:
         errors = {"error on the unseen motion": verification.error.nrmse.tolist()} | errors
@@ -136,7 +139,6 @@ def _error_facts(model: IdentifiedModel, verification: Validation | None) -> Ite
 
 
 def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
-    """What the checks say in the worst case, and how many say what."""
     if not verdicts:
         return ()
     grade = worst(list(verdicts))
@@ -197,7 +199,6 @@ def validation_page(value: Validation) -> Page:
 
 
 def _parameter_sections(model: IdentifiedModel) -> tuple[Section, ...]:
-    """All parameters, and the base parameters, which models of earlier versions do not hold."""
     about, tables = "combinations that the torques determine", (base_table(model.base_parameters),)
     base = (Section("Base parameters", tables, about),) if model.base_parameters else ()
     return parameter_section(model), *base
@@ -245,6 +246,5 @@ def validation_figure(value: Validation) -> go.Figure:
 
 
 def _torques(model: Model, recording: PreparedRecording) -> go.Figure:
-    """A model's torques along a recording, and the residual, lower than in a report."""
     compared, drives = compare(model.dynamics, model.p, recording), model.robot.drive_units
     return over_time(compared, drives).figure.update_layout(height=_DRIVE * len(drives) + _AROUND)

@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 from deltaid.online.events import WeighedLoad
 from deltaid.online.watch import Watched, WatchSeries
 from deltaid.view import style
+from deltaid.view.comparison import peak_rows
 from deltaid.view.numbers import WIDTH, number
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
-from deltaid.view.thinning import peak_rows
 
 # Points that a line is drawn with, at most.
 _POINTS = 8000
@@ -27,7 +27,10 @@ def online_page(watched: Watched, title: str) -> Page:
 
     Of a long one lines have of each stretch the cycle in which the residual is largest.
     """
-    watched = replace(watched, series=_thinned(watched.series))
+    series = watched.series
+    rows = peak_rows(series.size, _POINTS)
+    thinned = {field.name: getattr(series, field.name)[rows] for field in fields(series)}
+    watched = replace(watched, series=WatchSeries(**thinned))
     loads = loads_table(watched) if watched.loads else Text("No load was found.")
     touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
@@ -54,11 +57,8 @@ def online_page(watched: Watched, title: str) -> Page:
                 "Contacts", (touches, *_forces(watched)), "when, where, how hard", unfolded=True
             ),
             Section("What can be detected", (_least(watched), *map(Text, told_lines(watched)))),
-            *(
-                [Section("Friction", (friction_table(watched),), "what was followed of it")]
-                if watched.friction
-                else []
-            ),
+            *[Section("Friction", (friction_table(watched),), "what was followed of it")]
+            * bool(watched.friction),
         ),
         warnings=watched.doubts,
         verdict=verdict(watched),
@@ -66,41 +66,30 @@ def online_page(watched: Watched, title: str) -> Page:
 
 
 def verdict(watched: Watched) -> Summary:
+    """How many loads and contacts there were; doubtful where a warning stands."""
     loads, touches = len(watched.loads), len(watched.touches)
     text = (
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
-    if watched.doubts:
-        count = len(watched.doubts)
-        which = "a warning" if count == 1 else f"{count} warnings"
-        said = f"Doubtful: read {which} below before any of it is believed."
-        return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
-    return Summary(Trust.GOOD, text, told_lines(watched))
+    if not watched.doubts:
+        return Summary(Trust.GOOD, text, told_lines(watched))
+    which = "a warning" if len(watched.doubts) == 1 else f"{len(watched.doubts)} warnings"
+    said = f"Doubtful: read {which} below before any of it is believed."
+    return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
 
 
 def _mass(watched: Watched) -> Figure:
-    """What is held over time, with its interval."""
     s = watched.series
     top = max((1.4 * load.mass.value for load in watched.loads), default=1.0)
     high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
-    line = {"width": 0, "shape": "hv"}
+    edge: dict[str, Any] = {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
+    line = {"color": style.MEASURED, "width": 1.5, "shape": "hv"}
+    band = {"fill": "tonexty", "fillcolor": "rgba(43,131,198,0.3)"}
     lines = [
-        go.Scatter(y=_few(high), line=line, showlegend=False, hoverinfo="skip"),
-        go.Scatter(
-            y=_few(low),
-            line=line,
-            fill="tonexty",
-            fillcolor="rgba(43,131,198,0.3)",
-            name="95 %",
-            hoverinfo="skip",
-        ),
-        go.Scatter(
-            y=_few(s.mass),
-            name="held",
-            line={"color": style.MEASURED, "width": 1.5, "shape": "hv"},
-            hovertemplate="%{y:.3g} kg at %{x:.4g} s<extra></extra>",
-        ),
+        go.Scatter(y=high, showlegend=False, **edge),
+        go.Scatter(y=low, name="95 %", **band, **edge),
+        _line("held", s.mass, "%{y:.3g} kg", line=line),
     ]
     axis = {"title": "mass held [kg]", "range": [-0.05 * top, top]}
     return Figure(
@@ -110,16 +99,9 @@ def _mass(watched: Watched) -> Figure:
 
 
 def _size(watched: Watched) -> Figure:
-    """Size of what nothing explains, over time."""
-    line = go.Scatter(
-        y=_few(watched.series.size),
-        name="residual",
-        line={"color": style.RESIDUAL, "width": 1.2},
-        hovertemplate="%{y:.3g} of the threshold at %{x:.4g} s<extra></extra>",
-        showlegend=False,
-    )
+    line = _line("residual", watched.series.size, "%{y:.3g} of the threshold", style.RESIDUAL)
     axis = {"title": "residual [thresholds]", "rangemode": "tozero"}
-    figure = _over_time(watched.series, [line], axis)
+    figure = _over_time(watched.series, [line.update(showlegend=False)], axis)
     figure.add_hline(y=1.0, line={"color": style.LIMIT, "dash": "dot", "width": 1})
     return Figure(
         figure,
@@ -129,35 +111,22 @@ def _size(watched: Watched) -> Figure:
 
 
 def _forces(watched: Watched) -> tuple[Figure, ...]:
-    """Force on the platform, where it is pushed."""
     s, axes = watched.series, watched.robot.task.names
     if not s.force.any():
         return ()
     lines = [
-        go.Scatter(
-            y=_few(s.force[:, k]),
-            name=f"along {axis}",
-            line={"color": style.SERIES[k], "width": 1.2},
-            hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
-        )
+        _line(f"along {axis}", s.force[:, k], "%{y:.3g} N", style.SERIES[k])
         for k, axis in enumerate(axes[: s.force.shape[1]])
     ]
     figure = _over_time(s, lines, {"title": "force on the platform [N]"})
-    return (
-        Figure(figure, "Force on the platform point, in the world's axes, while it is touched."),
-    )
+    caption = "Force on the platform point, in the world's axes, while it is touched."
+    return (Figure(figure, caption),)
 
 
 def _least(watched: Watched) -> Figure:
-    """Smallest force that is told, over time."""
     s = watched.series
     lines = [
-        go.Scatter(
-            y=_few(np.where(np.isfinite(values), values, np.nan)),
-            name=name,
-            line={"color": color, "width": 1.2},
-            hovertemplate="%{y:.3g} N at %{x:.4g} s<extra></extra>",
-        )
+        _line(name, np.where(np.isfinite(values), values, np.nan), "%{y:.3g} N", color)
         for name, values, color in (
             ("best direction", s.best, style.SERIES[0]),
             ("worst direction", s.worst, style.SERIES[1]),
@@ -170,23 +139,19 @@ def _least(watched: Watched) -> Figure:
     )
 
 
+def _line(name: str, values: np.ndarray, hover: str, color: str = "", **look: Any) -> go.Scatter:
+    shown = {"line": {"color": color, "width": 1.2}} | look
+    hover = f"{hover} at %{{x:.4g}} s<extra></extra>"
+    return go.Scatter(y=values, name=name, hovertemplate=hover, **shown)
+
+
 def _over_time(
     series: WatchSeries, lines: Sequence[go.Scatter], axis: Mapping[str, Any], height: int = 300
 ) -> go.Figure:
-    """Lines with one value for each instant of a series."""
+    for line in lines:
+        line.update(x=series.time.astype(np.float32), y=np.asarray(line.y, np.float32))
     layout = {"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": height}
-    return go.Figure(lines, layout).update_traces(x=_few(series.time))
-
-
-def _thinned(series: WatchSeries) -> WatchSeries:
-    rows = peak_rows(series.size, _POINTS)
-    return WatchSeries(
-        **{field.name: getattr(series, field.name)[rows] for field in fields(series)}
-    )
-
-
-def _few(values: np.ndarray) -> np.ndarray:
-    return values.astype(np.float32)
+    return go.Figure(lines, layout)
 
 
 def loads_table(watched: Watched) -> Table:
@@ -199,23 +164,15 @@ def loads_table(watched: Watched) -> Table:
 
 
 def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
-    end = until if load.end is None else f"{load.end:.3f}"
-    soon = "left before" if load.soon is None else f"{load.soon[0]:.3f}"
-    centre = ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in load.centre) or "not shown"
     mass = load.mass
     return (
         f"{load.start:.3f}",
-        end,
+        until if load.end is None else f"{load.end:.3f}",
         f"{mass.value:.3f}",
-        between(mass.low, mass.high),
-        soon,
-        centre,
+        f"{mass.low:.3f} to {mass.high:.3f}",
+        "left before" if load.soon is None else f"{load.soon[0]:.3f}",
+        ", ".join(f"{axis} {1e3 * x:z.0f}" for axis, x in load.centre) or "not shown",
     )
-
-
-def between(low: float, high: float) -> str:
-    """An interval in a few characters."""
-    return f"{low:.3f} to {high:.3f}"
 
 
 def touches_table(watched: Watched) -> Table:

@@ -5,14 +5,39 @@ points at 127.0.0.1 (DNS rebinding) even makes such a page look like the server'
 server looks at where a request comes from (Origin) and whom it believes to ask (Host).
 """
 
-from collections.abc import Generator
+import socket
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any
 
 from deltaid.errors import DeltaidError
 
-_NAMES = ("127.0.0.1", "localhost")
+# Only this machine can open the page.
+HOST = "127.0.0.1"
+
+
+def free_port(candidates: Iterable[int]) -> int:
+    """The first of some ports that nothing listens at; for 0 any.
+
+    Raises:
+        DeltaidError: none can be had.
+    """
+    port, reason = 0, ""
+    for port in candidates:
+        with socket.socket() as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((HOST, port))
+            except OSError as error:
+                reason = error.strerror or str(error)
+                continue
+            return int(trial.getsockname()[1])
+    raise DeltaidError(
+        f"cannot be used: {reason}",
+        where=f"--port {port}",
+        cure="give another one, or 0 for any that is free",
+    )
 
 
 @contextmanager
@@ -33,7 +58,9 @@ def answering_own_page_only() -> Generator[None, None, None]:
         guarded = True
 
         def process(connection: Any, request: Any) -> Any:
-            if not is_own(request.headers, connection.local_address[1]):
+            hosts, origins, upgrades = map(request.headers.get_all, ("Host", "Origin", "Upgrade"))
+            port = connection.local_address[1]
+            if not is_own(hosts, origins, port, websocket=bool(upgrades)):
                 return connection.respond(HTTPStatus.FORBIDDEN, "not this server's own page\n")
             return process_request(connection, request)
 
@@ -52,15 +79,17 @@ def answering_own_page_only() -> Generator[None, None, None]:
         )
 
 
-def is_own(headers: Any, port: int) -> bool:
-    """Whether a request with these headers is for this server and from its page.
+def is_own(hosts: Sequence[str], origins: Sequence[str], port: int, *, websocket: bool) -> bool:
+    """Whether a request names this server and comes from its own page.
 
-    A websocket has to say where it comes from, as every browser makes it do.
+    Args:
+        hosts, origins: all values of these headers.
+        port: where the server listens.
+        websocket: whether it asks for one, which has to say where it comes from, as every browser
+            makes it do.
     """
-    hosts = {f"{name}:{port}" for name in _NAMES}
-    asked, origins = headers.get_all("Host"), headers.get_all("Origin")
-    if len(asked) != 1 or asked[0] not in hosts or len(origins) > 1:
+    own = [f"{HOST}:{port}", f"localhost:{port}"]
+    if len(hosts) != 1 or hosts[0].lower() not in own or len(origins) > 1:
         return False
-    if not origins:
-        return not headers.get_all("Upgrade")
-    return origins[0].removeprefix("http://") in hosts and origins[0].startswith("http://")
+    pages = [f"http://{host}" for host in own]
+    return origins[0].lower() in pages if origins else not websocket

@@ -11,7 +11,7 @@ from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import KinematicsError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import DriveLimits
-from deltaid.view.robot_shape import outline_points
+from deltaid.view.drawing import outline_points
 
 # Directions of the rays: one every so many degrees.
 _EVERY = 4
@@ -139,7 +139,6 @@ def good(robot: AtRest, poses: Poses) -> Bool[np.ndarray, " samples"]:
 def _ends(
     robot: AtRest, directions: Float[np.ndarray, "rays dof"], longest: float
 ) -> tuple[Float[np.ndarray, " rays"], Int[np.ndarray, " rays"]]:
-    """Length of each way from home, and the fullest limit at its end."""
 
     def kept(distance: Float[np.ndarray, " some"], rays: np.ndarray) -> Bool[np.ndarray, " some"]:
         return good(robot, robot(robot.home + distance[:, None] * directions[rays]))

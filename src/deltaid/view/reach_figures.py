@@ -11,9 +11,9 @@ from deltaid.dynamics.at_rest import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
 from deltaid.view.animation import fix_scene, robot_lines, workspace_line
+from deltaid.view.drawing import outline_points
 from deltaid.view.page import Figure
 from deltaid.view.reach import Reach, WorkspaceSurvey, kind
-from deltaid.view.robot_shape import outline_points
 
 # Points along each side of a section: a contour without visible corners, in a second.
 _GRID = 161
@@ -160,7 +160,6 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
 
 
 def _bounds(robot: AtRest, found: Reach) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Box around region and workspace, with a margin."""
     points = np.concatenate([found.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
     low, high = points.min(axis=0), points.max(axis=0)
     return low - 0.06 * (high - low), high + 0.06 * (high - low)

@@ -1,9 +1,9 @@
 """Recordings, in memory and surveyed, and mappings of their columns: cards."""
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
+import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.recording import recording
@@ -11,14 +11,12 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapped_columns import DriveColumn
 from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping, TimeColumn
 from deltaid.recording.memory import FrameTable, Recording
-from deltaid.view.card import Card
+from deltaid.view import style
+from deltaid.view.comparison import extreme_rows, stretch_length
 from deltaid.view.models import warned
 from deltaid.view.numbers import number
 from deltaid.view.page import Table
-from deltaid.view.thinning import extreme_rows, stretch_length
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
+from deltaid.view.show import Card
 
 # Groups of columns that a figure shows, and points of one curve.
 _GROUPS, _POINTS = 5, 4000
@@ -54,13 +52,8 @@ def recording_frame(value: Recording) -> pl.DataFrame:
     return pl.DataFrame(np.concatenate(parts), schema=header)
 
 
-def recording_figure(value: Recording) -> "go.Figure":
+def recording_figure(value: Recording) -> go.Figure:
     """Columns of numbers over time; those of one name in one plot: q1, q2, …; tau1, …."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from deltaid.view import style
-
     table = recording_frame(value)
     clock = _clock(table)
     groups = dict[str, list[str]]()
@@ -71,22 +64,21 @@ def recording_figure(value: Recording) -> "go.Figure":
     shown = list(groups.items())[:_GROUPS]
     if not shown:
         return go.Figure()
-    figure = make_subplots(rows=len(shown), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    titles = [style.label(title) for title, _ in shown]
+    along = "time [s]" if clock is not None else "row"
+    figure = style.stacked(titles, 150 * len(shown) + 110, spacing=0.04, time=along)
     time = clock if clock is not None else np.arange(len(table), dtype=float)
-    for row, (title, names) in enumerate(shown, 1):
+    for row, (_, names) in enumerate(shown, 1):
         for k, name in enumerate(names):
             x, y = _condensed(time, _numbers(table[name]))
             line = {"color": style.SERIES[k % len(style.SERIES)], "width": 1.2}
             figure.add_scatter(
                 x=x, y=y, name=style.label(name), mode="lines", line=line, row=row, col=1
             )
-        figure.update_yaxes(title_text=style.label(title), row=row, col=1)
-    figure.update_xaxes(title_text="time [s]" if clock is not None else "row", row=len(shown))
-    return figure.update_layout(height=150 * len(shown) + 110)
+    return figure
 
 
 def _clock(table: pl.DataFrame) -> np.ndarray | None:
-    """Time by its default names."""
     clocks = (name for name in TIMES if name in table.columns and table[name].dtype.is_numeric())
     name = next(clocks, None)
     return None if name is None else _numbers(table[name])
@@ -105,7 +97,6 @@ def _condensed(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _ranges(table: pl.DataFrame) -> Table:
-    """Least and largest of every column."""
     rows = list[tuple[str, str, str]]()
     for column in table:
         if column.dtype.is_numeric() and len(column.drop_nulls()):

@@ -8,9 +8,9 @@ import polars as pl
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
 from deltaid.sensors.planning.plan import SensorPlan
 from deltaid.sensors.planning.shopping import KNEE
-from deltaid.view.card import Card
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
+from deltaid.view.show import Card
 
 # Entries that are shown of themselves, and what share of its prior an entry is left with that is
 # worth it; one of which nothing is learnt has all of it.

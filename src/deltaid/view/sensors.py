@@ -97,7 +97,6 @@ def plan_figure(plan: SensorPlan) -> go.Figure:
 
 
 def _verdict(plan: SensorPlan, open_now: int) -> Summary:
-    """How well the goal is known now, and what would help most."""
     now = plan.described
     stays = "direction stays" if open_now == 1 else "directions stay"
     said = (
@@ -164,23 +163,15 @@ def _bars(plan: SensorPlan) -> Figure:
 
 def _gains(plan: SensorPlan) -> Figure:
     uses = sorted(plan.uses, key=lambda use: -use.gain)
-    figure = go.Figure(
-        go.Bar(
-            x=[use.gain for use in uses],
-            y=[style.label(use.name) for use in uses],
-            orientation="h",
-            marker={"color": style.MEASURED},
-            customdata=[[style.label(use.title), use.cost] for use in uses],
-            hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
-            f"{style.label(plan.offers.currency)}<extra></extra>",
-        ),
-        {
-            "yaxis": style.DOWNWARDS,
-            "xaxis": {"title": f"gain for {style.label(plan.goal)} [nats]", "rangemode": "tozero"},
-            "height": _BAR * len(uses) + _AROUND,
-            "margin": {"t": 20},
-            "bargap": 0.35,
-        },
+    figure = style.bars(
+        [use.name for use in uses],
+        [use.gain for use in uses],
+        f"gain for {style.label(plan.goal)} [nats]",
+        height=_BAR * len(uses) + _AROUND,
+        marker={"color": style.MEASURED},
+        customdata=[[style.label(use.title), use.cost] for use in uses],
+        hovertemplate="%{customdata[0]}: %{x:.2f} nats for %{customdata[1]:.0f} "
+        f"{style.label(plan.offers.currency)}<extra></extra>",
     )
     return Figure(
         figure, "What each thing by itself would gain, whatever it costs, the most telling first."

@@ -1,16 +1,44 @@
-"""From a value to what shows it: the module of its kind, looked up by the name of its class."""
+"""A card, what a value says of itself as text or HTML; and from a value to what shows it."""
 
+import textwrap
 from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from html import escape
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltaid.errors import DeltaidError
-from deltaid.view import card
+import numpy as np
+
+from deltaid.errors import DeltaidError, visible
+from deltaid.view.page import Table
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
+
+# Most of a representation in text: lines, and characters of one of them.
+_LINES, _LINE = 10, 140
+# Rows of a table that is shown, and of one that is folded away.
+_ROWS, _FOLDED_ROWS = 8, 200
+# Cells shorter than this are not broken.
+_WHOLE = 24
+
+_BOX = (
+    "border:1px solid rgba(128,128,128,.35);border-radius:6px;padding:.6em .9em;"
+    "max-width:60em;margin:.2em 0;line-height:1.45"
+)
+_COLOURS = {
+    "good": "#1a7f37", "fair": "#8a6100", "doubtful": "#8a6100", "poor": "#b42318",
+    "wrong": "#b42318",
+}  # fmt: skip
+_OTHER = "#57606a"
+_CELL = "padding:.15em .7em .15em 0;vertical-align:top;border:0;background:none;color:inherit"
+_NEXT = "margin-top:.4em;font-family:monospace;font-size:.85em;opacity:.7"
+_NUMBERS = set("0123456789.-−+±%…e≥≤<>×– ")
+# Arrays of up to so many numbers are written out; longer text is cut.
+_WRITTEN, _CHARACTERS = 16, 60
+
 
 # Class, by the module that it lives in: its kind, and the modules here of the functions that make
 # its card and frame, and its figure and page, such as 'run_card'.
@@ -18,29 +46,29 @@ _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
     "checks.verdicts.Verdicts": ("verdicts", "check", "check"),
-    "control.simulate.Comparison": ("simulation", "simulations", "simulations"),
-    "control.simulate.Simulation": ("simulation", "simulations", "simulations"),
-    "control.simulation.StatePath": ("fields", "card", "card"),
+    "control.simulate.Comparison": ("simulation", "tracking", "tracking"),
+    "control.simulate.Simulation": ("simulation", "tracking", "tracking"),
+    "control.simulation.StatePath": ("fields", "show", "show"),
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),
-    "dynamics.dynamics.Terms": ("fields", "card", "card"),
+    "dynamics.dynamics.Terms": ("fields", "show", "show"),
     "dynamics.forward_dynamics.ForwardDynamics": ("robot", "robots", "robots"),
-    "motion.excitation.excite.Excitation": ("excitation", "motions", "excitation"),
-    "motion.excitation.excite.Exciter": ("exciter", "motions", "excitation"),
-    "motion.excitation.run.Run": ("run", "motions", "excitation"),
+    "motion.excitation.excite.Excitation": ("excitation", "excitation", "excitation"),
+    "motion.excitation.excite.Exciter": ("exciter", "excitation", "excitation"),
+    "motion.excitation.run.Run": ("run", "excitation", "excitation"),
     "joint_forces.constraint_forces.ConstraintForces": ("robot", "robots", "robots"),
     "joint_forces.forces.Forces": ("forces", "forces", "forces"),
-    "estimation.base_parameters.BaseParameters": ("fields", "card", "card"),
+    "estimation.base_parameters.BaseParameters": ("fields", "show", "show"),
     "identification.identify.Identification": ("identification", "models", "model_pages"),
+    "identification.torque_error.TorqueError": ("fields", "show", "show"),
     "identification.prediction.Validation": ("validation", "models", "model_pages"),
-    "identification.torque_error.TorqueError": ("fields", "card", "card"),
-    "mechanism.kinematics.BodyPoses": ("fields", "card", "card"),
+    "mechanism.kinematics.BodyPoses": ("fields", "show", "show"),
     "mechanism.kinematics.Kinematics": ("robot", "robots", "robots"),
-    "mechanism.regularity.Regularity": ("fields", "card", "card"),
+    "mechanism.regularity.Regularity": ("fields", "show", "show"),
     "model.model.Model": ("model", "models", "model_pages"),
     "model.record.IdentifiedModel": ("model", "models", "model_pages"),
-    "model.samples.Samples": ("samples", "samples", "samples"),
-    "motion.fourier.FourierMotion": ("run", "motions", "excitation"),
-    "sensors.planning.offers.Offers": ("fields", "card", "card"),
+    "model.samples.Samples": ("samples", "models", "models"),
+    "motion.fourier.FourierMotion": ("run", "excitation", "excitation"),
+    "sensors.planning.offers.Offers": ("fields", "show", "show"),
     "sensors.planning.plan.SensorPlan": ("plan", "sensor_plan", "sensors"),
     "recording.log.Log": ("log", "recordings", "recordings"),
     "recording.mapping.ColumnMapping": ("mapping", "recordings", "recordings"),
@@ -50,20 +78,149 @@ _KINDS = {
 }
 
 
+@dataclass(frozen=True)
+class Card:
+    """What a value says of itself.
+
+    Attributes:
+        title: what it is.
+        lines: sentences; the first is the verdict where there is a grade.
+        apart: whether facts have a line each at a prompt.
+        told: further sentences for a prompt; a notebook has a table of the same.
+        grade: a word of `Grade`, of models or of checks; empty for what is not judged.
+        facts: its main numbers, by name.
+        table: the same as a table, for notebooks; None where facts are enough.
+        more: what unfolds below in a notebook: title, and text or table.
+        methods: what to do next, such as '.plot()'.
+    """
+
+    title: str
+    lines: tuple[str, ...] = ()
+    grade: str = ""
+    facts: tuple[tuple[str, str], ...] = ()
+    table: Table | None = None
+    more: tuple[tuple[str, "str | Table"], ...] = ()
+    methods: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
+    apart: bool = False
+
+    def text(self) -> str:
+        """A few lines for a prompt."""
+        facts = [f"{name} {value}" for name, value in self.facts]
+        sentences = (
+            textwrap.shorten(line, 2 * _LINE, placeholder=" …")
+            for line in (*self.lines, *self.told)
+        )
+        shown = [f"  {fact}" for fact in facts] if self.apart else [", ".join(facts)] * bool(facts)
+        folded = list[str]()
+        for line in (self.title, *sentences, *shown):
+            folded += textwrap.wrap(visible(line), 100, subsequent_indent="  ") or [""]
+        if len(folded) > _LINES - 1:
+            folded = [*folded[: _LINES - 2], "  …"]
+        methods = [f"→ {'  '.join(self.methods)}"] if self.methods else []
+        return "\n".join([*folded, *methods])
+
+    def html(self) -> str:
+        """A small piece of HTML for a notebook."""
+        parts = [f'<div style="{_BOX}"><strong>{_safe(self.title)}</strong>']
+        lines = list(self.lines)
+        if self.grade:
+            colour, verdict = _COLOURS.get(self.grade, _OTHER), lines.pop(0) if lines else ""
+            head, colon, rest = verdict.partition(": ")
+            if colon and head.lower() == self.grade:  # the label says it
+                verdict = rest
+            parts.append(
+                f'<div><span style="background:{colour};color:#fff;border-radius:4px;'
+                f'padding:0 .45em">{_safe(self.grade)}</span> {_safe(verdict)}</div>'
+            )
+        parts += [f"<div>{_safe(line)}</div>" for line in lines]
+        if self.table is not None or self.facts:
+            parts.append(_table(self.table or Table(("", ""), self.facts), _ROWS))
+        for title, inside in self.more:
+            if isinstance(inside, Table):
+                body = _table(inside, _FOLDED_ROWS)
+            else:
+                rows = "".join(f"<div>{_safe(line)}</div>" for line in inside.splitlines())
+                body = f'<div style="white-space:pre-wrap;margin:.3em 0">{rows}</div>'
+            parts.append(
+                f'<details style="margin-top:.3em"><summary style="cursor:pointer">{_safe(title)}'
+                f"</summary>{body}</details>"
+            )
+        if self.methods:
+            methods = "&nbsp; ".join(_safe(method) for method in self.methods)
+            parts.append(f'<div style="{_NEXT}">→ {methods}</div>')
+        return "".join([*parts, "</div>"])
+
+
+def _table(table: Table, most: int) -> str:
+    """Rows and head; of more rows than `most` the first ones, and how many there are besides."""
+    columns = [[row[k] for row in table.rows] for k in range(len(table.columns))]
+    side = [
+        "right" if any(cells) and all(set(cell) <= _NUMBERS for cell in cells) else "left"
+        for cells in columns
+    ]
+    head = "".join(
+        f'<th style="{_CELL};text-align:{side[k]};font-weight:600;opacity:.75">{_safe(name)}</th>'
+        for k, name in enumerate(table.columns)
+    )
+    rows = [
+        f'<tr style="background:none{";opacity:.6" if i in table.muted else ""}">'
+        + "".join(
+            f'<td style="{_CELL};text-align:{side[k]}'
+            f'{";white-space:nowrap" if len(cell) < _WHOLE else ""}">{_safe(cell)}</td>'
+            for k, cell in enumerate(row)
+        )
+        + "</tr>"
+        for i, row in enumerate(table.rows[:most])
+    ]
+    left = len(table.rows) - most
+    further = f'<div style="opacity:.7">… and {left} more</div>' if left > 0 else ""
+    top = f'<tr style="background:none">{head}</tr>' if any(table.columns) else ""
+    return (
+        '<div style="overflow-x:auto"><table class="deltaid" style="border-collapse:collapse;'
+        "margin:.35em 0;color:inherit;font-size:.95em;"
+        f'font-variant-numeric:tabular-nums">{top}{"".join(rows)}</table>{further}</div>'
+    )
+
+
+def _safe(value: object) -> str:
+    return escape(visible(str(value)))
+
+
+def fields_card(value: Any) -> Card:
+    """Every field of a data class, or of a part of a description."""
+    names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
+    facts = [(name, _said(getattr(value, name))) for name in names if not name.startswith("_")]
+    return Card(type(value).__name__, facts=tuple(facts), apart=True)
+
+
+def _said(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        if value.size > _WRITTEN:
+            return f"array of shape {value.shape}"
+        return " ".join(np.array2string(value, precision=4, separator=", ").split())
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict | tuple | list) and len(repr(value)) > _CHARACTERS:
+        few = ", ".join(str(entry) for entry in list(value)[:4] if isinstance(entry, str))
+        return f"{len(value)} entries" + (f": {few}, …" if few else "")
+    text = str(value)
+    return text if len(text) <= _CHARACTERS else f"{text[: _CHARACTERS - 1]}…"
+
+
 def text(value: object) -> str:
     """A few lines for a prompt."""
-    return card.text(_function(value, "card")(value))
+    return _function(value, "card")(value).text()
 
 
 def html(value: object) -> str:
     """A card for a notebook."""
-    return card.html(_function(value, "card")(value))
+    return _function(value, "card")(value).html()
 
 
 def figure(value: object) -> "go.Figure":
     """A Plotly figure that is read on light and dark pages."""
-    themed = import_module("deltaid.view.style").themed
-    return themed(_function(value, "figure")(value))
+    return import_module("deltaid.view.style").themed(_function(value, "figure")(value))
 
 
 def frame(value: object, library: str) -> Any:
@@ -109,7 +266,6 @@ def report(value: object, path: str | Path, *more: object) -> Path:
 
 
 def _function(value: object, act: str) -> Callable[..., Any]:
-    """What makes the card, frame, figure or page of a value."""
     for kind in type(value).__mro__:
         name = f"{kind.__module__.removeprefix('deltaid.')}.{kind.__qualname__}"
         if name in _KINDS:

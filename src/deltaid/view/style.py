@@ -1,8 +1,11 @@
 """How figures look: colours with one meaning each, templates for light and dark, safe labels."""
 
 import html
+from collections.abc import Sequence
+from typing import Any
 
 import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 # One colour a meaning in all figures; those of Okabe and Ito, which colour-blind people can tell
 # apart, slightly lighter so that they stand on white and on black.
@@ -83,3 +86,42 @@ def themed(figure: go.Figure) -> go.Figure:
         scene=dict.fromkeys(("xaxis", "yaxis", "zaxis"), axis),
     )
     return go.Figure(figure).update_layout(template=both, autosize=True)
+
+
+def stacked(
+    titles: Sequence[str], height: float, spacing: float, time: str = "time [s]", **options: Any
+) -> go.Figure:
+    """Panels one below the other, each with the title of its y axis, over one axis of time.
+
+    Args:
+        height: of all of them [px].
+        spacing: between two of them, as a share of the height.
+        options: of `make_subplots`.
+    """
+    rows = len(titles)
+    figure = make_subplots(
+        rows=rows, cols=1, shared_xaxes=True, vertical_spacing=spacing, **options
+    )
+    for row, title in enumerate(titles, 1):
+        next(figure.select_yaxes(row=row, col=1)).update(title_text=title)
+    figure.update_xaxes(title_text=time, row=rows, col=1)
+    return figure.update_layout(height=height)
+
+
+def bars(
+    names: Sequence[str], lengths: Sequence[float], title: str, height: int, **look: Any
+) -> go.Figure:
+    """A horizontal bar for each name, from the top; `title` is of the lengths' axis."""
+    bar = go.Bar(x=lengths, y=[label(name) for name in names], orientation="h", **look)
+    axis = {"title": title, "rangemode": "tozero"}
+    layout = {"yaxis": DOWNWARDS, "xaxis": axis, "height": height, "margin": {"t": 20}}
+    return go.Figure(bar, layout | {"bargap": 0.35})
+
+
+def one_legend(figure: go.Figure) -> go.Figure:
+    """Traces of one name in several panels as one entry of the legend."""
+    names = set[str]()
+    for trace in figure.data:
+        trace.update(legendgroup=trace.name, showlegend=trace.name not in names)
+        names.add(trace.name)
+    return figure

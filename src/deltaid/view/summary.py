@@ -13,8 +13,8 @@ from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel, Verification
 from deltaid.view.corrections import corrected
-from deltaid.view.numbers import in_words, percent
-from deltaid.view.page import Summary, Trust
+from deltaid.view.numbers import in_words, number, percent
+from deltaid.view.page import Section, Summary, Table, Text, Trust
 
 # Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
 # twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
@@ -75,7 +75,6 @@ def without_doubts(said: Summary) -> Summary:
 
 
 def _grade(fit: Fit, unseen: _Errors | None, *, bad: bool, doubtful: bool) -> Trust:
-    """The rules of `Trust`."""
     worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
     if bad or not worst <= FAIR_WITHIN:
         return Trust.POOR
@@ -85,7 +84,6 @@ def _grade(fit: Fit, unseen: _Errors | None, *, bad: bool, doubtful: bool) -> Tr
 
 
 def _verdict(model: Model, unseen: _Errors | None, doubts: int, wrong: Sequence[str]) -> str:
-    """How well torques are predicted, and whether anything speaks against it."""
     known = model.identified
     said = ""
     if unseen is not None:
@@ -104,7 +102,6 @@ def _verdict(model: Model, unseen: _Errors | None, doubts: int, wrong: Sequence[
 
 
 def _of_prior(model: Model, error: TorqueError | None) -> Summary:
-    """Of a robot at its prior, of which nothing has been identified."""
     line = ("All numbers are those of the description: nothing has been identified.",)
     if error is None:
         return Summary(Trust.UNTESTED, "Untested: no recording has been predicted.", line)
@@ -116,12 +113,10 @@ def _of_prior(model: Model, error: TorqueError | None) -> Summary:
 
 
 def _efforts(model: Model) -> str:
-    """What drives exert: torques, forces, or both."""
     return " and ".join(dict.fromkeys(f"{u.effort}s" for u in model.robot.drive_units.values()))
 
 
 def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
-    """The largest error and whose it is."""
     worst = int(np.argmax(nrmse))
     how = "within" if nrmse[worst] <= FAIR_WITHIN else _ONLY
     return f"{how} {percent(float(nrmse[worst]))} (rms; the worst is {model.robot.drives[worst]})"
@@ -156,12 +151,89 @@ def _scale(model: IdentifiedModel) -> tuple[str, ...]:
 
 
 def _doubts(doubts: Sequence[str]) -> list[str]:
-    """What is doubtful, without causes and cures, which stand elsewhere."""
     lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
     more = len(doubts) - _TOLD
     return lines + [f"{_DOUBT}{_count(more, 'more thing')}, listed in the warnings."] * (more > 0)
 
 
 def _count(count: int, thing: str = "") -> str:
-    """A small count in words: 'two things'."""
     return f"{in_words(count)} {thing}{'s' if count != 1 and thing else ''}".strip()
+
+
+# Closer than this to its certified bound [share of J] a fit is the best one.
+_ROUNDING = 1e-4
+
+
+def provenance_section(model: Model, title: str) -> Section:
+    """Sources, fit and settings of a model; of a robot at its prior, where its numbers are from."""
+    known, sources = model.identified, tuple(model.robot.sources.items())
+    columns = ("number of the description", "source")
+    own = (Table(columns, sources, "Sources of the description."),) if sources else ()
+    if known is None:
+        return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
+    tables = (_sources(known), _fit(known), _settings(known), *own)
+    return Section(title, tables, "recordings, what the fit reached, settings")
+
+
+def file_names(model: IdentifiedModel) -> str:
+    """The logs that a model comes from, as a list in words."""
+    return ", ".join(source.log for source in model.sources)
+
+
+def certificate(fit: Fit) -> tuple[str, str]:
+    """Whether nothing fits better: in a word or two, and how far a certified bound is away."""
+    gap = (fit.duality_gap or 0.0) / fit.objective if fit.objective else 0.0
+    if gap < _ROUNDING:
+        return "certified", "no consistent model fits better by 0.01 %"
+    return f"within {percent(gap)}", "of the best fit that is possible"
+
+
+def _sources(model: IdentifiedModel) -> Table:
+    return Table(
+        ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
+        tuple(
+            (
+                source.log,
+                str(source.samples),
+                f"{source.rate_hz:.6g}",
+                f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+                str(source.used_samples),
+                source.sha256,
+            )
+            for source in model.sources
+        ),
+        "Recordings that the model was identified from.",
+    )
+
+
+def _fit(model: IdentifiedModel) -> Table:
+    fit = model.fit
+    rows = (
+        ("objective J", number(fit.objective)),
+        ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
+        ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
+        ("weight of the prior γ", number(fit.gamma)),
+        ("solver's status", fit.status),
+        ("iterations", str(fit.iterations)),
+        ("free parameters", str(fit.optimization_variables)),
+        ("base parameters", str(fit.base_parameters)),
+        ("condition of the base regressor", number(fit.base_condition)),
+        ("torque noise, share of the largest torque", percent(fit.noise_level)),
+    )
+    return Table(("fit", "result"), rows)
+
+
+def _settings(model: IdentifiedModel) -> Table:
+    rows = tuple(
+        (name.replace("_", " "), "by rule" if value is None else _shown(value))
+        for name, value in model.settings.model_dump().items()
+    )
+    return Table(
+        ("setting", "value"), (*rows, ("deltaid version", model.deltaid)), "Settings of the fit."
+    )
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return number(value) if isinstance(value, float) else str(value)

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from jaxtyping import Float
 from plotly.subplots import make_subplots
 from scipy import stats
 
 from deltaid.robot.parameter import JointUnits
 from deltaid.view import style
-from deltaid.view.comparison import TorqueComparison
+from deltaid.view.comparison import TorqueComparison, even_rows
 from deltaid.view.page import Figure
-from deltaid.view.thinning import even_rows
 
 # Intervals of speed, and of the residual.
 _SPEED_BINS, _RESIDUAL_BINS = 30, 60
@@ -34,14 +32,15 @@ def residual_blocks(comparison: TorqueComparison, drives: Drives) -> tuple[Figur
 def over_time(c: TorqueComparison, drives: Drives) -> Figure:
     """Measured and predicted torque, and below each drive's the residual, with one time axis."""
     n = len(drives)
-    figure = make_subplots(
-        rows=2 * n,
-        cols=1,
-        shared_xaxes=True,
-        row_heights=[2.2, 1.0] * n,
-        vertical_spacing=0.22 / (2 * n),
+    titles = [t for drive, u in drives.items() for t in (f"{drive} [{u.force}]", "residual")]
+    figure = style.stacked(
+        titles, height=280 * n + 90, spacing=0.22 / (2 * n), row_heights=[2.2, 1.0] * n
     )
-    time = _compact(c.time)
+    figure.update_layout(dragmode="zoom", hovermode="closest")
+    # Seconds since 1970 need double precision to tell samples apart.
+    resolution = float(np.spacing(np.float32(np.abs(c.time).max(initial=0.0))))
+    fine = resolution < 0.05 * np.min(np.diff(c.time), initial=np.inf)
+    time = c.time.astype(np.float32) if fine else c.time
     for i, (drive, units) in enumerate(drives.items()):
         measured, predicted = c.measured[:, i], c.predicted[:, i]
         thin = {"color": style.RESIDUAL, "width": 1.0}
@@ -54,8 +53,6 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
                 x=time,
                 y=values.astype(np.float32),
                 name=name,
-                legendgroup=name,
-                showlegend=i == 0,
                 mode="lines",
                 line=line,
                 hovertemplate=f"{drive} {name} %{{y:.4g}} {units.force} at %{{x:.4g}} s"
@@ -68,18 +65,12 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
                 x=np.insert(c.events, 2, np.nan, axis=1).ravel(),
                 y=np.tile([0.0, 0.0, np.nan], len(c.events)),
                 name="left out: events",
-                legendgroup="events",
-                showlegend=i == 0,
                 mode="lines",
                 line={"color": style.LIMIT, "width": 5},
                 hovertemplate="excluded from here at %{x:.4g} s<extra></extra>",
                 row=2 * i + 2,
                 col=1,
             )
-        figure.update_yaxes(title_text=f"{drive} [{units.force}]", row=2 * i + 1, col=1)
-        figure.update_yaxes(title_text="residual", row=2 * i + 2, col=1)
-    figure.update_xaxes(title_text="time [s]", row=2 * n, col=1)
-    figure.update_layout(height=280 * n + 90, dragmode="zoom", hovermode="closest")
     shown = (
         "All samples at the rate that the filter's cut-off allows are drawn."
         if c.cutoff and c.stretch == 1
@@ -89,7 +80,7 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
     )
     filtered = f" after the low-pass of {c.cutoff:.3g} Hz" if c.cutoff else ""
     return Figure(
-        figure,
+        style.one_legend(figure),
         f"{_efforts(drives)} of each drive{filtered}, measured (broad line) and predicted by the "
         "model (dashed), and the residual (measured minus predicted). Drag to zoom; the time axes "
         "move together, a double "
@@ -103,19 +94,15 @@ def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
     figure = grid(tuple(drives), 260)
     keep = even_rows(len(c.speed), _SCATTER)
     for i, units in enumerate(drives.values()):
-        row, col = i // 2 + 1, i % 2 + 1
         told = np.isfinite(c.residual[:, i])
         speed, residual = units.per_shown * c.speed[told, i], c.residual[told, i]
         figure.add_scatter(
             x=speed[keep].astype(np.float32),
             y=residual[keep].astype(np.float32),
             name="residual",
-            legendgroup="residual",
-            showlegend=i == 0,
             mode="markers",
             marker={"color": style.RESIDUAL, "size": 3, "opacity": 0.35},
-            row=row,
-            col=col,
+            **place(i),
         )
         centre, mean, spread = _binned(speed, residual)
         figure.add_scatter(
@@ -123,17 +110,14 @@ def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
             y=mean,
             error_y={"array": spread, "thickness": 1, "width": 2},
             name="mean and standard deviation",
-            legendgroup="binned",
-            showlegend=i == 0,
             mode="lines+markers",
             line={"color": style.LIMIT, "width": 1.5},
             marker={"size": 4},
-            row=row,
-            col=col,
+            **place(i),
         )
     _axes(figure, drives, "speed [{0.shown}/s]", "residual [{0.force}]")
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Residual over the speed of its drive, with mean and standard deviation in intervals of "
         "speed. A mean that leaves zero is a friction law that does not fit.",
     )
@@ -143,7 +127,6 @@ def histogram(c: TorqueComparison, drives: Drives) -> Figure:
     """How residuals are distributed, against a normal distribution of equal spread."""
     figure = grid(tuple(drives), 260)
     for i in range(len(drives)):
-        row, col = i // 2 + 1, i % 2 + 1
         residual = c.residual[np.isfinite(c.residual[:, i]), i]
         share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
         middle = 0.5 * (edges[1:] + edges[:-1])
@@ -152,27 +135,20 @@ def histogram(c: TorqueComparison, drives: Drives) -> Figure:
             y=share,
             width=np.diff(edges),
             name="residual",
-            legendgroup="residual",
-            showlegend=i == 0,
             marker={"color": style.RESIDUAL, "opacity": 0.7, "line": {"width": 0}},
-            row=row,
-            col=col,
+            **place(i),
         )
         figure.add_scatter(
             x=middle,
             y=stats.norm.pdf(middle, residual.mean(), max(float(residual.std()), 1e-300)),
             name="normal distribution",
-            legendgroup="normal",
-            showlegend=i == 0,
             mode="lines",
             line={"color": style.PRIOR, "width": 2},
-            row=row,
-            col=col,
+            **place(i),
         )
     _axes(figure, drives, "residual [{0.force}]", "density [1/({0.force})]")
-    figure.update_layout(bargap=0)
     return Figure(
-        figure,
+        style.one_legend(figure.update_layout(bargap=0)),
         "Distribution of the residuals, and the normal distribution of the same mean and spread.",
     )
 
@@ -189,12 +165,9 @@ def spectrum(c: TorqueComparison, drives: Drives) -> Figure:
                 x=c.frequency.astype(np.float32),
                 y=density[:, i].astype(np.float32),
                 name=name,
-                legendgroup=name,
-                showlegend=i == 0,
                 mode="lines",
                 line={"color": color, "width": 1.4, "dash": dash},
-                row=i // 2 + 1,
-                col=i % 2 + 1,
+                **place(i),
             )
     if c.cutoff:
         figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
@@ -203,19 +176,11 @@ def spectrum(c: TorqueComparison, drives: Drives) -> Figure:
     figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz." if c.cutoff else ""
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Amplitude spectral density (Welch's mean over segments) of the "
         f"{_efforts(drives).lower()} as recorded, and of what the model does not explain of "
         f"it.{dotted}",
     )
-
-
-def _compact(time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-    """Times in single precision where that still tells samples apart, as seconds since 1970 do
-    not."""
-    resolution = float(np.spacing(np.float32(np.abs(time).max(initial=0.0))))
-    fine = resolution < 0.05 * np.min(np.diff(time), initial=np.inf)
-    return time.astype(np.float32) if fine else time
 
 
 def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -230,7 +195,6 @@ def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _efforts(drives: Drives) -> str:
-    """'Torque', 'Force' or both, by what the drives give."""
     return " or ".join(dict.fromkeys(u.effort for u in drives.values())).capitalize()
 
 
@@ -252,12 +216,16 @@ def grid(names: Sequence[str], height: int) -> go.Figure:
     )
 
 
+def place(i: int) -> dict[str, int]:
+    """Row and column of a panel of a `grid`."""
+    return {"row": i // 2 + 1, "col": i % 2 + 1}
+
+
 def _axes(figure: go.Figure, drives: Drives, x: str, y: str) -> None:
     """Titles with each drive's units, at the outer axes only where all drives have the same."""
     alike = len(set(drives.values())) == 1
     for i, units in enumerate(drives.values()):
-        row, col = i // 2 + 1, i % 2 + 1
         if i + 2 >= len(drives) or not alike:
-            figure.update_xaxes(title_text=x.format(units), row=row, col=col)
-        if col == 1 or not alike:
-            figure.update_yaxes(title_text=y.format(units), row=row, col=col)
+            figure.update_xaxes(title_text=x.format(units), **place(i))
+        if i % 2 == 0 or not alike:
+            figure.update_yaxes(title_text=y.format(units), **place(i))

@@ -3,14 +3,18 @@
 from collections.abc import Sequence
 
 import numpy as np
+import plotly.graph_objects as go
+import polars as pl
 
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.infeasible import MotionProblem
+from deltaid.control.simulate import Comparison, Simulation
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.show import Card
 from deltaid.view.tracking_figures import (
     COLOURS,
     NO_MODEL,
@@ -19,39 +23,6 @@ from deltaid.view.tracking_figures import (
     error_figures,
     torque_figure,
 )
-
-
-def tracking_page(
-    robot: RobotDescription,
-    result: Tracking,
-    title: str,
-    drives: Drives,
-    bandwidth: float,
-    problems: Sequence[MotionProblem] = (),
-    conditions: Sequence[str] = (),
-) -> Page:
-    """One controller on one plant, which is `robot`; bandwidth in Hz.
-
-    Args:
-        conditions: what else holds of the plant and of what the controller knows, in words.
-    """
-    return Page(
-        title=robot.title or robot.name,
-        subtitle=f"Simulated tracking: {title}",
-        facts=_facts(result),
-        sections=(
-            Section(
-                "Tracking",
-                (
-                    *error_figures([(title, style.IDENTIFIED, result)]),
-                    drive_figure(robot, result),
-                    _conditions(drives, bandwidth, conditions),
-                ),
-            ),
-            Section("Torques", (torque_figure(robot, result), drive_table(robot, result))),
-        ),
-        verdict=_followed(result, problems),
-    )
 
 
 def comparison_page(
@@ -101,21 +72,7 @@ def comparison_page(
     )
 
 
-def _followed(result: Tracking, problems: Sequence[MotionProblem]) -> Summary:
-    """Whether a simulated motion can be run, and how well it was followed."""
-    if problems:
-        first, *others = (problem.text for problem in problems)
-        return Summary(Trust.POOR, f"Not feasible: {first}.", tuple(others))
-    error = result.error
-    return Summary(
-        Trust.GOOD,
-        f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
-        f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
-    )
-
-
 def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) -> Summary:
-    """What a comparison came to; nothing on a motion that cannot be run."""
     lines = infeasible_lines(problems, runs)
     if problems:
         return Summary(Trust.POOR, f"Not feasible: {lines[0]}.", lines[1:])
@@ -134,22 +91,7 @@ def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) 
     )
 
 
-def _facts(result: Tracking) -> tuple[Fact, ...]:
-    error = result.error
-    return (
-        Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
-        Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
-        *(
-            [Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms")]
-            if error.turn_rms is not None
-            else []
-        ),
-        Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"),
-    )
-
-
 def _best(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) -> Fact:
-    """Who came nearest, of those that followed a motion that can be run."""
     if problems:
         return Fact("no comparison", "not feasible", "the motion is beyond the robot's limits")
     sound = [(run, tracking.error) for run, tracking in _sound(runs)]
@@ -167,7 +109,6 @@ def _sound(runs: Sequence[ControllerRun]) -> list[tuple[ControllerRun, Tracking]
 
 
 def _gains(runs: Sequence[ControllerRun]) -> tuple[Fact, ...]:
-    """How much smaller the error is with the identified model than with the prior."""
     by_name = {(run.controller, run.model): tracking for run, tracking in _sound(runs)}
     facts = []
     for controller in dict.fromkeys(run.controller for run in runs):
@@ -181,7 +122,6 @@ def _gains(runs: Sequence[ControllerRun]) -> tuple[Fact, ...]:
 
 
 def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
-    """What the drives do, in a sentence, and more of them."""
     step = f"steps of {drives.encoder_step:.3g} rad or m" if drives.encoder_step else "no steps"
     late = f"a delay of {drives.delay} samples" if drives.delay else "no delay"
     loop = (
@@ -272,3 +212,82 @@ def infeasible_lines(
             name = f"all controllers; {name}"
         lines += [f"{name}: {problem.text}" for problem in run.problems]
     return tuple(lines)
+
+
+def simulation_card(value: Simulation | Comparison) -> Card:
+    """The errors, and what is not feasible."""
+    robot, title = value.conditions.model.robot, f"Simulated tracking: {_title(value)}"
+    if isinstance(value, Comparison):
+        return Card(
+            title,
+            value.remarks,
+            table=comparison_table(robot, value.runs),
+            told=infeasible_lines(value.problems, value.runs),
+            methods=('.report("x.html")',),
+        )
+    return Card(
+        title,
+        value.remarks,
+        table=drive_table(robot, value.tracking),
+        told=tuple(problem.text for problem in value.problems),
+        methods=(".error", ".plot()", ".to_frame()", '.report("x.html")'),
+    )
+
+
+def simulation_frame(value: Simulation) -> pl.DataFrame:
+    """Motion and torques over time, as a log."""
+    return value.table()
+
+
+def simulation_figure(value: Simulation) -> go.Figure:
+    """Error of the platform over time."""
+    return error_figures([(_title(value), style.IDENTIFIED, value.tracking)])[0].figure
+
+
+def simulation_page(value: Simulation | Comparison) -> Page:
+    """The page of `deltaid simulate`: one controller on one plant; of a comparison that of it."""
+    on, problems = value.conditions, value.problems
+    if isinstance(value, Comparison):
+        rest = _title(value), on.drives, on.bandwidth, problems, value.remarks
+        return comparison_page(on.model.robot, value.runs, *rest)
+    result, robot, title = value.tracking, on.plant.model.robot, _title(value)
+    error = result.error
+    facts = [
+        Fact("platform error", f"{1e3 * error.platform_rms:.3g} mm", "rms"),
+        Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
+    ]
+    if error.turn_rms is not None:
+        turn = f"{np.rad2deg(error.turn_rms):.3g}°"
+        facts.append(Fact("error of the tool's turn", turn, "rms"))
+    facts.append(Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"))
+    verdict = Summary(
+        Trust.GOOD,
+        f"Good: the platform follows within {1e3 * error.platform_rms:.3g} mm (rms; "
+        f"{1e3 * error.platform_max:.3g} mm at most), and no drive stands at a limit.",
+    )
+    if problems:
+        first, *others = (problem.text for problem in problems)
+        verdict = Summary(Trust.POOR, f"Not feasible: {first}.", tuple(others))
+    return Page(
+        title=robot.title or robot.name,
+        subtitle=f"Simulated tracking: {title}",
+        facts=tuple(facts),
+        sections=(
+            Section(
+                "Tracking",
+                (
+                    *error_figures([(title, style.IDENTIFIED, result)]),
+                    drive_figure(robot, result),
+                    _conditions(on.drives, on.bandwidth, value.remarks),
+                ),
+            ),
+            Section("Torques", (torque_figure(robot, result), drive_table(robot, result))),
+        ),
+        verdict=verdict,
+    )
+
+
+def _title(value: Simulation | Comparison) -> str:
+    on = value.conditions
+    what = f"{on.model.source} on {on.plant.model.source} along {on.path}"
+    return what if isinstance(value, Comparison) else f"{value.controller} with {what}"

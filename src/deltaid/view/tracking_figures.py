@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float
-from plotly.subplots import make_subplots
 
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.tracking import Tracking
 from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
+from deltaid.view.comparison import peak_rows
 from deltaid.view.page import Figure
-from deltaid.view.thinning import peak_rows
 
 NO_MODEL = "no model"
 # Points a line is drawn with.
@@ -26,7 +25,6 @@ COLOURS = {
 }
 
 Signal = Float[np.ndarray, " samples"]
-Points = Float[np.ndarray, " points"]
 
 
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
@@ -102,38 +100,34 @@ def _over_time(
 
 def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
     """q − q_d of each drive."""
-    figure = _stack(robot)
-    for i, drive in enumerate(robot.drives):
-        unit, scale = ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
-        time, error = _peaks(result.time, scale * result.drive_error[:, i])
-        _line(figure, i, time, error, style.RESIDUAL, f"{drive} %{{y:.3g}} {unit}")
-        figure.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
+    units = [("mm", 1e3) if robot.is_linear(d) else ("°", np.rad2deg(1.0)) for d in robot.drives]
+    figure = _stack(robot, [unit for unit, _ in units])
+    for i, (drive, (unit, scale)) in enumerate(zip(robot.drives, units, strict=True)):
+        error, hover = scale * result.drive_error[:, i], f"{drive} %{{y:.3g}} {unit}"
+        _line(figure, i, result.time, error, style.RESIDUAL, hover)
     return Figure(figure, "Error of each drive, actual less desired coordinate.")
 
 
 def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
     """Torques that were applied, with the drives' limits where they come near."""
-    figure, line = _stack(robot), {"color": style.LIMIT, "dash": "dot", "width": 1}
-    for i, (drive, limit) in enumerate(zip(robot.drives, effort_limits(robot), strict=True)):
-        tau, unit = result.tau[:, i], robot.units(drive).force
-        time, shown = _peaks(result.time, tau)
-        _line(figure, i, time, shown, style.MEASURED, f"{drive} %{{y:.4g}} {unit}")
-        figure.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
+    units = [robot.units(drive).force for drive in robot.drives]
+    figure, line = _stack(robot, units), {"color": style.LIMIT, "dash": "dot", "width": 1}
+    for i, limit in enumerate(effort_limits(robot)):
+        tau, hover = result.tau[:, i], f"{robot.drives[i]} %{{y:.4g}} {units[i]}"
+        _line(figure, i, result.time, tau, style.MEASURED, hover)
         if np.nanmax(np.abs(tau)) > 0.5 * limit:
             for edge in (-limit, limit):
                 figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
     return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
 
 
-def _stack(robot: RobotDescription) -> go.Figure:
-    """One panel a drive with one time axis."""
-    n = len(robot.drives)
-    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.12 / n)
-    figure.update_xaxes(title_text="time [s]", row=n, col=1)
-    return figure.update_layout(height=170 * n + 80)
+def _stack(robot: RobotDescription, units: Sequence[str]) -> go.Figure:
+    titles = [f"{drive} [{unit}]" for drive, unit in zip(robot.drives, units, strict=True)]
+    return style.stacked(titles, height=170 * len(titles) + 80, spacing=0.12 / len(titles))
 
 
-def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, hover: str) -> None:
+def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, hover: str) -> None:
+    time, values = _peaks(time, values)
     figure.add_scatter(
         x=time,
         y=values,
@@ -146,7 +140,7 @@ def _line(figure: go.Figure, i: int, time: Points, values: Points, color: str, h
     )
 
 
-def _peaks(time: Signal, values: Signal) -> tuple[Points, Points]:
+def _peaks(time: Signal, values: Signal) -> tuple[Signal, Signal]:
     """At most `_POINTS` samples: of each stretch the one of largest size."""
     rows = peak_rows(np.abs(values), _POINTS)
     return time[rows].astype(np.float32), values[rows].astype(np.float32)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.studio.drafting.kinds import has_telescope, is_linear, platform_of, turns
-from deltaid.studio.drafting.questions import rounded
+from deltaid.studio.drafting.questions import has_telescope, is_linear, platform_of, rounded, turns
 
 # kg/m³: aluminium with holes; struts of carbon fibre with joints of metal.
 _METAL, _CARBON = 2700.0, 1800.0

@@ -13,9 +13,10 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in
 from deltaid.studio.drafting.draft import GIVEN, Draft, read_answer
-from deltaid.studio.drafting.questions import GROUPS, Group, Question, asked
+from deltaid.studio.drafting.questions import GROUPS, KINDS, Group, Question, answered, asked
 from deltaid.studio.drafting.text import written
 from deltaid.studio.drafting.workspace import find_space, height
+from deltaid.studio.steps import Step
 
 
 @runtime_checkable
@@ -68,7 +69,6 @@ def _asked(draft: Draft, group: Group, asker: Asker, *, again: bool) -> Draft:
 
 
 def _answer(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
-    """One answer and where it comes from."""
     offer = draft.offer(question)
     if question.key in draft.values:  # asked again
         offer = draft.values[question.key], draft.origins[question.key]
@@ -184,7 +184,6 @@ def _own_space(draft: Draft) -> Draft:
 
 
 def _but(draft: Draft, keys: tuple[str, ...]) -> Draft:
-    """Without the answers to some questions, given or offered."""
     return replace(
         draft,
         values={k: v for k, v in draft.values.items() if k not in keys},
@@ -197,7 +196,6 @@ def _with_found_space(draft: Draft, radius: float, low: float, high: float) -> D
 
 
 def _reach(draft: Draft) -> str:
-    """What is known of the workspace."""
     a = draft.found
     if not a:
         return "check the lengths"
@@ -208,7 +206,6 @@ def _reach(draft: Draft) -> str:
 
 
 def _require_ordered(a: Mapping[str, float]) -> None:
-    """Ranges have a lower and an upper end."""
     for low, high in _RANGES:
         if low in a and high in a and a[low] >= a[high]:
             raise DeltaidError(
@@ -226,3 +223,43 @@ def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
         more = [_reach(draft)] if verdict.key in ("workspace", "length-unit") else []
         cure = "; ".join(filter(None, [verdict.cure, *more]))
         raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)
+
+
+def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
+    """The description of a robot as YAML; what is not answered is assumed, and said so in it.
+
+    Args:
+        kind: a key of `KINDS`.
+        name: of the robot.
+        answers: texts such as '235 mm' by the keys of the questions.
+
+    Raises:
+        DeltaidError: an answer is none, something is missing, or they do not go together.
+    """
+    texts = answered(kind, answers)
+    missing = [q.text for q in asked(kind) if q.assumed is None and q.key not in texts]
+    if missing:
+        raise DeltaidError(
+            "still missing",
+            where="; ".join(missing),
+            cure="measure it, or look it up: nobody can guess",
+        )
+    draft = Draft(kind, name, KINDS[kind].split(",")[0])
+    return written(interview(draft.answered_in_words(texts, lambda question: question.text)))
+
+
+def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:
+    """A description of a robot of one's own, from a few numbers."""
+    given = answered(kind, answers)
+    options = [w for q in asked(kind) if q.key in given for w in (q.option, given[q.key])]
+    known = {key: answers[key] for key in given}
+    python = f"""\
+from pathlib import Path
+
+from deltaid.studio.drafting.interview import drafted
+
+text = drafted({kind!r}, {file.partition(".")[0]!r}, {known!r})
+Path({file!r}).write_text(text, encoding="utf-8")
+"""
+    arguments = ("new", file, "--kind", kind, *options, "--yes")
+    return Step("new", arguments, python, (), (file,))

@@ -9,15 +9,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.drafting.kinds import (
-    has_telescope,
-    is_articulated,
-    is_linear,
-    is_rotary,
-    limbs_of,
-    platform_of,
-    turns,
-)
 
 Answers = Mapping[str, float]
 Group = Literal["lengths", "masses", "motors", "tool", "friction", "workspace"]
@@ -26,6 +17,50 @@ _WORDS = {
     "": "", "m": "m", "kg": "kg", "degree": "°", "degree/s": "°/s", "m/s": "m/s", "m/s**2": "m/s²",
     "kg*m**2": "kg m²", "N*m": "N m", "N": "N", "N*m*s/rad": "N m s/rad", "N*s/m": "N s/m",
 }  # fmt: skip
+
+
+KINDS: dict[str, str] = {
+    "delta": "Delta with three arms on motors, 3 axes",
+    "delta-4": "Delta with three arms and a telescope bar that turns the tool, 4 axes",
+    "h4": "H4: four arms, two side bars on a middle bar that turns, 4 axes",
+    "i4": "I4: four arms, two half platforms on a slide, 4 axes",
+    "par4": "Par4 (Quattro): four arms, a platform of four bars, 4 axes",
+    "linear-delta": "Delta with three carriages on rails, 3 axes",
+    "h4-linear": "H4 on rails, 4 axes",
+    "i4-linear": "I4 on rails, 4 axes",
+    "par4-linear": "Par4 on rails, 4 axes",
+}
+
+
+def is_linear(kind: str) -> bool:
+    """Whether carriages drive it."""
+    return "linear" in kind
+
+
+def platform_of(kind: str) -> str:
+    """Kind of platform: rigid, h4, i4 or par4."""
+    head = kind.split("-")[0]
+    return head if head in ("h4", "i4", "par4") else "rigid"
+
+
+def limbs_of(kind: str) -> int:
+    """Number of limbs, three or four."""
+    return 3 if platform_of(kind) == "rigid" else 4
+
+
+def is_articulated(kind: str) -> bool:
+    """Whether its platform turns the tool."""
+    return platform_of(kind) != "rigid"
+
+
+def has_telescope(kind: str) -> bool:
+    """Whether a telescope bar turns the tool."""
+    return kind == "delta-4"
+
+
+def turns(kind: str) -> bool:
+    """Whether it turns a tool."""
+    return has_telescope(kind) or is_articulated(kind)
 
 
 @dataclass(frozen=True)
@@ -70,20 +105,14 @@ class Question:
             DeltaidError: it cannot be.
         """
         if not self.low <= value <= self.high:
-            unit = f" {self.shown_unit}".rstrip()
+            unit, small = f" {self.shown_unit}".rstrip(), {"m": "mm", "kg": "g"}.get(self.unit)
+            fits = small and self.low <= value / 1000 <= self.high
             raise DeltaidError(
                 f"{value:g}{unit} is outside {self.low:g} … {self.high:g}{unit}: {self.text}",
                 where=where or self.option,
-                cure=self._cure(value),
+                cure=f"is it {value:g} {small}? write the unit" if fits else "",
             )
         return value
-
-    def _cure(self, value: float) -> str:
-        """Numbers without a unit that would do with a smaller one."""
-        smaller = {"m": "mm", "kg": "g"}.get(self.unit)
-        if smaller and self.low <= value / 1000 <= self.high:
-            return f"is it {value:g} {smaller}? write the unit"
-        return ""
 
 
 # [m/s²].
@@ -91,6 +120,7 @@ GRAVITY = 9.81
 # Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
 # stronger they are than one limb alone would need.
 _ACCELERATION, _MORE = 40.0, 2.0
+_UPWARDS = _MORE * (GRAVITY + _ACCELERATION)
 # Mass of a part over the cube of arm and strut [kg/m³], at most: a tenth of a solid block's.
 _HEAVIEST = 15.0
 # Largest speed and acceleration that are assumed of a platform [m/s, m/s²].
@@ -109,40 +139,8 @@ def lifted(kind: str, a: Answers) -> float:
 
 
 def _mass(kind: str, a: Answers, typical: float) -> float:
-    """A mass that a robot of this size may have [kg]."""
     size = a["strut"] + a.get("arm", 0.0)
     return rounded(min(typical, _HEAVIEST * size**3))
-
-
-def _bar_length(kind: str, a: Answers) -> float:
-    """Length of an articulated platform's bar [m]."""
-    return rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7))
-
-
-def _torque(kind: str, a: Answers) -> float:
-    """Of a motor before its gear: arm and load at the elbow, lifted and accelerated [N m]."""
-    return rounded(_MORE * _moment(kind, a) * (GRAVITY + _ACCELERATION) / a["gear"])
-
-
-def _force(kind: str, a: Answers) -> float:
-    """Of a carriage [N]."""
-    mass = lifted(kind, a) + a["carriage_mass"]
-    return rounded(_MORE * mass * (GRAVITY + _ACCELERATION))
-
-
-def _rotor(kind: str, a: Answers) -> float:
-    """Before the gear: a third of what the load is, seen from the arm [kg m²]."""
-    return rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2)
-
-
-def _pinion(kind: str, a: Answers) -> float:
-    """Of an I4: its platform stays smaller than its limbs' circle [m]."""
-    return rounded(0.018 * a["strut"])
-
-
-def _tool_torque(kind: str, a: Answers) -> float:
-    """Of a telescope's motor [N m]."""
-    return rounded(2.0 * GRAVITY * a["tool_mass"] * a["strut"])
 
 
 def _top_speed(kind: str, a: Answers) -> float:
@@ -155,8 +153,7 @@ def _top_speed(kind: str, a: Answers) -> float:
 def _top_acceleration(kind: str, a: Answers) -> float:
     """What the motors have above gravity, halved as they work together [m/s²]."""
     if is_linear(kind):
-        mass = lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"]
-        most = a["rail_force"] / mass
+        most = a["rail_force"] / (lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"])
     else:
         inertia = a["rotor"] * a["gear"] ** 2 / a["arm"]
         most = a["torque"] * a["gear"] / (_moment(kind, a) + inertia)
@@ -164,16 +161,20 @@ def _top_acceleration(kind: str, a: Answers) -> float:
 
 
 def _moment(kind: str, a: Answers) -> float:
-    """Mass times lever about the motor's axis [kg m]."""
     return (lifted(kind, a) + 0.4 * a["arm_mass"]) * a["arm"]
+
+
+def _bar(kind: str) -> bool:
+    return platform_of(kind) in ("h4", "par4")
 
 
 def _all(_: str) -> bool:
     return True
 
 
-def _bar(kind: str) -> bool:
-    return platform_of(kind) in ("h4", "par4")
+def is_rotary(kind: str) -> bool:
+    """Whether arms on motors drive it."""
+    return not is_linear(kind)
 
 
 def _constant(value: float) -> Callable[[str, Answers], float]:
@@ -198,7 +199,9 @@ QUESTIONS: tuple[Question, ...] = (
     Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
              90, "drawing, or a phone's spirit level", is_linear, _constant(0.0), "lengths"),
     Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
-             0.002, 1, _CALIPER, _bar, _bar_length, "lengths"),
+             0.002, 1, _CALIPER, _bar,
+             lambda kind, a: rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7)),
+             "lengths"),
     Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, _all,
              lambda kind, a: rounded(0.1 * a["strut"]), "lengths"),
     Question("swing", "largest angle of the ball joints between strut and the plane of the arm",
@@ -227,29 +230,38 @@ QUESTIONS: tuple[Question, ...] = (
     Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
              1000, _SHEET, is_rotary, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
-             _SHEET + ": peak torque", is_rotary, _torque, "motors"),
+             _SHEET + ": peak torque", is_rotary,
+             # Arm and load at the elbow, lifted and accelerated.
+             lambda kind, a: rounded(_UPWARDS * _moment(kind, a) / a["gear"]), "motors"),
     Question("rail_force", "largest force that drives a carriage", "N", 1e-3, 1e6,
              _SHEET + ": torque times 2π, by the lead of a spindle or the travel of a belt a turn",
-             is_linear, _force, "motors"),
+             is_linear,
+             lambda kind, a: rounded(_UPWARDS * (lifted(kind, a) + a["carriage_mass"])), "motors"),
     Question("speed", "largest speed of a motor, before its gear", "degree/s", 1, 1e6, _SHEET,
              is_rotary, lambda kind, a: rounded(600.0 * a["gear"]), "motors"),
     Question("rail_speed", "largest speed of a carriage", "m/s", 1e-3, 100, _SHEET, is_linear,
              _constant(3.0), "motors"),
     Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
-             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary, _rotor, "motors"),
+             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary,
+             # A third of what the load is, seen from the arm.
+             lambda kind, a: rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2),
+             "motors"),
     Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
              1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", is_linear,
              lambda kind, a: rounded(0.5 * a["carriage_mass"]), "motors"),
     Question("ratio", "turns of the tool for a turn of the platform's bar", "", 0.1, 100,
              "count the teeth", _bar, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
-             lambda kind: platform_of(kind) == "i4", _pinion, "tool"),
+             lambda kind: platform_of(kind) == "i4",
+             # Its platform stays smaller than its limbs' circle.
+             lambda kind, a: rounded(0.018 * a["strut"]), "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
              is_articulated, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
     Question("tool_speed", "largest speed of the tool's turn", "degree/s", 1, 1e5, _SHEET, turns,
              _constant(1500.0), "tool"),
     Question("tool_torque", "largest torque of the tool's motor, behind its gear", "N*m", 1e-4, 1e5,
-             _SHEET, has_telescope, _tool_torque, "tool"),
+             _SHEET, has_telescope,
+             lambda kind, a: rounded(2.0 * GRAVITY * a["tool_mass"] * a["strut"]), "tool"),
     Question("tool_rotor", "inertia of the tool's motor, behind its gear", "kg*m**2", 1e-12, 1e3,
              _SHEET + ": rotor times the square of the gear ratio", has_telescope,
              lambda kind, a: rounded(2e-4 * a["tool_torque"]), "tool"),
@@ -279,3 +291,9 @@ GROUPS: tuple[Group, ...] = ("lengths", "masses", "motors", "tool", "friction", 
 def asked(kind: str) -> list[Question]:
     """What a kind of robot is asked for, in order."""
     return [question for question in QUESTIONS if question.of(kind)]
+
+
+def answered(kind: str, answers: Mapping[str, str]) -> dict[str, str]:
+    """What was written in answer to the questions of a kind, by their keys; no empty answers."""
+    texts = {question.key: answers.get(question.key, "").strip() for question in asked(kind)}
+    return {key: text for key, text in texts.items() if text}

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
-from deltaid.studio.drafting.kinds import (
+from deltaid.studio.drafting.questions import (
+    GRAVITY,
+    QUESTIONS,
     has_telescope,
     is_linear,
     limbs_of,
     platform_of,
+    rounded,
 )
-from deltaid.studio.drafting.questions import GRAVITY, QUESTIONS, rounded
 
 SCHEMA_FILE = "robot.schema.json"
 _HEAD = f"""\
@@ -119,7 +121,6 @@ def written(draft: Draft) -> str:
 
 
 def _once(sources: Mapping[str, str]) -> dict[str, str]:
-    """Sources with what all drives share said once."""
     said = dict(sources)
     for part in ("friction", "rotor_inertia", "drive_limits"):
         own = [key for key in said if key.startswith(f"{part}.")]

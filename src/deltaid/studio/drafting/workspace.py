@@ -12,7 +12,7 @@ from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.robot.description import RobotDescription
-from deltaid.studio.drafting.kinds import is_linear
+from deltaid.studio.drafting.questions import is_linear
 
 # Height of the cylinder over its radius; radii that are tried, as shares of the struts' length;
 # directions and heights at which its rim is looked at; shares of limits that may be used.
@@ -153,7 +153,6 @@ def _holds(at_rest: AtRest, space: Space) -> bool:
 
 
 def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
-    """What is broken first near there."""
     low = -middle - 0.5 * _TALL * radius
     poses = at_rest(_points(at_rest, Space(radius, low, low + _TALL * radius)))
     if not poses.stands.all():

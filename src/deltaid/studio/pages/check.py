@@ -106,7 +106,6 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
-    """The diff, and the button that applies it."""
     used = None
     try:
         if file == "robot":

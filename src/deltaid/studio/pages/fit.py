@@ -72,7 +72,6 @@ async def body(session: Session) -> None:
 
 
 def _gate(session: Session) -> bool:
-    """Whether a fit may begin, and why not."""
     plan = session.plan
     if not parts.all_mapped(session):
         return False
@@ -100,7 +99,6 @@ def _run(session: Session) -> None:
 
 
 def _settings(session: Session) -> None:
-    """What a user may choose; each change is kept at once."""
     settings, default = session.plan.settings, Settings()
     with parts.panel("Settings"):
         changed = settings != default

@@ -48,7 +48,6 @@ def _commands(run: FinishedRun) -> None:
 
 
 def _validate(session: Session, run: FinishedRun) -> None:
-    """A model beside any recording of the folder."""
     known = {recording.file: recording for recording in session.plan.recordings}
     if not known:
         return
@@ -105,7 +104,6 @@ def _provenance(session: Session, run: FinishedRun) -> None:
 
 
 def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun) -> None:
-    """A panel with everything of some models along one recording."""
     known = {used.file: used for used in session.plan.recordings if session.folder.has(used.file)}
     if not known:
         return
@@ -155,7 +153,6 @@ async def _look(
 
 
 async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:
-    """Torques or errors along a recording, on one time axis for all drives."""
     with parts.waiting():
         found = await _look(session, runs, used)
     if isinstance(found, Problem):
@@ -178,7 +175,6 @@ async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: s
 
 
 def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used]) -> None:
-    """Every model on every recording."""
     if len(known) < 2:
         return
 

@@ -1,23 +1,24 @@
 """Stage 1: the robot. Picked from catalogue or folder, described by a form, edited, and shown."""
 
+import contextlib
 import re
 from functools import cache
 from pathlib import Path
 
 from nicegui import ui
 
+from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, catalogue_text, read_text
-from deltaid.studio.describe import drafted, new_step
-from deltaid.studio.drafting.kinds import KINDS
-from deltaid.studio.drafting.questions import Question, asked
+from deltaid.robot.load import catalogue, catalogue_text, described_in, read_text
+from deltaid.studio.drafting.interview import drafted, new_step
+from deltaid.studio.drafting.questions import KINDS, Question, asked
 from deltaid.studio.edits import own_copy
+from deltaid.studio.folder import ConflictError
 from deltaid.studio.look import Problem, try_look
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.editor import editor
 from deltaid.studio.pages.live import live
 from deltaid.studio.pages.parts import attempt, commands, note, panel, problem, report, upload
-from deltaid.studio.session import VIEW, Session
+from deltaid.studio.session import VIEW, FileEdit, Session
 from deltaid.studio.steps import show_step
 
 _ENDINGS = (".yaml", ".yml")
@@ -39,7 +40,7 @@ async def body(session: Session) -> None:
         if not edited:  # the editor says it
             problem(robot)
         return
-    await _look(session, name)
+    await _show_robot(session, name)
 
 
 def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
@@ -104,7 +105,7 @@ def _take(session: Session, name: str | None) -> None:
         parts.change(session, robot=name)
 
 
-async def _look(session: Session, name: str) -> None:
+async def _show_robot(session: Session, name: str) -> None:
     with panel("See it, and its limits"):
         await live(session, name)
     with panel("What it can reach, and what holds it"):
@@ -196,3 +197,102 @@ def _field(question: Question, answers: dict[str, str]) -> None:
         value=answers.get(question.key, ""),
         on_change=lambda event: answers.update({question.key: str(event.value or "")}),
     ).props("outlined dense").tooltip(question.how)
+
+
+# Seconds without a key before a text is looked at.
+_PAUSE = 0.4
+_HEIGHT = "26rem"
+
+
+def editor(session: Session, name: str) -> bool:
+    """A file of the folder to be edited; whether there is one that can be."""
+    if not session.folder.has(name):
+        return False
+    try:
+        now = session.folder.text(name)
+    except DeltaidError:  # the stage says why
+        return False
+    with panel(f"Describe it: {name}"):
+        ui.label(
+            "Lengths in m, masses in kg, angles in degrees where the key ends in _deg. "
+            "Keys are explained in the documentation under Command line, The robot file."
+        ).classes("dim")
+        draft = session.drafts.get(name, FileEdit(now, now))
+        if draft.before != now:
+            _changed_meanwhile(session, name, draft, now)
+        _Editor(session, name, draft)
+    return True
+
+
+def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -> None:
+    """What is to become of a text whose file is another one by now."""
+    note(
+        f"{name} has been changed meanwhile, by another tab or program. Below is what you have "
+        "written; it is not saved.",
+        "doubt",
+    )
+
+    def keep() -> None:
+        session.drafts[name] = FileEdit(now, draft.after)
+        session.store.tell()
+
+    def drop() -> None:
+        del session.drafts[name]
+        session.store.tell()
+
+    with ui.row():
+        ui.button("Keep mine", on_click=keep).props("outline dense no-caps")
+        ui.button("Take the file as it is", on_click=drop).props("outline dense no-caps")
+
+
+class _Editor:
+    def __init__(self, session: Session, name: str, draft: FileEdit) -> None:
+        self.session, self.name, self.before = session, name, draft.before
+        self.field = ui.codemirror(draft.after, language="YAML", line_wrapping=True)
+        self.field.classes("w-full").style(f"height: {_HEIGHT}").props('aria-label="Robot file"')
+        self.said = ui.column().classes("w-full")
+        with ui.row():
+            self.save = ui.button("Save", on_click=lambda: attempt(self._keep)).props("no-caps")
+            self.undo = ui.button(
+                "Undo all", on_click=lambda: self.field.set_value(self.before)
+            ).props("flat no-caps")
+        self.place = ui.column()
+        self.pause = ui.timer(_PAUSE, self._judge, once=True)
+        self.field.on_value_change(self._later)
+
+    def _later(self) -> None:
+        """Keep what has been written, and look at it after a pause."""
+        if self.field.value == self.before:
+            self.session.drafts.pop(self.name, None)
+        else:
+            self.session.drafts[self.name] = FileEdit(self.before, self.field.value)
+        self.pause.cancel()
+        with self.place:
+            self.pause = ui.timer(_PAUSE, self._judge, once=True)
+
+    def _judge(self) -> None:
+        text = self.field.value
+        for button in (self.save, self.undo):
+            button.set_enabled(text != self.before)
+        self.said.clear()
+        with self.said:
+            try:
+                described_in(text, self.name)
+            except DeltaidError as error:
+                problem(error)
+            else:
+                if text != self.before:
+                    note("Valid; not saved yet.", "good")
+
+    def _keep(self) -> None:
+        text = self.field.value
+        draft = self.session.drafts.get(self.name)
+        if draft is not None and draft.after != text:
+            raise ConflictError(
+                "is being edited in another tab too", where=self.name, cure="save it there"
+            )
+        # Of a file that has been changed meanwhile the page says what to do.
+        with contextlib.suppress(ConflictError):
+            self.session.folder.write(self.name, text, instead_of=self.before)
+            self.session.drafts.pop(self.name, None)
+        self.session.store.tell()

@@ -70,7 +70,6 @@ def _subject(session: Session) -> str | None:
 
 
 def _model(session: Session, model: str) -> None:
-    """Which model it is, and the file itself."""
     name = session.plan.names.get(model.rpartition("/")[0], "")
     run = next((r for r in runs(session.folder) if r.file("model.yaml") == model), None)
     with parts.panel():
@@ -88,7 +87,6 @@ def _model(session: Session, model: str) -> None:
 
 
 def _motions(session: Session) -> list[str]:
-    """Files with a motion: planned ones first, then recordings."""
     planned = [
         name
         for run in runs(session.folder)
@@ -155,7 +153,6 @@ def _excite(session: Session, model: str) -> None:
 
 
 def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
-    """Feed-forward, simulation, or forces, along a motion."""
     with parts.panel(title):
         if not motions:
             parts.note("There is no motion yet: take one from above, or add a recording.")
@@ -193,7 +190,6 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
 
 
 def _export(session: Session, model: str) -> None:
-    """All forms of a model, with the choices that each leaves, into a folder with a README."""
 
     def make(at: str) -> Step:
         to, of = str(form.value), _CHOICES_OF.get(str(form.value), ())
