@@ -141,11 +141,8 @@ class Model(Shown, Plotted, Tabled, Reported):
         """
         kind, _, joint = name.partition(".")
         absent = name not in self.layout.names and kind in _COEFFICIENTS
-        return 0.0 if absent and joint in self._joints else self[name]
-
-    @property
-    def _joints(self) -> tuple[str, ...]:
-        return (*self.robot.drives, *self.robot.friction_joints, *_JOINTS)
+        joints = (*self.robot.drives, *self.robot.friction_joints, *_JOINTS)
+        return 0.0 if absent and joint in joints else self[name]
 
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
@@ -230,8 +227,7 @@ class Model(Shown, Plotted, Tabled, Reported):
     @property
     def provenance(self) -> str:
         """One line for the head of a file."""
-        title = _printable(self.robot.title) or self.name
-        named = ", ".join((title, *self.altered))
+        named = ", ".join((_printable(self.robot.title) or self.name, *self.altered))
         line = f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
         return line if self.identified is None else f"{line}. {self._worth(self.identified)}"
 
@@ -289,9 +285,8 @@ def load(source: ModelLike) -> Model:
 
 
 def _from_file(source: str | Path) -> Model:
-    name = Path(source).name
-    named = str(source) in catalogue()
-    if not named and os.path.exists(source) and holds_a_model(read_text(Path(source))):
+    name, is_shipped = Path(source).name, str(source) in catalogue()
+    if not is_shipped and os.path.exists(source) and holds_a_model(read_text(Path(source))):
         found = IdentifiedModel.load(source)
         return Model(found.robot, found.p, name, found)
     robot = load_robot(source)

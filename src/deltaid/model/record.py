@@ -239,7 +239,13 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
                 consistent.
         """
         text, where = read_text(Path(path)), str(path)
-        _require_readable(text, where)
+        version = _VERSION.search(text)
+        if version and int(version[1]) > FORMAT:  # before anything else in it is complained about
+            raise DescriptionError(
+                f"is a model of format {version[1]}, and this deltaid reads up to {FORMAT}",
+                where=where,
+                cure="update deltaid, or identify the model again with this one",
+            )
         model = parse(text, cls, where=where)
         warnings = model.warnings
         if is_intact(text.replace("\r\n", "\n").encode()) is False:
@@ -264,17 +270,6 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         if margin <= 0:
             raise ValueError(f"parameters: {_why_inconsistent(self.layout, self.p, worst)}")
         return self
-
-
-def _require_readable(text: str, where: str) -> None:
-    """Refuse a later format before anything else in it is complained about."""
-    version = _VERSION.search(text)
-    if version and int(version[1]) > FORMAT:
-        raise DescriptionError(
-            f"is a model of format {version[1]}, and this deltaid reads up to {FORMAT}",
-            where=where,
-            cure="update deltaid, or identify the model again with this one",
-        )
 
 
 def _why_inconsistent(

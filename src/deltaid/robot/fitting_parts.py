@@ -2,24 +2,18 @@
 measured values and sensors; and whether limbs of its lengths close.
 """
 
-from typing import TYPE_CHECKING, Any
-
-from deltaid.robot.body import Body
-from deltaid.robot.limbs import Limbs
-from deltaid.robot.limits import Box
-from deltaid.robot.platform import RigidPlatform
-from deltaid.robot.tolerances import LENGTHS
-
-if TYPE_CHECKING:
-    from deltaid.robot.description import RobotDescription
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, get_args
 
+from deltaid.robot.body import Body
+from deltaid.robot.limits import Box
 from deltaid.robot.measured import Axis, Measured
 from deltaid.robot.part import Vector
+from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
+from deltaid.robot.tolerances import LENGTHS
 
 if TYPE_CHECKING:
     from deltaid.robot.description import RobotDescription
@@ -48,13 +42,12 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     _among("drive_limits", robot.drive_limits, robot.drives)
     if isinstance(robot.gear_stiffness, dict):
         _among("gear_stiffness", robot.gear_stiffness, robot.drives)
-    by_name = robot.tolerances.lengths, robot.tolerances.homing
-    for key, given, known in zip(
-        ("lengths", "homing"), by_name, (LENGTHS, robot.drives), strict=True
-    ):
+    for key, known in (("lengths", LENGTHS), ("homing", robot.drives)):
+        given = getattr(robot.tolerances, key)
         if isinstance(given, dict):
             _among(f"tolerances.{key}", given, known)
-    require_sensors_that_fit(robot)
+    _check_measured(robot)
+    _check_sensors(robot)
 
 
 def _check_workspace(robot: "RobotDescription") -> None:
@@ -78,7 +71,16 @@ def _check_drives(robot: "RobotDescription") -> None:
         given = "neither is" if robot.limbs is None else "both are"
         raise ValueError(f"give either limbs or mechanism; {given} given")
     if robot.limbs is not None:
-        _check_composition(robot, robot.limbs)
+        wanted = 3 if isinstance(robot.platform, RigidPlatform) else 4
+        if robot.limbs.count != wanted:
+            raise ValueError(
+                f"limbs.azimuth_deg has {robot.limbs.count} limbs, but a platform of kind "
+                f"{robot.platform.kind} needs {wanted}"
+            )
+        if robot.telescope is not None and wanted == 4:
+            raise ValueError(
+                "telescope is given, but the platform turns its tool itself; leave one of them out"
+            )
         if not any(robot.gravity):
             raise ValueError("gravity: is zero; give the vector in the world frame, in m/s²")
     elif robot.telescope is not None or robot.platform != RigidPlatform():
@@ -90,19 +92,6 @@ def _check_drives(robot: "RobotDescription") -> None:
             raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
 
 
-def _check_composition(robot: "RobotDescription", limbs: Limbs) -> None:
-    wanted = 3 if isinstance(robot.platform, RigidPlatform) else 4
-    if limbs.count != wanted:
-        raise ValueError(
-            f"limbs.azimuth_deg has {limbs.count} limbs, but a platform of kind "
-            f"{robot.platform.kind} needs {wanted}"
-        )
-    if robot.telescope is not None and wanted == 4:
-        raise ValueError(
-            "telescope is given, but the platform turns its tool itself; leave one of them out"
-        )
-
-
 def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
     missing = [name for name in wanted if name not in given]
     extra = [name for name in given if name not in wanted]
@@ -112,7 +101,7 @@ def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
 
-def _among(key: str, given: dict[str, Any], allowed: tuple[str, ...]) -> None:
+def _among(key: str, given: Collection[str], allowed: tuple[str, ...]) -> None:
     extra = [name for name in given if name not in allowed]
     if extra:
         raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")
@@ -149,14 +138,14 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,39}")
 _OF_LOGS = re.compile(r"t|time|load|(?:q|qd|qdd|tau)[0-9]*")
 
 
-def require_sensors_that_fit(robot: "RobotDescription") -> None:
-    """Refuse measured values of what the robot does not have, and sensors that cannot be there.
-
-    Raises:
-        ValueError: with the key.
-    """
+def _check_measured(robot: "RobotDescription") -> None:
+    """Measured values are of bodies that the robot has and that are not known."""
     for name, body in robot.bodies.items():
-        _check_spread(name, body)
+        if not body.free and body.spread is not None:
+            raise ValueError(
+                f"bodies.{name}.spread is given, but free: [] says that the body is known; leave "
+                "one of them out"
+            )
         for k, measured in enumerate(body.measured):
             _check_value(f"bodies.{name}.measured[{k + 1}]", measured, {name: body})
     for k, measured in enumerate(robot.measured):
@@ -167,6 +156,10 @@ def require_sensors_that_fit(robot: "RobotDescription") -> None:
         for name in names:
             _known(f"{where}.of", "body", name, robot.body_names)
         _check_value(where, measured, {name: robot.bodies[name] for name in names})
+
+
+def _check_sensors(robot: "RobotDescription") -> None:
+    """Sensors are where the robot has something to measure."""
     for name, sensor in robot.sensors.items():
         _check_name(robot, name)
         if isinstance(sensor, BaseWrench):
@@ -177,15 +170,6 @@ def require_sensors_that_fit(robot: "RobotDescription") -> None:
         else:
             assert isinstance(sensor, JointTorque)
             _known(f"sensors.{name}.drive", "drive", sensor.drive, robot.drives)
-
-
-def _check_spread(name: str, body: Body) -> None:
-    """A body that is known has no spread."""
-    if not body.free and body.spread is not None:
-        raise ValueError(
-            f"bodies.{name}.spread is given, but free: [] says that the body is known; leave one "
-            "of them out"
-        )
 
 
 def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
@@ -199,14 +183,13 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
     if measured.quantity not in ("first_moment", "centre") or not measured.value or len(bodies) > 1:
         return
     ((name, body),) = bodies.items()
-    at = getattr(measured, "placed", ())
-    if any(any(placed.turned_deg) for placed in at):
+    if any(any(placed.turned_deg) for placed in getattr(measured, "placed", ())):
         return
-    entries = [f"mc{axis}" for axis in _along(measured.axis)]
-    held = [entry for entry in entries if entry not in body.free]
+    along = _along(measured.axis)
+    held = [f"mc{axis}" for axis in along if f"mc{axis}" not in body.free]
     if held:
         raise ValueError(
-            f"{where} is along {', '.join(_along(measured.axis))}, but bodies.{name}.free "
+            f"{where} is along {', '.join(along)}, but bodies.{name}.free "
             f"excludes {' and '.join(held)}, which says that it is zero; name it there"
         )
 
@@ -264,8 +247,7 @@ def _struts(robot: "RobotDescription") -> Iterator[str]:
             yield from (f"strut{i + 1}a", f"strut{i + 1}b")
 
 
-def _known(where: str, what: str, name: str, names: Iterable[str]) -> None:
-    names = tuple(names)
+def _known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:
     if name in names:
         return
     near = difflib.get_close_matches(name, names, n=1)

@@ -170,23 +170,18 @@ class Limbs(Part):
                 if np.allclose(a.base, b.base, atol=1e-6) and _parallel(a, b):
                     what = "rails coincide" if self.drive == "linear" else "drives coincide"
                     raise ValueError(f"the {what}, those of limbs {j + 1} and {i + 1}")
-        for i, limb in enumerate(limbs):
-            self._check_length(i, limb)
-
-    def _check_length(self, i: int, limb: LimbGeometry) -> None:
-        if limb.drive == "linear" or self.base_points is not None or self.platform_points:
+        if self.drive == "linear" or self.base_points is not None or self.platform_points:
             return
-        span = abs(np.linalg.norm(limb.base) - np.linalg.norm(limb.attachment))
-        if limb.strut + limb.upper_arm <= span:
-            whose = "the limbs" if self._alike() else f"limb {i + 1}"
-            raise ValueError(
-                f"{whose} cannot close: upper_arm + strut = {limb.upper_arm + limb.strut:g} m, "
-                f"but base_radius and platform_radius differ by {span:g} m"
-            )
-
-    def _alike(self) -> bool:
-        values = (self.upper_arm, self.strut, self.base_radius, self.platform_radius)
-        return not any(isinstance(value, tuple) for value in values)
+        lengths = (self.upper_arm, self.strut, self.base_radius, self.platform_radius)
+        alike = not any(isinstance(length, tuple) for length in lengths)
+        for i, limb in enumerate(limbs):
+            span = abs(np.linalg.norm(limb.base) - np.linalg.norm(limb.attachment))
+            if limb.strut + limb.upper_arm <= span:
+                whose = "the limbs" if alike else f"limb {i + 1}"
+                raise ValueError(
+                    f"{whose} cannot close: upper_arm + strut = {limb.upper_arm + limb.strut:g} m, "
+                    f"but base_radius and platform_radius differ by {span:g} m"
+                )
 
     def geometry(self) -> tuple[LimbGeometry, ...]:
         """Each limb by its numbers."""
@@ -215,8 +210,7 @@ class Limbs(Part):
 def _parallel(a: LimbGeometry, b: LimbGeometry) -> bool:
     """Whether two limbs turn about parallel axes, or slide along parallel rails."""
     along = [limb.rail if limb.drive == "linear" else np.array([0.0, 1.0, 0.0]) for limb in (a, b)]
-    sine = np.cross(a.R_WL @ along[0], b.R_WL @ along[1])
-    return float(np.linalg.norm(sine)) < 1e-6
+    return bool(np.linalg.norm(np.cross(a.R_WL @ along[0], b.R_WL @ along[1])) < 1e-6)
 
 
 def rotation(axis: Literal["x", "y", "z"], angle_deg: float) -> Float[np.ndarray, "3 3"]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Coordinate, Length, Part, Position, Positive, Speed
+from deltaid.robot.part import AngleRange, Length, Part, Position, Positive, Range, Speed
 
 TaskName = Literal["x", "y", "z", "psi"]
 NAMES: tuple[TaskName, ...] = ("x", "y", "z", "psi")
@@ -53,20 +53,12 @@ class Task:
         return r[..., self.axes]
 
 
-Range = tuple[Position, Position]
-
-
 class Cylinder(Part):
     """A cylinder about world z."""
 
     shape: Literal["cylinder"] = Field(description="about world z")
     radius: Length = Field(description="m")
     z: Range = Field(description="lowest and highest platform point, m")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Cylinder":
-        _require_increasing("z", self.z)
-        return self
 
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
@@ -120,13 +112,6 @@ class Box(Part):
     y: Range | None = Field(default=None, description="m; the same")
     z: Range | None = Field(default=None, description="m; the same")
 
-    @model_validator(mode="after")
-    def _check(self) -> "Box":
-        for name in ("x", "y", "z"):
-            if (bounds := getattr(self, name)) is not None:
-                _require_increasing(name, bounds)
-        return self
-
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Centre and half extents: the box itself."""
@@ -152,15 +137,10 @@ class Box(Part):
 Workspace = Annotated[Cylinder | Hemisphere | Box, Field(discriminator="shape")]
 
 
-def _require_increasing(name: str, bounds: Range) -> None:
-    if bounds[0] >= bounds[1]:
-        raise ValueError(f"{name} must be given as [lowest, highest]")
-
-
 class DriveLimits(Part):
     """What one drive can do: a motor in degrees and newton metres, a rail in metres and newtons."""
 
-    angle_deg: tuple[Coordinate, Coordinate] | None = Field(
+    angle_deg: AngleRange | None = Field(
         default=None, description="lowest and highest angle of a rotary drive, degrees"
     )
     speed_deg_s: Positive | None = Field(
@@ -172,7 +152,7 @@ class DriveLimits(Part):
     torque: Positive | None = Field(
         default=None, description="largest torque of a rotary drive, N m"
     )
-    position: tuple[Position, Position] | None = Field(
+    position: Range | None = Field(
         default=None, description="lowest and highest position of a linear drive, m"
     )
     speed: Speed | None = Field(default=None, description="largest speed of a linear drive, m/s")
@@ -183,10 +163,6 @@ class DriveLimits(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "DriveLimits":
-        for name in ("angle_deg", "position"):
-            value = getattr(self, name)
-            if value is not None and value[0] >= value[1]:
-                raise ValueError(f"{name} must be given as [lowest, highest]")
         if self._given(_ROTARY) and self._given(_LINEAR):
             raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
         return self

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.limits import NAMES, Task, TaskName
-from deltaid.robot.part import Coordinate, Part, Positive
+from deltaid.robot.part import AngleRange, Part, Positive
 
 JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -35,7 +35,7 @@ class OwnMechanism(Part):
     joints: dict[Name, JointKind] = Field(
         default_factory=dict, description="further joints that may have friction or springs"
     )
-    angle_deg: tuple[Coordinate, Coordinate] = Field(
+    angle_deg: AngleRange = Field(
         default=(-180.0, 180.0), description="lowest and highest tool angle ψ, degrees"
     )
     speed_deg_s: Positive = Field(default=1500.0, description="largest tool speed, degrees/s")
@@ -54,8 +54,6 @@ class OwnMechanism(Part):
         clash = [name for name in self.joints if name.startswith("drive")]
         if clash:
             raise ValueError(f"joints has {clash[0]}, which is a drive's name")
-        if self.angle_deg[0] >= self.angle_deg[1]:
-            raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
     def _check_coordinates(self) -> None:

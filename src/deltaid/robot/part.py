@@ -142,6 +142,12 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def _increasing(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] >= value[1]:
+        raise ValueError("must be given as [lowest, highest]")
+    return value
+
+
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
     if math.hypot(*value) > _STRONGEST:
         raise ValueError(f"{math.hypot(*value):g} m/s² cannot be; gravity is in m/s²")
@@ -175,5 +181,8 @@ Position = Annotated[float, _POSITION, _limits(minimum=-_LONGEST, maximum=_LONGE
 Speed = Annotated[Positive, _SPEED, _limits(minimum=_SMALLEST, maximum=_FASTEST)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
+# Lowest and highest.
+Range = Annotated[tuple[Position, Position], AfterValidator(_increasing)]
+AngleRange = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_increasing)]
 _Pull = Annotated[Coordinate, _limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
 Gravity = Annotated[tuple[_Pull, _Pull, _Pull], AfterValidator(_gravity)]

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Coordinate, Length, Part, Point, Positive
+from deltaid.robot.part import AngleRange, Length, Part, Point, Positive
 
 # What `_check` below refuses, for editors too.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
@@ -55,9 +55,7 @@ class _Articulated(Part, ABC):
     tool: Point = Field(
         default=(0.0, 0.0, 0.0), description="tool axis from the point of what carries it, m"
     )
-    angle_deg: tuple[Coordinate, Coordinate] = Field(
-        description="lowest and highest tool angle ψ, degrees"
-    )
+    angle_deg: AngleRange = Field(description="lowest and highest tool angle ψ, degrees")
     speed_deg_s: Positive = Field(default=1500.0, description="largest tool speed, degrees/s")
     acceleration_deg_s2: Positive = Field(
         default=30_000.0, description="largest tool acceleration, degrees/s²"
@@ -73,8 +71,6 @@ class _Articulated(Part, ABC):
             raise ValueError("first must name limbs by number, 1 to 4, each once")
         if len(self.first) != 2:
             raise ValueError("first must name two of the four limbs; the others hold the second")
-        if self.angle_deg[0] >= self.angle_deg[1]:
-            raise ValueError("angle_deg must be given as [lowest, highest]")
         return self
 
     @abstractmethod
