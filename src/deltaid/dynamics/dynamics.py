@@ -104,18 +104,13 @@ class Dynamics(WithParameters, Shown, Plotted):
         self._p = known_parameters(robot)
         robot = described(robot)
         self.robot = robot
-        self._kinematics = Kinematics(robot)
+        self.kinematics = Kinematics(robot)
         self.layout = parameter_layout(robot)
 
     @cached_property
     def equations(self) -> Equations:
         """The symbolic equations behind all of this."""
         return build_equations(self.robot, self.kinematics.mechanism)
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Kinematics of the robot, with its mechanism."""
-        return self._kinematics
 
     @property
     def dof(self) -> int:
@@ -165,13 +160,9 @@ class Dynamics(WithParameters, Shown, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @property
+    @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that is not always zero, drive by drive."""
-        return self._pattern
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 
@@ -220,8 +211,7 @@ class Dynamics(WithParameters, Shown, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        z = self.kinematics.forward(q)
-        out = self._mass_kernel(z.T, uniform=self._parameters(p)).T
+        out = self._mass_kernel(self.kinematics.forward(q).T, uniform=self._parameters(p)).T
         return out.reshape(-1, self.dof, self.dof)  # symmetric, so the order does not matter
 
     @one_or_many("q", "qd")

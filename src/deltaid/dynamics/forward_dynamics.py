@@ -77,8 +77,8 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        z = self.kinematics.forward(q)
-        return self._drive_kernel(np.hstack([z, qd, tau]).T, self._parameters(p)).T
+        states = np.hstack([self.kinematics.forward(q), qd, tau])
+        return self._drive_kernel(states.T, self._parameters(p)).T
 
     @one_or_many("z", "zd")
     def energy(
@@ -107,7 +107,7 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         """(z, q̇) one time step later under constant torques, friction at rest included.
 
         The explicit midpoint rule, and at either of its stages the impulses of
-        `friction_at_rest.friction_impulses`. Where nothing sticks or lets go it is of second order.
+        `task_dynamics.friction_impulses`. Where nothing sticks or lets go it is of second order.
         Drives that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
         """
         x = np.concatenate([z, qd, tau], axis=1).T
@@ -126,7 +126,8 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
 
     @cached_property
     def _acceleration(self) -> ca.SX:
-        e, losing = self.equations, self._losing
+        e = self.equations
+        losing = [self.robot.drives.index(drive) for drive in self.robot.load_drives]
         force = e.J.T @ e.tau - e.h - e.R.T @ e.friction
         responses = cholesky_solve(e.M, ca.horzcat(force, e.J.T[:, losing]))
         if not losing:
@@ -134,11 +135,6 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         zdd, G, qd = responses[:, 0], responses[:, 1:], e.J @ e.zd
         x = carried(self.robot, e.tau, qd, e.J @ zdd + e.J_dot_zd, e.p)
         return zdd - G @ losses(self.robot, x, e.J @ G, qd, e.p)
-
-    @property
-    def _losing(self) -> list[int]:
-        """Drives whose friction depends on load."""
-        return [self.robot.drives.index(drive) for drive in self.robot.load_drives]
 
     @cached_property
     def _acceleration_kernel(self) -> BatchKernel:
@@ -148,8 +144,7 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
     @cached_property
     def _drive_kernel(self) -> BatchKernel:
         e, qd = self.equations, ca.SX.sym("qd", self.dof)
-        qdd = e.J @ self._acceleration + e.J_dot_zd
-        qdd = ca.substitute(qdd, e.zd, e.T @ qd)
+        qdd = ca.substitute(e.J @ self._acceleration + e.J_dot_zd, e.zd, e.T @ qd)
         return BatchKernel(ca.vertcat(e.z, qd, e.tau), qdd, uniform=e.p)
 
     @cached_property
@@ -159,8 +154,7 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
 
     @cached_property
     def _drive_coordinates_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(e.z, e.q)
+        return BatchKernel(self.equations.z, self.equations.q)
 
     @cached_property
     def _reach_kernel(self) -> BatchKernel:

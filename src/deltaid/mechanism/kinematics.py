@@ -133,8 +133,7 @@ class Kinematics(WithJointStates, Shown, Plotted):
     @one_or_many("z")
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""
-        out = self._jacobian_kernel(z.T)
-        return _matrices(out, self.dof)
+        return _matrices(self._jacobian_kernel(z.T), self.dof)
 
     @one_or_many("z")
     def platform_jacobian(self, z: Samples) -> Float[np.ndarray, "samples 3 dof"]:
@@ -245,15 +244,12 @@ class Kinematics(WithJointStates, Shown, Plotted):
 
     @cached_property
     def _jacobian_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        return BatchKernel(m.z, m.speeds.jacobian)
+        return BatchKernel(self.mechanism.z, self.mechanism.speeds.jacobian)
 
     @cached_property
     def _platform_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        return BatchKernel(
-            m.z, ca.vec(ca.densify(m.speeds.inverse_jacobian[self.robot.task.moves, :]))
-        )
+        T = self.mechanism.speeds.inverse_jacobian[self.robot.task.moves, :]
+        return BatchKernel(self.mechanism.z, ca.vec(ca.densify(T)))
 
     @cached_property
     def _motion_kernel(self) -> BatchKernel:
@@ -263,18 +259,16 @@ class Kinematics(WithJointStates, Shown, Plotted):
 
     @cached_property
     def _jacobian_rate_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        zd = ca.SX.sym("zd", m.dof)
+        m, zd = self.mechanism, ca.SX.sym("zd", self.dof)
         J = ca.vec(ca.densify(m.speeds.jacobian))
         return BatchKernel(ca.vertcat(m.z, zd), ca.jtimes(J, m.z, zd))
 
     @cached_property
     def _regularity_kernel(self) -> BatchKernel:
-        J = self.mechanism.scaled_jacobian
+        m, J = self.mechanism, self.mechanism.scaled_jacobian
         gain = ca.sqrt(ca.sumsqr(inverse(J)))
-        hold = self.mechanism.hold_condition
-        values = (ca.sqrt(ca.sumsqr(J)) * gain / self.dof, ca.det(J), gain, hold)
-        return BatchKernel(self.mechanism.z, ca.vertcat(*values))
+        condition = ca.sqrt(ca.sumsqr(J)) * gain / self.dof
+        return BatchKernel(m.z, ca.vertcat(condition, ca.det(J), gain, m.hold_condition))
 
     @cached_property
     def _pose_kernel(self) -> BatchKernel:

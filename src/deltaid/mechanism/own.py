@@ -84,7 +84,10 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     parts = _called(file, z, check)
     _require(robot, own, parts, check)
     q = ca.vertcat(*(check.scalar(d, f"drive {i + 1}") for i, d in enumerate(parts.drives)))
-    speeds = _speeds(q, z)
+    J, drives, task = ca.jacobian(q, z), Speed.named("qd", n), Speed.named("zd", n)
+    # J ż = q̇ and J z̈ = q̈ − J̇ ż, with no speeds but those of drives and z
+    change = -ca.jtimes(J @ task.u, z, task.u)
+    speeds = Speeds(drives, task, Speed.named("w", 0), J, ca.SX.eye(n), change)
     motion = Path(z, speeds.z.u, speeds.z.ud)
     bodies = tuple(_body(body, motion, check) for body in parts.bodies)
     joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
@@ -143,15 +146,6 @@ def _require(
         ("joint", list(parts.joints), tuple(own.joints)),
     ):
         check.names(kind, found, wanted)
-
-
-def _speeds(q: ca.SX, z: ca.SX) -> Speeds:
-    """J ż = q̇ and J z̈ = q̈ − J̇ ż, with no speeds but those of drives and z."""
-    n, J = z.numel(), ca.jacobian(q, z)
-    drives, task = Speed.named("qd", n), Speed.named("zd", n)
-    return Speeds(
-        drives, task, Speed.named("w", 0), J, ca.SX.eye(n), -ca.jtimes(J @ task.u, z, task.u)
-    )
 
 
 def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:

@@ -94,8 +94,15 @@ class Checker:
         """Refuse what is not finite in the middle of the workspace, no rigid motion, or does not
         let the drives move z there."""
         home = robot.home
-        self._require_independent(mechanism)
-        self._require_reach(mechanism, home)
+        for i in range(mechanism.dof):
+            if ca.jacobian(mechanism.q[i], mechanism.z).nnz() == 0:
+                raise self.wrong(f"drive {i + 1} does not depend on z")
+        for i, value in enumerate(self._evaluated(mechanism.reach, home).ravel()):
+            if not value > 0:
+                raise self.wrong(
+                    f"entry {i + 1} of reach is {value:.4g} m in {_middle(home)}, so out of reach; "
+                    "check the formulas, or the workspace in the description"
+                )
         self._require_finite(mechanism, home)
         self._require_rigid(mechanism, robot, home)
         J = self._evaluated(mechanism.scaled_jacobian, home)
@@ -106,27 +113,16 @@ class Checker:
                 "drives' formulas, or move the workspace in the description"
             )
 
-    def _require_independent(self, mechanism: Mechanism) -> None:
-        for i in range(mechanism.dof):
-            if ca.jacobian(mechanism.q[i], mechanism.z).nnz() == 0:
-                raise self.wrong(f"drive {i + 1} does not depend on z")
-
-    def _require_reach(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
-        for i, value in enumerate(self._evaluated(mechanism.reach, home).ravel()):
-            if not value > 0:
-                raise self.wrong(
-                    f"entry {i + 1} of reach is {value:.4g} m in {_middle(home)}, so out of reach; "
-                    "check the formulas, or the workspace in the description"
-                )
-
     def _require_finite(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
         named = [(f"drive {i + 1}", mechanism.q[i]) for i in range(mechanism.dof)]
         named += [(f"joint '{name}'", joint) for name, joint in mechanism.joints.items()]
         for body in mechanism.bodies:
             named.append((f"the rotation of body '{body.name}'", body.rotation.R))
             named.append((f"the origin of body '{body.name}'", body.origin.at))
-        for name, start, end in mechanism.drawing:
-            named.append((f"a segment of body '{name}'", ca.vertcat(start, end)))
+        named += [
+            (f"a segment of body '{name}'", ca.vertcat(start, end))
+            for name, start, end in mechanism.drawing
+        ]
         for what, expression in named:
             values = self._evaluated(expression, home)
             if not np.isfinite(values).all():
@@ -136,8 +132,7 @@ class Checker:
     def _require_rigid(
         self, mechanism: Mechanism, robot: RobotDescription, home: Float[np.ndarray, " dof"]
     ) -> None:
-        psi = 0.5 * (robot.turn.high - robot.turn.low)
-        half = robot.within(0.0, psi)[1]
+        half = robot.within(0.0, 0.5 * (robot.turn.high - robot.turn.low))[1]
         aside = np.random.default_rng(0).uniform(-1, 1, (_POSES, mechanism.dof)) * half
         for body in mechanism.bodies:
             for pose in (home, *(home + aside)):

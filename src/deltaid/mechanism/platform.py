@@ -125,15 +125,12 @@ def with_turned_half(mechanism: Mechanism) -> Mechanism:
     parts = mechanism.platform
     if len(parts) < 2 or parts[0].name != parts[1].name:
         return mechanism
-    second = _turned(parts[1])
+    turn: ca.SX = fixed(_HALF_TURN)
+    was = parts[1].rotation
+    turned = Rotation(was.R @ turn, turn.T @ was.w, turn.T @ was.alpha)
+    second = replace(parts[1], rotation=turned)
     bodies = tuple(second if body is parts[1] else body for body in mechanism.bodies)
     return replace(mechanism, bodies=bodies, platform=(parts[0], second, *parts[2:]))
-
-
-def _turned(body: MovingBody) -> MovingBody:
-    turn: ca.SX = fixed(_HALF_TURN)
-    was = body.rotation
-    return replace(body, rotation=Rotation(was.R @ turn, turn.T @ was.w, turn.T @ was.alpha))
 
 
 @dataclass(frozen=True)
@@ -173,8 +170,7 @@ def build_telescope(
     length = ca.sqrt(ca.sumsqr(span))
     fork = rotation(turn_z(z[3]))
     seen = _seen(fork, Path(span, -lower.rate, -lower.acceleration))
-    stretch = along(length, z)
-    turned = rotation(turn_z(z[3]), *pointing("xy", seen, stretch))
+    turned = rotation(turn_z(z[3]), *pointing("xy", seen, along(length, z)))
     R_WT = Rotation(turned.R, spin.u, spin.ud)
     top, eye = Path.still(base), np.eye(3)
     bodies = TelescopeBodies(

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.limits import NAMES, Task, TaskName
-from deltaid.robot.part import AngleRange, Part, Positive
+from deltaid.robot.part import AngleRange, Part, Positive, require_increasing
 
 JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -54,6 +54,7 @@ class OwnMechanism(Part):
         clash = [name for name in self.joints if name.startswith("drive")]
         if clash:
             raise ValueError(f"joints has {clash[0]}, which is a drive's name")
+        require_increasing(self, "angle_deg")
         return self
 
     def _check_coordinates(self) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import AngleRange, Length, Part, Point, Positive
+from deltaid.robot.part import AngleRange, Length, Part, Point, Positive, require_increasing
 
 # What `_check` below refuses, for editors too.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
@@ -71,6 +71,7 @@ class _Articulated(Part, ABC):
             raise ValueError("first must name limbs by number, 1 to 4, each once")
         if len(self.first) != 2:
             raise ValueError("first must name two of the four limbs; the others hold the second")
+        require_increasing(self, "angle_deg")
         return self
 
     @abstractmethod
