@@ -75,7 +75,7 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
 
     exact = built(rng, drawing, length=0.0, angle=0.0)
     gravity = np.array(robot.gravity)
-    slopes = TorqueSlopes(grown_torques(robot), z, np.hstack([qd, qdd]), p, gravity)
+    slopes = TorqueSlopes(grown_torques(robot), z, np.hstack([qd, qdd]), gravity, p)
     point = Mock(
         spec=TracePoint, dynamics=dynamics, dof=q.shape[1], slopes=slopes, q=q,
         motion=Mock(qd=qd, qdd=qdd), weighted=lambda slopes: np.stack(slopes, axis=2),

@@ -56,7 +56,7 @@ class GeometryNumbers(UnknownEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         robot, gravity, p = point.dynamics.robot, point.slopes.gravity, point.slopes.p
         grown = grown_torques(robot, mounted=True)
-        slopes = TorqueSlopes(grown, point.slopes.z, point.slopes.rates, p, gravity)
+        slopes = TorqueSlopes(grown, point.slopes.z, point.slopes.rates, gravity, p)
         return point.weighted([
             *(_slope(number, slopes, point) for number in self.known.numbers),
             *(slopes.of_gravity(axis) for axis in across(gravity)),

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.limits import (
     Limit,
-    pose_limits,
+    kinematic_limits,
     torque_limits,
     workspace_limits,
 )
@@ -64,7 +64,7 @@ class AtRest:
         self.dynamics, self.p = dynamics, p
         self.robot: RobotDescription = dynamics.robot
         mechanism = dynamics.kinematics.mechanism
-        posed = pose_limits(self.robot, mechanism)
+        posed = kinematic_limits(self.robot, mechanism)
         efforts = torque_limits(self.robot)
         drives = [self.robot.drives[i] for i in efforts]
         self.limits: tuple[str, ...] = (

@@ -6,10 +6,10 @@ coordinates q(z; g) of lengths g, and J = ∂q/∂z,
     dτ/dg = ∂τ/∂g − ∂τ/∂z J⁻¹ ∂q/∂g,    dτ/dq_0 = ∂τ/∂z J⁻¹.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -42,26 +42,85 @@ class Error:
     effect: Shown
 
 
-@runtime_checkable
-class GeometrySlopes(Protocol):
-    """Slopes of torques, or of what a sensor shows, along a motion whose q has been measured."""
+@dataclass(frozen=True, eq=False)
+class GeometrySlopes(ABC):
+    """Slopes of torques, or of what a sensor shows, along a motion whose q has been measured, by
+    differences.
 
-    @property
-    def numbers(self) -> dict[str, tuple[int, ...]]:
-        """Numbers of each kind of length, one a limb or one for all."""
-        ...
+    Attributes:
+        grown: the robot with lengths that may grow.
+        z: the motion as described.
+        rates: q̇, q̈.
+        gravity: as described [m/s²].
+    """
+
+    grown: GrownTorques
+    z: Samples
+    rates: Float[np.ndarray, "samples rates"]
+    gravity: Float[np.ndarray, " 3"]
+
+    @abstractmethod
+    def shown(
+        self,
+        z: Samples,
+        rates: Float[np.ndarray, "samples rates"],
+        growth: Float[np.ndarray, " growth"],
+        gravity: Float[np.ndarray, " 3"],
+    ) -> Shown:
+        """Torques, or what the sensor shows."""
 
     def of_length(self, number: int) -> Shown:
-        """By a length [1/m]."""
-        ...
+        """By a symbol of the growth [1/m]."""
+        return self.of_growth(np.eye(self.grown.symbols)[number])
+
+    def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
+        """Along a direction of the symbols of the growth [1/m or 1/rad]."""
+        z, growth = self._places.with_growth(direction)
+        return (self.shown(z, self.rates, growth, self.gravity) - self._described) / STEP
 
     def of_zero(self, drive: int) -> Shown:
-        """By a drive's zero [1/rad or 1/m]."""
-        ...
+        """By a drive's zero, at the same speeds and accelerations [1/rad or 1/m]."""
+        moved, still = np.zeros_like(self.z), np.zeros_like(self.z)
+        moved[:, drive] = 1.0
+        return self.of_motion(moved, still, still)
+
+    def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
+        """By a change of the drives' positions, speeds and accelerations, per unit of it."""
+        z, rates = self._places.with_drives(q), self.rates + STEP * np.hstack([qd, qdd])
+        return (self.shown(z, rates, self._none, self.gravity) - self._described) / STEP
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
         """By a turn of gravity about an axis [1/rad]."""
-        ...
+        turned = self.gravity + np.cross(axis, self.gravity)
+        return self.shown(self.z, self.rates, self._none, turned) - self._described
+
+    @property
+    def _none(self) -> Float[np.ndarray, " growth"]:
+        return np.zeros(self.grown.symbols)
+
+    @cached_property
+    def _described(self) -> Shown:
+        return self.shown(self.z, self.rates, self._none, self.gravity)
+
+    @cached_property
+    def _places(self) -> GrownPoses:
+        return GrownPoses(self.grown.position, self.z, self.grown.symbols)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSlopes(GeometrySlopes):
+    """Of torques with parameters p [N m/m, N m/rad, …]."""
+
+    p: Parameters
+
+    def shown(
+        self,
+        z: Samples,
+        rates: Float[np.ndarray, "samples rates"],
+        growth: Float[np.ndarray, " growth"],
+        gravity: Float[np.ndarray, " 3"],
+    ) -> Shown:
+        return np.array(self.grown.torque(z.T, rates.T, self.p, growth, gravity))
 
 
 def geometric_errors(
@@ -80,7 +139,7 @@ def geometric_errors(
     smooth, layout = p.copy(), dynamics.layout
     smooth[layout.friction] = 0.0
     smooth[layout.viscous] = p[layout.viscous]
-    slopes = TorqueSlopes(grown, z, np.hstack([qd, qdd]), smooth, np.array(robot.gravity))
+    slopes = TorqueSlopes(grown, z, np.hstack([qd, qdd]), np.array(robot.gravity), smooth)
     torque = dynamics.torque(z, qd, qdd, p).T
     return (
         *errors_by(robot, slopes, tolerances),
@@ -92,74 +151,21 @@ def errors_by(
     robot: RobotDescription, slopes: GeometrySlopes, tolerances: Tolerances | None = None
 ) -> tuple[Error, ...]:
     """Each tolerance, by default of the description, with what it does if it does anything."""
-    by = tolerances or robot.tolerances
-    lengths, zeros = _of_lengths(robot, by, slopes), _of_zeros(robot, by, slopes)
-    found = (*lengths, *zeros, *_of_gravity(robot, by, slopes))
+    by, zeros, tilts = tolerances or robot.tolerances, list[Error](), list[Error]()
+    for i, drive in enumerate(robot.drives):
+        if size := by.of_drive(drive):
+            zeros.append(Error(f"zero of {drive}", size * slopes.of_zero(i)))
+    for axis in across(slopes.gravity) if by.mounting else ():
+        name = f"tilt about {np.round(axis, 3).tolist()}"
+        tilts.append(Error(name, by.mounting * slopes.of_gravity(axis)))
+    found = (*_of_lengths(robot, by, slopes), *zeros, *tilts)
     return tuple(error for error in found if error.effect.any())
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueSlopes:
-    """Of torques, by differences of `GrownTorques`."""
-
-    grown: "GrownTorques"
-    z: Samples
-    rates: Float[np.ndarray, "samples rates"]
-    p: Parameters
-    gravity: Float[np.ndarray, " 3"]
-
-    @property
-    def numbers(self) -> dict[str, tuple[int, ...]]:
-        return self.grown.numbers
-
-    @cached_property
-    def _described(self) -> Shown:
-        return self._torque(self.z)
-
-    def of_length(self, number: int) -> Shown:
-        """dτ/dg of a symbol of the growth [N m/m]."""
-        return self.of_growth(np.eye(self.grown.symbols)[number])
-
-    def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
-        """Along a direction of the symbols of the growth [N m/m or N m/rad]."""
-        z, grown = self._places.with_growth(direction)
-        return (self._torque(z, grown) - self._described) / STEP
-
-    def of_zero(self, drive: int) -> Shown:
-        """dτ/dq_i at the same speeds and accelerations [N m/rad]."""
-        return (self._torque(self._places.with_zero(drive)) - self._described) / STEP
-
-    def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
-        """By a change of the drives' positions, speeds and accelerations, per unit of it."""
-        rates = self.rates + STEP * np.hstack([qd, qdd])
-        return (self._torque(self._places.with_drives(q), rates=rates) - self._described) / STEP
-
-    @cached_property
-    def _places(self) -> "GrownPoses":
-        return GrownPoses(self.grown.position, self.z, self.grown.symbols)
-
-    def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
-        """Change of torques as gravity turns about an axis [N m/rad]."""
-        more = self.gravity + np.cross(axis, self.gravity)
-        return self._torque(self.z, gravity=more) - self._described
-
-    def _torque(
-        self,
-        z: Samples,
-        grown: Float[np.ndarray, " growth"] | None = None,
-        gravity: Float[np.ndarray, " 3"] | None = None,
-        rates: Float[np.ndarray, "samples rates"] | None = None,
-    ) -> Shown:
-        growth = np.zeros(self.grown.symbols) if grown is None else grown
-        g = self.gravity if gravity is None else gravity
-        u = self.rates if rates is None else rates
-        return np.array(self.grown.torque(z.T, u.T, self.p, growth, g))
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
     """A number that all limbs share may be wrong, and each limb may differ from it."""
     found: dict[int, Shown] = {}  # base and platform share theirs
-    for name, numbers in slopes.numbers.items():
+    for name, numbers in slopes.grown.numbers.items():
         size = by.of_length(name)
         if not size:
             continue
@@ -173,13 +179,6 @@ def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes)
                 yield Error(f"{name} of limb {i + 1}", effect)
 
 
-def _of_zeros(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
-    for i, drive in enumerate(robot.drives):
-        size = by.of_drive(drive)
-        if size:
-            yield Error(f"zero of {drive}", size * slopes.of_zero(i))
-
-
 def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Iterator[Error]:
     """What drives record more, all alike and each."""
     if not by.torque_constants:
@@ -191,18 +190,11 @@ def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Ite
         yield Error(f"{CONSTANT_OF} {drive}", own)
 
 
-def _of_gravity(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
-    size = by.mounting
-    for axis in across(np.array(robot.gravity)) if size else ():
-        yield Error(f"tilt about {np.round(axis, 3).tolist()}", size * slopes.of_gravity(axis))
-
-
 def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:
     """Two axes to turn gravity about."""
     if not g.any():
         return np.zeros((0, 3))
-    third = np.argmin(np.abs(g))
-    first = np.cross(g, np.eye(3)[third])
+    first = np.cross(g, np.eye(3)[np.argmin(np.abs(g))])
     first /= np.linalg.norm(first)
     second = np.cross(g, first)
     return np.stack([first, second / np.linalg.norm(second)])

@@ -25,7 +25,7 @@ STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GrownPoses:
-    """Where a robot is that has measured some q, if a length or a zero is `STEP` more.
+    """Where a robot is that has measured some q, if lengths or zeros are `STEP` more.
 
     Attributes:
         position: q and J as functions of z and growth.
@@ -37,10 +37,6 @@ class GrownPoses:
     z: Samples
     symbols: int
 
-    def with_length(self, number: int) -> tuple[Samples, Float[np.ndarray, " growth"]]:
-        """z and the growth."""
-        return self.with_growth(np.eye(self.symbols)[number])
-
     def with_growth(
         self, direction: Float[np.ndarray, " growth"]
     ) -> tuple[Samples, Float[np.ndarray, " growth"]]:
@@ -48,12 +44,6 @@ class GrownPoses:
         grown, (q, J) = STEP * direction, self._described
         later = np.array(self.position(self.z.T, grown)[0]).T
         return self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0], grown
-
-    def with_zero(self, drive: int) -> Samples:
-        """z where one drive is `STEP` further."""
-        moved = np.zeros_like(self.z)
-        moved[:, drive] = 1.0
-        return self.with_drives(moved)
 
     def with_drives(self, q: Samples) -> Samples:
         """z where drives are `STEP` times q further."""
@@ -63,10 +53,8 @@ class GrownPoses:
     @cached_property
     def _described(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
         """Drive coordinates q and J = ∂q/∂z as described."""
-        q, J = self.position(self.z.T, np.zeros(self.symbols))
-        dof = self.z.shape[1]
-        blocks = np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
-        return np.array(q).T, blocks
+        (q, J), dof = self.position(self.z.T, np.zeros(self.symbols)), self.z.shape[1]
+        return np.array(q).T, np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import Box, Cylinder, Hemisphere
+from deltaid.robot.limits import Box, Cylinder, DriveLimits, Hemisphere
 
 Shares = Float[np.ndarray, "samples limits"]
 
@@ -28,45 +28,22 @@ class Limit:
 
 
 def kinematic_limits(
-    robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion
+    robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None = None
 ) -> tuple[Limit, ...]:
-    """All limits that the description states, but for torques."""
-    drives = (
-        limit
-        for i in range(len(robot.drives))
-        for limit in (*_range(robot, mechanism, i), *_drive_rates(robot, motion, i))
-    )
-    return (
-        *workspace_limits(robot, mechanism.z),
-        *_platform_rates(robot, motion),
-        *drives,
-        *_joints(robot, mechanism),
-        *_regularity(robot, mechanism),
-    )
-
-
-def pose_limits(robot: RobotDescription, mechanism: Mechanism) -> tuple[Limit, ...]:
-    """Those that a robot at rest can break."""
-    ranges = (limit for i in range(len(robot.drives)) for limit in _range(robot, mechanism, i))
-    return (
-        *workspace_limits(robot, mechanism.z),
-        *ranges,
-        *_joints(robot, mechanism),
-        *_regularity(robot, mechanism),
-    )
-
-
-def _regularity(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
-    share = mechanism.condition / robot.largest_condition
-    return [Limit("distance from singularity", share, False), *_hold(robot, mechanism)]
-
-
-def _hold(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
-    """How well an articulated platform's parts are kept parallel; of one part it follows from J."""
-    if mechanism.hold is None or not robot.platform_turns:
-        return []
-    share = mechanism.hold_condition / robot.largest_condition
-    return [Limit("hold of the platform's parts", share, False)]
+    """All limits that the description states, but for torques; without a motion those that a robot
+    at rest can break."""
+    limits = workspace_limits(robot, mechanism.z)
+    limits += _platform_rates(robot, motion) if motion else []
+    for i in range(len(robot.drives)):
+        limits += _of_drive(robot, mechanism, motion, i)
+    limits += _joints(robot, mechanism)
+    condition = mechanism.condition / robot.largest_condition
+    limits.append(Limit("distance from singularity", condition, False))
+    # how well an articulated platform's parts are kept parallel; of one part it follows from J
+    if mechanism.hold is not None and robot.platform_turns:
+        share = mechanism.hold_condition / robot.largest_condition
+        limits.append(Limit("hold of the platform's parts", share, False))
+    return tuple(limits)
 
 
 def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
@@ -79,9 +56,8 @@ def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
     x, y, height = z[0], z[1], z[2]
     match space:
         case Cylinder():
-            radial = (x**2 + y**2) / space.radius**2
             return [
-                Limit("workspace radius", radial, False),
+                Limit("workspace radius", (x**2 + y**2) / space.radius**2, False),
                 _between("workspace height", height, space.z),
             ]
         case Hemisphere():
@@ -107,8 +83,11 @@ def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
 
 def torque_limits(robot: RobotDescription) -> dict[int, float]:
     """Largest torque of each drive that has one, by its place in q [N m or N]."""
-    given = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
-    return {i: d.effort for i, d in given.items() if d is not None and d.effort is not None}
+    efforts = {
+        i: robot.drive_limits.get(drive, DriveLimits()).effort
+        for i, drive in enumerate(robot.drives)
+    }
+    return {i: effort for i, effort in efforts.items() if effort is not None}
 
 
 def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
@@ -117,20 +96,18 @@ def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
     return np.array([given.get(i, np.inf) for i in range(len(robot.drives))])
 
 
-def _range(robot: RobotDescription, mechanism: Mechanism, i: int) -> list[Limit]:
-    drive = robot.drives[i]
-    given = robot.drive_limits.get(drive)
-    if given is None or given.range is None:
-        return []
-    return [_between(f"{drive} {robot.units(drive).motion}", mechanism.q[i], given.range)]
-
-
-def _drive_rates(robot: RobotDescription, motion: TaskMotion, i: int) -> list[Limit]:
+def _of_drive(
+    robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None, i: int
+) -> list[Limit]:
+    """Range, speed and acceleration of one drive."""
     drive, limits = robot.drives[i], []
-    given = robot.drive_limits.get(drive)
-    if given is not None and given.top_speed is not None:
+    given = robot.drive_limits.get(drive, DriveLimits())
+    if given.range is not None:
+        name = f"{drive} {robot.units(drive).motion}"
+        limits.append(_between(name, mechanism.q[i], given.range))
+    if motion and given.top_speed is not None:
         limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
-    if given is not None and given.top_acceleration is not None:
+    if motion and given.top_acceleration is not None:
         share = motion.qdd[i] / given.top_acceleration
         limits.append(Limit(f"{drive} acceleration", share, True))
     return limits
@@ -143,14 +120,14 @@ def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
         largest = np.sin(np.deg2rad(robot.strut_swing_deg))
         for i, limb in enumerate(mechanism.limbs):
             # y of the limb's frame is the motor axis, x of the strut its direction.
-            sideways = limb.strut.rotation.R[1, 0]
-            limits.append(Limit(f"strut {i + 1} swing", sideways / largest, True))
+            sideways = limb.strut.rotation.R[1, 0] / largest
+            limits.append(Limit(f"strut {i + 1} swing", sideways, True))
     if robot.platform_turns:
-        turn = robot.turn
-        limits.append(_between("tool angle", mechanism.z[-1], (turn.low, turn.high)))
+        bounds = robot.turn.low, robot.turn.high
+        limits.append(_between("tool angle", mechanism.z[-1], bounds))
     if robot.telescope is not None and robot.telescope.stroke is not None:
-        length = mechanism.joints["slide"]
-        limits.append(_between("telescope length", length, robot.telescope.stroke))
+        stroke = robot.telescope.stroke
+        limits.append(_between("telescope length", mechanism.joints["slide"], stroke))
     return limits
 
 
@@ -180,8 +157,7 @@ class LimitsAlong:
     def kinematic(self, z: Samples, zd: Samples, zdd: Samples) -> Shares:
         """Of speeds, accelerations, ranges, workspace, distance from singularities."""
         u = self._kernel(np.hstack([z, zd, zdd]).T).T
-        two_sided = np.array([limit.two_sided for limit in self._limits])
-        return np.where(two_sided, np.abs(u), u)
+        return np.where([limit.two_sided for limit in self._limits], np.abs(u), u)
 
     def effort(self, z: Samples, zd: Samples, zdd: Samples, p: Parameters) -> Shares:
         """Of the drives' torques, with parameters p."""
@@ -192,5 +168,6 @@ class LimitsAlong:
     @cached_property
     def _kernel(self) -> BatchKernel:
         m = self._motion
-        s = ca.vertcat(m.z, m.zd, m.zdd)
-        return BatchKernel(s, ca.vertcat(*[limit.u for limit in self._limits]))
+        return BatchKernel(
+            ca.vertcat(m.z, m.zd, m.zdd), ca.vertcat(*[limit.u for limit in self._limits])
+        )

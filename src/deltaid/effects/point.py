@@ -109,7 +109,7 @@ class TracePoint:
         smooth[layout.friction] = 0.0
         smooth[layout.viscous] = self.p[layout.viscous]
         rates, gravity = np.hstack([self.motion.qd, self.motion.qdd]), np.array(robot.gravity)
-        return TorqueSlopes(grown_torques(robot), self.motion.z, rates, smooth, gravity)
+        return TorqueSlopes(grown_torques(robot), self.motion.z, rates, gravity, smooth)
 
     def size(self, name: str) -> float:
         """Of a parameter, such as 'coulomb.drive1'."""

@@ -46,7 +46,7 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
             drives[i : i + 1],
             Speed.named("w", 2),
             middles[i] or 0.0,
-            growth.limbs[i] if growth else None,
+            growth.limb(i) if growth else None,
         )
         for i, limb in enumerate(robot.limb_geometry)
     )

@@ -5,7 +5,7 @@ Only distances between joints count: a drive that stands further out does the sa
 torques as a joint of the platform that stands further in.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -37,34 +37,36 @@ class LengthGrowth:
     """Of all lengths [m].
 
     Attributes:
-        limbs: one limb after the other.
-        half: of half the distance of the platform's parts, where that is given.
-        telescope: of the height of the base joint of a telescope bar.
+        symbols: seat, arm and strut of limb after limb, half of the platform, telescope; behind
+            them those of how limbs are mounted, or none.
+        count: of limbs.
     """
 
-    limbs: tuple[LimbGrowth, ...]
-    half: ca.SX
-    telescope: ca.SX
+    symbols: ca.SX
+    count: int
 
     @classmethod
     def named(cls, limbs: int, mounted: bool = False) -> "LengthGrowth":
         """New symbols for so many limbs; with those of how limbs are mounted, or without."""
-        each = [ca.SX.sym(f"grown{i + 1}", 3) for i in range(limbs)]
-        half, telescope = ca.SX.sym("half"), ca.SX.sym("telescope")
-        own = [LimbGrowth(x[0], x[1], x[2]) for x in each]
-        if mounted:
-            more = [ca.SX.sym(f"mounted{i + 1}", 5) for i in range(limbs)]
-            own = [replace(x, place=m[:2], turn=m[2:]) for x, m in zip(own, more, strict=True)]
-        return cls(tuple(own), half, telescope)
+        return cls(ca.SX.sym("grown", 3 * limbs + 2 + (5 * limbs if mounted else 0)), limbs)
+
+    def limb(self, i: int) -> LimbGrowth:
+        """Of one limb."""
+        seat, arm, strut = (self.symbols[3 * i + k] for k in range(3))
+        if self.symbols.numel() == 3 * self.count + 2:
+            return LimbGrowth(seat, arm, strut)
+        (_, *place), turn = mounting_symbols(i, self.count)
+        return LimbGrowth(seat, arm, strut, self.symbols[place], self.symbols[turn])
 
     @property
-    def symbols(self) -> ca.SX:
-        """All of them, limb by limb; behind them those of how limbs are mounted."""
-        limbs = [x for limb in self.limbs for x in (limb.seat, limb.arm, limb.strut)]
-        mounted = [
-            x for limb in self.limbs for x in (limb.place, limb.turn) if isinstance(x, ca.SX)
-        ]
-        return ca.vertcat(*limbs, self.half, self.telescope, *mounted)
+    def half(self) -> ca.SX:
+        """Of half the distance of the platform's parts, where that is given."""
+        return self.symbols[3 * self.count]
+
+    @property
+    def telescope(self) -> ca.SX:
+        """Of the height of the base joint of a telescope bar."""
+        return self.symbols[3 * self.count + 1]
 
 
 def mounting_symbols(limb: int, limbs: int) -> tuple[list[int], list[int]]:

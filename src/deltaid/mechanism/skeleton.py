@@ -128,15 +128,15 @@ def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list
 
 def _telescope(mechanism: Mechanism) -> list[Segment]:
     """Upper and lower half of the bar, and the end effector's x axis, which turns with ψ."""
-    parts = {body.name: body for body in mechanism.bodies}
-    if not {"TU", "TL", "EE"} <= parts.keys():
+    bar = mechanism.telescope
+    if bar is None:
         return []
-    top, bottom, tool = (parts[name].world_origin for name in ("TU", "TL", "EE"))
+    top, bottom, tool = (part.world_origin for part in (bar.upper, bar.lower, bar.tool))
     middle = 0.5 * (top + bottom)
     return [
         Segment("TU", top, middle),
         Segment("TL", middle, bottom),
-        Segment("EE", tool, tool + 0.05 * parts["EE"].world_rotation[:, 0]),
+        Segment("EE", tool, tool + 0.05 * bar.tool.world_rotation[:, 0]),
     ]
 
 

@@ -5,14 +5,14 @@ As `dynamics.geometry` has it for torques: q is measured, so that z goes with le
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.geometry import Error, Shown, errors_by
-from deltaid.dynamics.grown import STEP, GrownDynamics, GrownPoses, grown_torques
+from deltaid.dynamics.geometry import Error, GeometrySlopes, Shown, errors_by
+from deltaid.dynamics.grown import GrownDynamics, grown_torques
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.rows import GraphRows
@@ -33,53 +33,27 @@ def sensor_errors(
             follow from the motion.
     """
     robot, own = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
-    position, symbols = grown_torques(robot).position, grown_torques(robot).symbols
-    rates = np.hstack([qd, qdd])
-    slopes = _SensorSlopes(rows, z, rates, values[:own], GrownPoses(position, z, symbols))
-    return errors_by(robot, slopes)
+    rates, gravity = np.hstack([qd, qdd]), np.array(robot.gravity)
+    return errors_by(
+        robot, _SensorSlopes(grown_torques(robot), z, rates, gravity, rows, values[:own])
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _SensorSlopes:
-    """Of what a sensor shows, by differences."""
-
+class _SensorSlopes(GeometrySlopes):
     rows: GraphRows
-    z: Samples
-    rates: Float[np.ndarray, "samples rates"]
     values: Float[np.ndarray, " columns"]
-    places: GrownPoses
 
-    @property
-    def numbers(self) -> dict[str, tuple[int, ...]]:
-        return grown_torques(self.rows.dynamics.robot).numbers
-
-    def of_length(self, number: int) -> Shown:
-        z, growth = self.places.with_length(number)
-        return (self._shown(z, growth) - self._described) / STEP
-
-    def of_zero(self, drive: int) -> Shown:
-        return (self._shown(self.places.with_zero(drive)) - self._described) / STEP
-
-    def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
-        robot = self.rows.dynamics.robot
-        g = np.array(robot.gravity) + np.cross(axis, robot.gravity)
-        return self._shown(self.z, gravity=tuple(g.tolist())) - self._described
-
-    @cached_property
-    def _described(self) -> Shown:
-        return self._shown(self.z)
-
-    def _shown(
+    def shown(
         self,
         z: Samples,
-        growth: Float[np.ndarray, " growth"] | None = None,
-        gravity: tuple[float, ...] | None = None,
+        rates: Float[np.ndarray, "samples rates"],
+        growth: Float[np.ndarray, " growth"],
+        gravity: Float[np.ndarray, " 3"],
     ) -> Shown:
-        robot = self.rows.dynamics.robot
-        robot = robot if gravity is None else robot.changed(gravity=gravity)
+        robot = self.rows.dynamics.robot.changed(gravity=tuple(gravity.tolist()))
         graph = _graph(robot.model_dump_json(), self.rows)
-        grown = np.zeros(self.places.symbols) if growth is None else growth
-        return np.array(graph(z.T, self.rates.T, self.values, grown))
+        return np.array(graph(z.T, rates.T, self.values, growth))
 
 
 @lru_cache(maxsize=32)

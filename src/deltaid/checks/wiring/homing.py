@@ -121,7 +121,7 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     places = low_pass.half + low_pass.decimation * kept
     rates = np.hstack([best.map.rates(rate[places]) for rate in (motion.qd, motion.qdd)])
     grown, z = grown_torques(dynamics.robot), residual.z[places]
-    slopes, axes = TorqueSlopes(grown, z, rates, p, np.array(g)), across(np.array(g))
+    slopes, axes = TorqueSlopes(grown, z, rates, np.array(g), p), across(np.array(g))
     D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
     offsets = residual.rows.per_drive(np.ones((dof, len(kept))))
     columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
