@@ -106,7 +106,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
-    used = None
+    folder, used = session.folder, None
     try:
         if file == "robot":
             name, before, after = _robot_change(session, changes)
@@ -116,6 +116,22 @@ async def _offer(
     except DeltaidError as error:
         parts.warn(error)
         return
+
+    def write() -> None:
+        written, instead_of = name, before
+        if used is None and before is None:
+            written = own_copy(folder, session.plan.robot or "")
+            instead_of = folder.text(written)
+        folder.write(written, after, instead_of=instead_of)
+        session.store.change(
+            lambda plan: (
+                plan.changed(robot=written)
+                if used is None
+                else plan.with_recording(used.changed(mapping=written))
+            )
+        )
+        ui.notify(f"{written} is changed", type="positive")
+
     with ui.dialog(value=True) as dialog, ui.card().style("min-width: min(640px, 90vw)"):
         ui.label(f"Change {name}?").classes("text-h6")
         parts.difference(difference(name, before or "", after))
@@ -123,7 +139,7 @@ async def _offer(
 
             def apply() -> None:
                 dialog.close()
-                parts.attempt(lambda: _apply(session, name, before, after, used))
+                parts.attempt(write)
 
             ui.button("Apply", on_click=apply).props("no-caps autofocus")
             ui.button("Leave it", on_click=dialog.close).props("flat no-caps")
@@ -132,12 +148,11 @@ async def _offer(
 def _robot_change(
     session: Session, changes: list[tuple[str, object]]
 ) -> tuple[str, str | None, str]:
-    robot = session.plan.robot or ""
+    robot, folder = session.plan.robot or "", session.folder
     if robot in catalogue():
-        name = session.folder.free_name(f"{robot}.yaml")
+        name = folder.free_name(f"{robot}.yaml")
         return name, None, robot_cured(catalogue_text(robot), changes, name)
-    text = session.folder.text(robot)
-    return robot, text, robot_cured(text, changes, robot)
+    return robot, folder.text(robot), robot_cured(folder.text(robot), changes, robot)
 
 
 def _used(session: Session, verdict: dict[str, Any]) -> Used:
@@ -161,18 +176,3 @@ async def _mapping_change(
     if isinstance(after, Problem):
         raise DeltaidError(after.what, where=after.where, cure=after.cure)
     return name, before, after
-
-
-def _apply(session: Session, name: str, before: str | None, after: str, used: Used | None) -> None:
-    if used is None and before is None:
-        name = own_copy(session.folder, session.plan.robot or "")
-        before = session.folder.text(name)
-    session.folder.write(name, after, instead_of=before)
-    session.store.change(
-        lambda plan: (
-            plan.changed(robot=name)
-            if used is None
-            else plan.with_recording(used.changed(mapping=name))
-        )
-    )
-    ui.notify(f"{name} is changed", type="positive")

@@ -59,8 +59,14 @@ async def body(session: Session) -> None:
                 "A second recording of another motion, marked “test” under Recording, would show "
                 "how well the model predicts unknown data."
             ).classes("dim")
+
+        def run() -> None:
+            if not session.store.is_checked:
+                raise DeltaidError("it has changed since the check", cure="check again")
+            session.begin("fit", lambda at: fit_step(session.plan, at))
+
         ready = _gate(session) and not session.busy
-        begin = partial(parts.attempt, lambda: _run(session))
+        begin = partial(parts.attempt, run)
         ui.button("Fit", on_click=begin).props("no-caps").set_enabled(ready)
         parts.progress(session, "fit")
         job = session.job
@@ -92,21 +98,14 @@ def _gate(session: Session) -> bool:
     return True
 
 
-def _run(session: Session) -> None:
-    if not session.store.is_checked:
-        raise DeltaidError("it has changed since the check", cure="check again")
-    session.begin("fit", lambda at: fit_step(session.plan, at))
-
-
 def _settings(session: Session) -> None:
-    settings, default = session.plan.settings, Settings()
+    settings = session.plan.settings
     with parts.panel("Settings"):
-        changed = settings != default
-        ui.label(
-            "Defaults are right for most recordings."
-            if not changed
-            else "Changed from the defaults."
-        ).classes("dim")
+        changed = settings != Settings()
+        said = (
+            "Changed from the defaults." if changed else "Defaults are right for most recordings."
+        )
+        ui.label(said).classes("dim")
         with ui.element("div").classes("columns"):
             for key, (label, kind) in _CHOICES.items():
                 ui.select(
@@ -120,10 +119,12 @@ def _settings(session: Session) -> None:
                 field = ui.input(label, value="" if value is None else f"{value:.10g}")
                 field.props("outlined dense")
                 parts.on_leaving(field, _number_setter(session, key))
-            lag = ui.input(
-                "Lag of torques: estimate, none, or ms", value=_lag_text(settings.lag)
-            ).props("outlined dense")
-            parts.on_leaving(lag, lambda text: _set(session, "lag", _lag(text)))
+            given = settings.lag
+            shown = given if isinstance(given, str) else ",".join(f"{1e3 * s:.10g}" for s in given)
+            lag = ui.input("Lag of torques: estimate, none, or ms", value=shown)
+            parts.on_leaving(
+                lag.props("outlined dense"), lambda text: _set(session, "lag", _lag(text.strip()))
+            )
             for key, label in _SWITCHES.items():
                 ui.switch(label, value=getattr(settings, key), on_change=_setter(session, key))
         if changed:
@@ -144,13 +145,8 @@ def _set(session: Session, key: str, value: Any) -> None:
     session.store.change(lambda plan: plan.changed(settings=plan.settings.changed(**{key: value})))
 
 
-def _lag_text(lag: Any) -> str:
-    return lag if isinstance(lag, str) else ",".join(f"{1e3 * seconds:.10g}" for seconds in lag)
-
-
 def _lag(text: str) -> Any:
     """What the option --lag would make of it."""
-    text = text.strip()
     if text in ("estimate", "none"):
         return text
     try:

@@ -34,8 +34,15 @@ async def body(session: Session) -> None:
 
 
 def _files(session: Session, robot: RobotDescription) -> None:
+    async def readable(path: Path) -> look.Problem | None:
+        found = await session.glance(count_columns, str(path))
+        return found if isinstance(found, look.Problem) else None
+
+    def forget(name: str) -> None:
+        parts.attempt(lambda: session.store.change(lambda plan: plan.without_recording(name)))
+
     with parts.panel("Recordings"):
-        upload(session, "a recording", partial(_readable, session), partial(_add, session, robot))
+        upload(session, "a recording", readable, partial(_add, session, robot))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
@@ -59,14 +66,9 @@ def _files(session: Session, robot: RobotDescription) -> None:
                     ).props(f'dense outlined aria-label="What {name} is for"')
                 else:
                     ui.label("is missing").classes("grade wrong")
-                ui.button("Forget it", on_click=partial(_forget, session, name)).props(
+                ui.button("Forget it", on_click=partial(forget, name)).props(
                     f'flat dense no-caps aria-label="Forget {name}"'
                 ).tooltip("The file stays in the folder")
-
-
-async def _readable(session: Session, path: Path) -> look.Problem | None:
-    found = await session.glance(count_columns, str(path))
-    return found if isinstance(found, look.Problem) else None
 
 
 async def _add(session: Session, robot: RobotDescription, name: str) -> None:
@@ -99,10 +101,6 @@ async def _has_columns_of(session: Session, robot: RobotDescription, used: Used,
     return len(columns) == len(found) and columns[0] == columns[1]
 
 
-def _forget(session: Session, name: str) -> None:
-    parts.attempt(lambda: session.store.change(lambda plan: plan.without_recording(name)))
-
-
 async def _recording(session: Session, used: Used, robot: RobotDescription) -> None:
     with parts.panel(f"{used.file}: which column is what"):
         if not session.folder.has(used.file):
@@ -126,10 +124,11 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
         try:
             data = read(session.folder.text(used.mapping), used.mapping)
         except DeltaidError as error:
+            data = None
             parts.problem(error)
-            _another(session, used)
-            return
         _another(session, used)
+        if data is None:
+            return
         state = Form(session, used, contents, robot, data)
         form(state)
         await _figure(state, used, contents, ui.column().classes("w-full figure"))
@@ -191,9 +190,7 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
         except DeltaidError:  # no mapping, or not of these drives
             continue
         if names and names <= there:
-            of = [
-                recording.file for recording in session.plan.recordings if recording.mapping == name
-            ]
+            of = [r.file for r in session.plan.recordings if r.mapping == name]
             found[name] = f", as {', '.join(of)} does" if of else ""
     return found
 
@@ -201,9 +198,7 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
 def _another(session: Session, used: Used) -> None:
     """Who shares the mapping, and the way to another one."""
     others = [
-        recording.file
-        for recording in session.plan.recordings
-        if recording.mapping == used.mapping and recording.file != used.file
+        r.file for r in session.plan.recordings if r.mapping == used.mapping and r.file != used.file
     ]
     with ui.row().classes("items-center"):
         if others:

@@ -28,18 +28,14 @@ async def body(session: Session) -> None:
     parts.progress(session, "validate")
     used = (run for run in models if run.file("model.yaml") == session.plan.model)
     chosen = next(used, models[0])
-    _shown(session, chosen)
+    with parts.panel(f"{chosen.name}: {session.plan.names.get(chosen.folder, 'the model')}"):
+        for sentence, kind in describe_fit(session.folder, chosen):
+            parts.note(sentence, kind)
+        parts.report(session, chosen.file("report.html"), f"Report of {chosen.name}")
+        _commands(chosen)
     _over_time(session, models, chosen)
     _validate(session, chosen)
     _history(session, everything, chosen)
-
-
-def _shown(session: Session, run: FinishedRun) -> None:
-    with parts.panel(f"{run.name}: {session.plan.names.get(run.folder, 'the model')}"):
-        for sentence, kind in describe_fit(session.folder, run):
-            parts.note(sentence, kind)
-        parts.report(session, run.file("report.html"), f"Report of {run.name}")
-        _commands(run)
 
 
 def _commands(run: FinishedRun) -> None:

@@ -1,6 +1,6 @@
 """Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, get_args
 
@@ -11,7 +11,7 @@ from deltaid.control.options import ControllerName
 from deltaid.exports.options import FURTHER, FmiVersion
 from deltaid.studio.compare import describe_fit
 from deltaid.studio.pages import parts
-from deltaid.studio.runs import messages, next_run, runs
+from deltaid.studio.runs import FinishedRun, messages, next_run, runs
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
     Step,
@@ -47,26 +47,27 @@ _FRICTION = {
 
 async def body(session: Session) -> None:
     """Everything that the model may be used for."""
-    model = _subject(session)
+    fitted, done = session.plan.model, runs(session.folder)
+    model = fitted if fitted is not None and session.folder.has(fitted) else session.plan.robot
     if model is None:
         parts.note("Pick a robot first; a fitted model is better.")
         return
-    if session.plan.model is None:
+    if fitted is None:
         parts.note("There is no fitted model yet: what is here goes by the robot's prior.", "doubt")
     else:
         _model(session, model)
-    motions = _motions(session)
+    planned = (r.file("motion.csv") for r in done if r.record.kind == "excite" and r.succeeded)
+    motions = [name for name in planned if session.folder.has(name)]
+    motions += [recording.file for recording in session.plan.recordings]
     _excite(session, model)
     _along(session, "torque", "Feed-forward: torques along a motion", model, motions)
     _along(session, "simulate", "Simulate a controller", model, motions)
     _along(session, "forces", "Forces in struts, joints and bearings", model, motions)
     _export(session, model)
-    _files(session)
-
-
-def _subject(session: Session) -> str | None:
-    model = session.plan.model
-    return model if model is not None and session.folder.has(model) else session.plan.robot
+    with parts.panel("Files of the folder"), ui.row():
+        first = [fitted] if fitted and session.folder.has(fitted) else []
+        for name in [*first, *(path.name for path in session.folder.files())]:
+            ui.link(name, f"/files/{name}?download=true")
 
 
 def _model(session: Session, model: str) -> None:
@@ -77,8 +78,7 @@ def _model(session: Session, model: str) -> None:
         for sentence, kind in describe_fit(session.folder, run) if run else ():
             if kind == "bad":
                 parts.note(sentence, kind)
-                insist = ui.switch(INSIST, value=False)
-                parts.remembered(session, _POOR, insist)
+                insist = parts.remembered(session, _POOR, ui.switch(INSIST, value=False))
                 insist.on_value_change(lambda: session.store.tell())
         with ui.row():
             ui.button(
@@ -86,49 +86,44 @@ def _model(session: Session, model: str) -> None:
             ).props("outline no-caps")
 
 
-def _motions(session: Session) -> list[str]:
-    planned = [
-        name
-        for run in runs(session.folder)
-        if run.record.kind == "excite" and run.succeeded
-        for name in (run.file("motion.csv"),)
-        if session.folder.has(name)
-    ]
-    return [*planned, *(recording.file for recording in session.plan.recordings)]
+def _step(
+    session: Session, row: ui.row, kind: str, label: str,
+    fields: Mapping[str, ValueElement[Any]], make: Callable[[str], Step],
+) -> None:  # fmt: skip
+    """A button behind the fields of a step, its progress, what the last one made, and its command.
 
+    Args:
+        row: of the fields, which are remembered by their names here.
+        make: the step in a folder.
+    """
+    for name, field in fields.items():
+        parts.remembered(session, f"{kind} {name}", field)
 
-def _made(session: Session, kind: str, make: Callable[[str], Step], at: str) -> Step:
-    """A step, of a poor model too where the user insists."""
-    insists = kind != "excite" and session.choices.get(_POOR)
-    return insisting(make(at)) if insists else make(at)
+    def made(at: str) -> Step:
+        insists = kind != "excite" and session.choices.get(_POOR)
+        return insisting(make(at)) if insists else make(at)
 
-
-def _begin(session: Session, kind: str, make: Callable[[str], Step]) -> None:
-    parts.attempt(lambda: session.begin(kind, partial(_made, session, kind, make)))
-
-
-def _commands(
-    session: Session, kind: str, make: Callable[[str], Step], *fields: ValueElement[Any]
-) -> None:
-    at = next_run(session.folder, kind)
-    parts.commands(lambda: _made(session, kind, make, at), *fields)
-
-
-def _last(session: Session, kind: str) -> None:
-    """Progress of a step of this kind, and what the last one made."""
+    with row:
+        begin = partial(parts.attempt, lambda: session.begin(kind, made))
+        ui.button(label, on_click=begin).props("outline no-caps").set_enabled(not session.busy)
     parts.progress(session, kind)
-    run = next((r for r in runs(session.folder) if r.record.kind == kind and r.succeeded), None)
-    if run is None:
-        return
+    done = (r for r in runs(session.folder) if r.record.kind == kind and r.succeeded)
+    if (run := next(done, None)) is not None:
+        _made(session, run)
+    at = next_run(session.folder, kind)
+    parts.commands(lambda: made(at), *fields.values())
+
+
+def _made(session: Session, run: FinishedRun) -> None:
     if said := messages(session.folder, run).strip():
         parts.note(said, "doubt" if "warning:" in said else "")
+    files = sorted((session.folder.root / run.folder).iterdir())
     with ui.row():
         ui.label(f"{run.name}:").classes("dim")
-        made = sorted((session.folder.root / run.folder).iterdir())
-        for path in made:
+        for path in files:
             if path.is_file() and path.name not in ("run.yaml", "messages.txt", "output.json"):
                 ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
-    for path in made:
+    for path in files:
         if path.name.startswith("README_"):
             with ui.expansion("README of this folder").classes("w-full").props("dense"):
                 parts.code(session.folder.text(run.file(path.name)), "Copy README")
@@ -140,25 +135,29 @@ def _excite(session: Session, model: str) -> None:
         return excite_step(model, f"{at}/motion.csv", at, duration=seconds, starts=starts)
 
     with parts.panel("A motion for the next recording"):
-        with ui.row().classes("items-center"):
+        with ui.row().classes("items-center") as row:
             duration = ui.number("Seconds", value=10, min=0.1, max=3600).props("outlined dense")
             count = ui.number("Starts", value=4, min=1, max=100).props("outlined dense")
-            parts.remembered(session, "excite seconds", duration)
-            parts.remembered(session, "excite starts", count)
-            ui.button("Excite", on_click=lambda: _begin(session, "excite", make)).props(
-                "outline no-caps"
-            ).set_enabled(not session.busy)
-        _last(session, "excite")
-        _commands(session, "excite", make, duration, count)
+        fields = {"seconds": duration, "starts": count}
+        _step(session, row, "excite", "Excite", fields, make)
 
 
 def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
+    used = {recording.file: recording.mapping for recording in session.plan.recordings}
+
+    def make(at: str) -> Step:
+        path, asked = str(motion.value), option.value
+        if kind == "torque":
+            return torque_step(model, path, used.get(path), at, periodic=bool(asked))
+        if kind == "simulate":
+            return simulate_step(model, path, used.get(path), at, str(asked))
+        return forces_step(model, path, used.get(path), at, asked)
+
     with parts.panel(title):
         if not motions:
             parts.note("There is no motion yet: take one from above, or add a recording.")
             return
-        used = {recording.file: recording.mapping for recording in session.plan.recordings}
-        with ui.row().classes("items-center"):
+        with ui.row().classes("items-center") as row:
             motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
             motion.props(f'aria-label="Motion: {kind}"')
             if kind == "torque":
@@ -170,27 +169,11 @@ def _along(session: Session, kind: str, title: str, model: str, motions: list[st
                 option = ui.number("Distance of a limb's struts [m], if not described")
                 option.classes("w-96")
             option.props("dense" if kind == "torque" else "outlined dense")
-            parts.remembered(session, f"{kind} motion", motion)
-            parts.remembered(session, f"{kind} option", option)
-
-            def make(at: str) -> Step:
-                path, asked = str(motion.value), option.value
-                if kind == "torque":
-                    return torque_step(model, path, used.get(path), at, periodic=bool(asked))
-                if kind == "simulate":
-                    return simulate_step(model, path, used.get(path), at, str(asked))
-                return forces_step(model, path, used.get(path), at, asked)
-
-            name = "Feed-forward" if kind == "torque" else kind.capitalize()
-            ui.button(name, on_click=lambda: _begin(session, kind, make)).props(
-                "outline no-caps"
-            ).set_enabled(not session.busy)
-        _last(session, kind)
-        _commands(session, kind, make, motion, option)
+        label = "Feed-forward" if kind == "torque" else kind.capitalize()
+        _step(session, row, kind, label, {"motion": motion, "option": option}, make)
 
 
 def _export(session: Session, model: str) -> None:
-
     def make(at: str) -> Step:
         to, of = str(form.value), _CHOICES_OF.get(str(form.value), ())
         return export_step(
@@ -202,7 +185,7 @@ def _export(session: Session, model: str) -> None:
         )  # fmt: skip
 
     with parts.panel("Export"):
-        with ui.row().classes("items-center"):
+        with ui.row().classes("items-center") as row:
             form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
             friction = ui.select(_FRICTION, value="all", label="Friction").props("outlined dense")
             further = ui.select(list(FURTHER), value=[], label="Further functions", multiple=True)
@@ -210,25 +193,11 @@ def _export(session: Session, model: str) -> None:
             single = ui.checkbox("Single precision").props("dense")
             fmi = ui.select(list(get_args(FmiVersion)), value="2", label="FMI")
             fmi.props("outlined dense").classes("w-24")
-            fields = {
-                "form": form, "friction": friction, "further": further, "single": single, "fmi": fmi
-            }  # fmt: skip
-            for key, field in fields.items():
-                parts.remembered(session, f"export {key}", field)
-            for of, field in (("code", further), ("code", single), ("unit", fmi)):
-                field.bind_visibility_from(
-                    form, "value", backward=lambda to, of=of: of in _CHOICES_OF.get(to, ())
-                )
-            ui.button("Export", on_click=lambda: _begin(session, "export", make)).props(
-                "outline no-caps"
-            ).set_enabled(not session.busy)
-        _last(session, "export")
-        _commands(session, "export", make, *fields.values())
-
-
-def _files(session: Session) -> None:
-    with parts.panel("Files of the folder"), ui.row():
-        model = session.plan.model
-        first = [model] if model and session.folder.has(model) else []
-        for name in [*first, *(path.name for path in session.folder.files())]:
-            ui.link(name, f"/files/{name}?download=true")
+        for of, field in (("code", further), ("code", single), ("unit", fmi)):
+            field.bind_visibility_from(
+                form, "value", backward=lambda to, of=of: of in _CHOICES_OF.get(to, ())
+            )
+        fields = {
+            "form": form, "friction": friction, "further": further, "single": single, "fmi": fmi
+        }  # fmt: skip
+        _step(session, row, "export", "Export", fields, make)
