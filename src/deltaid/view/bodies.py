@@ -22,19 +22,45 @@ _GOLDEN = np.pi * (3 - np.sqrt(5))
 
 def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
     """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
+    home = model.robot.within(0.0)[0][None]
+    prior = np.array([parameter.prior for parameter in model.parameters])
+    lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
+    axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
+    figure = go.Figure(
+        [
+            still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
+            _outlines(model, kinematics, home, prior),
+            _mesh(model, kinematics, home, model.p),
+        ],
+        {
+            "height": 600,
+            "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
+            "scene": axes | {"aspectmode": "data", "camera": CAMERA},
+        },
+    )
+    picture = Figure(
+        figure,
+        "Equivalent ellipsoids of all bodies in the middle of the workspace. Click on the legend "
+        "to hide the prior or the identified bodies; of two equal struts in one pair one is drawn.",
+    )
+    eigenvalues = Table(
+        ("body", "smallest", "second", "third", "largest", "consistent"),
+        tuple(
+            (body.body, *map(number, body.eigenvalues), "yes" if body.eigenvalues[0] > 0 else "no")
+            for body in model.consistency
+        ),
+        "Eigenvalues of each body's pseudo-inertia matrix. A body exists physically if and only "
+        "if all four are positive.",
+    )
+    about = Text(
+        "Each body is drawn as the ellipsoid of uniform density that has its mass, centre of mass "
+        "and moments of inertia: in orange the identified body, in grey outlines the prior. "
+        "Entries that the data does not determine come from the prior, so the place and shape of a "
+        "single body are less certain than what the drives feel of it."
+    )
     return Section(
         "Bodies",
-        (
-            Text(
-                "Each body is drawn as the ellipsoid of uniform density that has its mass, centre "
-                "of mass and moments of inertia: in orange the identified body, in grey outlines "
-                "the prior. Entries that the data does not determine come from the prior, so the "
-                "place and shape of a single body are less certain than what the drives feel of it."
-            ),
-            _picture(model, kinematics),
-            _masses(model),
-            _eigenvalues(model),
-        ),
+        (about, picture, _masses(model), eigenvalues),
         "masses, centres of mass and shapes, prior and identified",
     )
 
@@ -52,37 +78,17 @@ def ellipsoid(
     return body.com, vectors * np.sqrt(5 * np.maximum(values, 0) / body.mass)
 
 
-def _picture(model: IdentifiedModel, kinematics: Kinematics) -> Figure:
-    home = model.robot.within(0.0)[0][None]
-    prior = np.array([parameter.prior for parameter in model.parameters])
-    lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
-    axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
-    figure = go.Figure(
-        [
-            still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
-            _outlines(model, kinematics, home, prior),
-            _mesh(model, kinematics, home, model.p),
-        ],
-        {
-            "height": 600,
-            "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
-            "scene": axes | {"aspectmode": "data", "camera": CAMERA},
-        },
-    )
-    return Figure(
-        figure,
-        "Equivalent ellipsoids of all bodies in the middle of the workspace. Click on the legend "
-        "to hide the prior or the identified bodies; of two equal struts in one pair one is drawn.",
-    )
-
-
 def _mesh(
     model: IdentifiedModel,
     kinematics: Kinematics,
     z: Float[np.ndarray, "1 dof"],
     p: Float[np.ndarray, " parameters"],
 ) -> go.Mesh3d:
-    ball = _ball()
+    # Spread evenly over the unit sphere, along a spiral.
+    k = np.arange(_POINTS)
+    height = 1 - (2 * k + 1) / _POINTS
+    r = np.sqrt(1 - height**2)
+    ball = np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), height])
     faces = _faces(ball)
     points, corners, labels = [], [], []
     for k, (name, placed) in enumerate(_placed(model, kinematics, z, p, ball)):
@@ -139,13 +145,6 @@ def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
     return faces
 
 
-def _ball() -> Float[np.ndarray, "points 3"]:
-    k = np.arange(_POINTS)
-    z = 1 - (2 * k + 1) / _POINTS
-    r = np.sqrt(1 - z**2)
-    return np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), z])
-
-
 def _masses(model: IdentifiedModel) -> Table:
     by_name = {parameter.name: parameter for parameter in model.parameters}
     rows = []
@@ -169,19 +168,3 @@ def _masses(model: IdentifiedModel) -> Table:
         "Centre of mass in the body's link frame, and half axes of its equivalent ellipsoid, "
         "identified.",
     )  # fmt: skip
-
-
-def _eigenvalues(model: IdentifiedModel) -> Table:
-    return Table(
-        ("body", "smallest", "second", "third", "largest", "consistent"),
-        tuple(
-            (
-                body.body,
-                *(number(value) for value in body.eigenvalues),
-                "yes" if body.eigenvalues[0] > 0 else "no",
-            )
-            for body in model.consistency
-        ),
-        "Eigenvalues of each body's pseudo-inertia matrix. A body exists physically if and only "
-        "if all four are positive.",
-    )

@@ -83,16 +83,13 @@ def number_table(found: Calibration) -> Table:
             continue
         at = [k for name in (tools if kind in tools else [kind]) for k in found.known.of_kind(name)]
         unit = _SHOWN[found.known.numbers[at[0]].unit]
-        cells = ["±".join(filter(None, _pair(found, k))) for k in at]
+        values = (1e3 * np.array([found.values[at], WIDE * found.std[at]])).T.tolist()
+        cells = ["±".join(filter(None, with_uncertainty(value, half))) for value, half in values]
         decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
         label = "tool x, y, z" if kind in tools else WORDS[kind]
         rows.append((f"{label}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
     head = ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from")
     return Table(head, tuple(rows))
-
-
-def _pair(found: Calibration, k: int) -> tuple[str, str]:
-    return with_uncertainty(1e3 * float(found.values[k]), 1e3 * WIDE * float(found.std[k]))
 
 
 def calibration_card(found: Calibration) -> Card:

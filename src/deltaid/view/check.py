@@ -124,10 +124,7 @@ def _summary(grades: Sequence[Grade]) -> Summary:
             Trust.FAIR,
             f"Doubtful: {things} to be inspected before an identification.",
         ),
-        Grade.CANNOT_TELL: (
-            Trust.GOOD,
-            f"No fault detected: {things} could not be checked.",
-        ),
+        Grade.CANNOT_TELL: (Trust.GOOD, f"No fault detected: {things} could not be checked."),
         Grade.GOOD: (Trust.GOOD, "Good: nothing is in the way of an identification."),
     }[worst]
     return Summary(trust, sentence)
@@ -143,8 +140,9 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     first = f"{value.grade}: {tally(value)}" if value else "nothing was checked"
     proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
+    robot = (value.robot.title or value.robot.name) if value.robot else "the description"
     return Card(
-        f"Checked: {_title(value)}",
+        f"Checked: {', '.join([robot, *map(_name, value.sources)])}",
         (first,),
         value.grade if value else "",
         told=tuple(told),
@@ -171,11 +169,6 @@ def verdicts_page(value: Verdicts) -> Page:
     title = (robot.title or robot.name) if robot else "robot"
     drawn = drawing(robot, compiled(robot).kinematics) if robot else None
     return check_page(title, value, [_name(source) for source in value.sources], lines, drawn)
-
-
-def _title(value: Verdicts) -> str:
-    robot = (value.robot.title or value.robot.name) if value.robot else "the description"
-    return ", ".join([robot, *(_name(source) for source in value.sources)])
 
 
 def _name(source: object) -> str:

@@ -13,7 +13,6 @@ from deltaid.model.corrections import (
     FittedSensor,
     Kind,
     LeftOut,
-    TimeSpan,
 )
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
@@ -62,7 +61,8 @@ def _short(subjects: Sequence[str]) -> list[str]:
     """Bodies by what they are; three or more drives in a row by the first and the last."""
     runs: list[list[str]] = []
     for subject in subjects:
-        if runs and _next(runs[-1][-1]) == subject:
+        last = re.fullmatch(r"(.*?)(\d+)", runs[-1][-1]) if runs else None
+        if last and f"{last[1]}{int(last[2]) + 1}" == subject:
             runs[-1].append(subject)
         else:
             runs.append([subject])
@@ -71,11 +71,6 @@ def _short(subjects: Sequence[str]) -> list[str]:
         words = [body_in_words(name) for name in run]
         said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
     return said
-
-
-def _next(name: str) -> str:
-    numbered = re.fullmatch(r"(.*?)(\d+)", name)
-    return f"{numbered[1]}{int(numbered[2]) + 1}" if numbered else ""
 
 
 def correction_table(corrections: Sequence[Correction]) -> Table | None:
@@ -243,7 +238,8 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
             part.reason,
             ", ".join(drive.removeprefix("drive") for drive in part.drives),
             percent(part.share),
-            _when(part.spans, part.more),
+            ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in part.spans[:_SPANS])
+            + (f" and {rest} more" if (rest := len(part.spans) + part.more - _SPANS) > 0 else ""),
         )
         for name, parts in logs
         for part in parts
@@ -259,12 +255,6 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
         f"wrong. {words[0].upper()}{words[1:]}. --keep-all (keep_all of the settings) goes without "
         "all of this.",
     )
-
-
-def _when(spans: Sequence[TimeSpan], more: int) -> str:
-    shown = ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in spans[:_SPANS])
-    rest = len(spans) + more - _SPANS
-    return f"{shown} and {rest} more" if rest > 0 else shown
 
 
 def reversals(found: Sequence[LeftOut]) -> str:

@@ -118,9 +118,14 @@ def survey(robot: AtRest) -> WorkspaceSurvey:
         box = np.column_stack([box, [turn.low, turn.high]])
     inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(_POINTS), *box)
     inside = inside[robot.robot.workspace.contains(inside[:, :3])]
-    poses, extremes = robot(inside), robot(_corners(robot, edges))
+    if robot.dynamics.dof > 3:  # at home and at either end of the tool's range
+        angles = (robot.home[3], turn.low, turn.high)
+        edges = np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
+    poses, extremes = robot(inside), robot(edges)
+    parts = extremes.only(extremes.stands), poses.only(poses.stands)
+    names = Poses.__dataclass_fields__
     return WorkspaceSurvey(
-        poses=_together(extremes.only(extremes.stands), poses.only(poses.stands)),
+        poses=Poses(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names}),
         standing=float(np.mean(poses.stands)),
         within=float(np.mean(good(robot, poses))),
     )
@@ -180,16 +185,3 @@ def _turn(robot: AtRest) -> tuple[tuple[float, int], tuple[float, int]] | None:
     directions[:, 3] = -1.0, 1.0
     angle, ended_by = _ends(robot, directions, 1.01 * max(home - turn.low, turn.high - home))
     return (home - float(angle[0]), int(ended_by[0])), (home + float(angle[1]), int(ended_by[1]))
-
-
-def _corners(robot: AtRest, edges: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "_ dof"]:
-    """Edges of the workspace, with the tool at home and at either end of its range."""
-    if robot.dynamics.dof < 4:
-        return edges
-    angles = (robot.home[3], robot.robot.turn.low, robot.robot.turn.high)
-    return np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
-
-
-def _together(a: Poses, b: Poses) -> Poses:
-    names = Poses.__dataclass_fields__
-    return Poses(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in names})

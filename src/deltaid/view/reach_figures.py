@@ -76,7 +76,10 @@ def picture(robot: AtRest, found: Reach) -> Figure:
 
 def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
     """Condition in two vertical planes and a horizontal one through home."""
-    low, high = _bounds(robot, found)
+    edges = outline_points(robot.robot.workspace)
+    points = np.concatenate([found.points.reshape(-1, 3), edges])
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
     figure = make_subplots(
         rows=1,
         cols=3,
@@ -157,12 +160,6 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
         "stand. Within the line all limits of the machine at rest are kept; dotted is the "
         "described workspace.",
     )
-
-
-def _bounds(robot: AtRest, found: Reach) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    points = np.concatenate([found.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
-    low, high = points.min(axis=0), points.max(axis=0)
-    return low - 0.06 * (high - low), high + 0.06 * (high - low)
 
 
 def _section(robot: AtRest, normal: int) -> Float[np.ndarray, "points 2"]:

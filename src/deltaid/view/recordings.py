@@ -9,7 +9,7 @@ import polars as pl
 from deltaid.recording import recording
 from deltaid.recording.log import Log
 from deltaid.recording.mapped_columns import DriveColumn
-from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping, TimeColumn
+from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping
 from deltaid.recording.memory import FrameTable, Recording
 from deltaid.view import style
 from deltaid.view.comparison import extreme_rows, stretch_length
@@ -70,7 +70,11 @@ def recording_figure(value: Recording) -> go.Figure:
     time = clock if clock is not None else np.arange(len(table), dtype=float)
     for row, (_, names) in enumerate(shown, 1):
         for k, name in enumerate(names):
-            x, y = _condensed(time, _numbers(table[name]))
+            x, y = time, _numbers(table[name])
+            if len(y) > _POINTS:
+                rows = extreme_rows(y, stretch_length(2 * len(y), _POINTS))
+                x, y = x[rows], y[rows]
+            x, y = x.astype(np.float32), y.astype(np.float32)
             line = {"color": style.SERIES[k % len(style.SERIES)], "width": 1.2}
             figure.add_scatter(
                 x=x, y=y, name=style.label(name), mode="lines", line=line, row=row, col=1
@@ -86,14 +90,6 @@ def _clock(table: pl.DataFrame) -> np.ndarray | None:
 
 def _numbers(column: pl.Series) -> np.ndarray:
     return column.cast(pl.Float64).fill_null(np.nan).to_numpy()
-
-
-def _condensed(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of many samples the least and the largest of each stretch, so that no spike disappears."""
-    if len(values) > _POINTS:
-        rows = extreme_rows(values, stretch_length(2 * len(values), _POINTS))
-        time, values = time[rows], values[rows]
-    return time.astype(np.float32), values.astype(np.float32)
 
 
 def _ranges(table: pl.DataFrame) -> Table:
@@ -128,7 +124,10 @@ def log_card(value: Log | recording.PreparedRecording) -> Card:
 
 def mapping_card(value: ColumnMapping) -> Card:
     """Which column is what, and in which unit; what is left to the default names is not told."""
-    facts = [("time", _time(value.time))]
+    time, along = value.time, f"{value.time.rate:g} Hz"
+    if not time.is_absent:
+        along = f"{time.column} [{time.unit if time.rate is None else f'{time.rate:g} / s'}]"
+    facts = [("time", along)]
     for quantity in QUANTITIES:
         columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
         each = (columns,) if isinstance(columns, AllDrives) else columns or ()
@@ -136,12 +135,6 @@ def mapping_card(value: ColumnMapping) -> Card:
     facts += [("sensors", ", ".join(value.sensors))] * bool(value.sensors)
     facts += [("loads", ", ".join(load.name for load in value.loads))] * bool(value.loads)
     return Card("Mapping of columns", facts=tuple(facts), apart=True)
-
-
-def _time(time: TimeColumn) -> str:
-    if time.is_absent:
-        return f"{time.rate:g} Hz"
-    return f"{time.column} [{time.unit if time.rate is None else f'{time.rate:g} / s'}]"
 
 
 def _described_column(column: DriveColumn | AllDrives) -> str:

@@ -46,6 +46,18 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
             Fact("with all bought", percent(last.goal), f"{step.spent:.0f} {money}"),
             Fact("buy first", first.use.name, f"{first.cost:.0f} {money}"),
         ]
+    entries_known: tuple[Block, ...] = (entry_table(plan),)
+    if hidden := untold(plan):
+        said = f"Nothing of the list determines much of {', '.join(hidden)}."
+        entries_known += (Text(said),)
+    settings = plan.settings
+    chosen = (
+        ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
+        ("independent samples a second", number(settings.rate)),
+        ("standard deviation of the prior", percent(settings.prior_spread)),
+        ("good enough", percent(settings.enough)),
+        ("goal", plan.goal),
+    )
     return Page(
         title=robot.title or robot.name,
         subtitle=f"What sensors and scales would determine, planned for {plan.motion}",
@@ -65,7 +77,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
                 "now, and with what is bought",
                 unfolded=True,
             ),
-            Section("The same in numbers", _entries(plan), "standard deviations of all entries"),
+            Section("The same in numbers", entries_known, "standard deviations of all entries"),
             Section(
                 "What each would make of it",
                 (_gains(plan), use_table(plan, entries)),
@@ -76,7 +88,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
                 "Taken for granted",
                 (
                     Text("\n\n".join(f"{note[0].upper()}{note[1:]}." for note in plan.notes)),
-                    _settings(plan),
+                    Table(("setting", "value"), chosen),
                     _offers(plan),
                 ),
                 "assumptions, settings, prices",
@@ -114,14 +126,6 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
         "Predicted for a motion, a noise and a prior; nothing has been measured.",
     )
     return Summary(Trust.UNTESTED, f"{said}.", lines)
-
-
-def _entries(plan: SensorPlan) -> tuple[Block, ...]:
-    if hidden := untold(plan):
-        return entry_table(plan), Text(
-            f"Nothing of the list determines much of {', '.join(hidden)}."
-        )
-    return (entry_table(plan),)
 
 
 def _bars(plan: SensorPlan) -> Figure:
@@ -228,20 +232,6 @@ def _open(plan: SensorPlan) -> tuple[Block, ...]:
             )
             blocks.append(Table((f"stays open, {opening.title}", "parted by any of"), rows))
     return tuple(blocks)
-
-
-def _settings(plan: SensorPlan) -> Table:
-    s = plan.settings
-    return Table(
-        ("setting", "value"),
-        (
-            ("torque noise, share of each drive's largest torque", percent(s.torque_noise)),
-            ("independent samples a second", number(s.rate)),
-            ("standard deviation of the prior", percent(s.prior_spread)),
-            ("good enough", percent(s.enough)),
-            ("goal", plan.goal),
-        ),
-    )
 
 
 def _offers(plan: SensorPlan) -> Table:

@@ -171,7 +171,48 @@ def provenance_section(model: Model, title: str) -> Section:
     own = (Table(columns, sources, "Sources of the description."),) if sources else ()
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
-    tables = (_sources(known), _fit(known), _settings(known), *own)
+    fit = known.fit
+    recordings = tuple(
+        (
+            source.log,
+            str(source.samples),
+            f"{source.rate_hz:.6g}",
+            f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+            str(source.used_samples),
+            source.sha256,
+        )
+        for source in known.sources
+    )
+    reached = (
+        ("objective J", number(fit.objective)),
+        ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
+        ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
+        ("weight of the prior γ", number(fit.gamma)),
+        ("solver's status", fit.status),
+        ("iterations", str(fit.iterations)),
+        ("free parameters", str(fit.optimization_variables)),
+        ("base parameters", str(fit.base_parameters)),
+        ("condition of the base regressor", number(fit.base_condition)),
+        ("torque noise, share of the largest torque", percent(fit.noise_level)),
+    )
+    settings = tuple(
+        (name.replace("_", " "), "by rule" if value is None else _shown(value))
+        for name, value in known.settings.model_dump().items()
+    )
+    tables = (
+        Table(
+            ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
+            recordings,
+            "Recordings that the model was identified from.",
+        ),
+        Table(("fit", "result"), reached),
+        Table(
+            ("setting", "value"),
+            (*settings, ("deltaid version", known.deltaid)),
+            "Settings of the fit.",
+        ),
+        *own,
+    )
     return Section(title, tables, "recordings, what the fit reached, settings")
 
 
@@ -186,51 +227,6 @@ def certificate(fit: Fit) -> tuple[str, str]:
     if gap < _ROUNDING:
         return "certified", "no consistent model fits better by 0.01 %"
     return f"within {percent(gap)}", "of the best fit that is possible"
-
-
-def _sources(model: IdentifiedModel) -> Table:
-    return Table(
-        ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
-        tuple(
-            (
-                source.log,
-                str(source.samples),
-                f"{source.rate_hz:.6g}",
-                f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
-                str(source.used_samples),
-                source.sha256,
-            )
-            for source in model.sources
-        ),
-        "Recordings that the model was identified from.",
-    )
-
-
-def _fit(model: IdentifiedModel) -> Table:
-    fit = model.fit
-    rows = (
-        ("objective J", number(fit.objective)),
-        ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
-        ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
-        ("weight of the prior γ", number(fit.gamma)),
-        ("solver's status", fit.status),
-        ("iterations", str(fit.iterations)),
-        ("free parameters", str(fit.optimization_variables)),
-        ("base parameters", str(fit.base_parameters)),
-        ("condition of the base regressor", number(fit.base_condition)),
-        ("torque noise, share of the largest torque", percent(fit.noise_level)),
-    )
-    return Table(("fit", "result"), rows)
-
-
-def _settings(model: IdentifiedModel) -> Table:
-    rows = tuple(
-        (name.replace("_", " "), "by rule" if value is None else _shown(value))
-        for name, value in model.settings.model_dump().items()
-    )
-    return Table(
-        ("setting", "value"), (*rows, ("deltaid version", model.deltaid)), "Settings of the fit."
-    )
 
 
 def _shown(value: object) -> str:
