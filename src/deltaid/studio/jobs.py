@@ -7,11 +7,19 @@ import signal
 import sys
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib.metadata import version
 from typing import Literal
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
-from deltaid.studio.runs import FinishedRun, did_its_work, inputs_of, keep_inputs, write_record
+from deltaid.studio.runs import (
+    FinishedRun,
+    Record,
+    did_its_work,
+    inputs_of,
+    keep_inputs,
+    write_record,
+)
 from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -94,16 +102,29 @@ class Job:
         assert self._process.stderr is not None
         reading = asyncio.create_task(self._process.stdout.read())
         async for line in self._process.stderr:
-            self._hear(line.decode("utf-8", "replace"))
+            text = visible(line.decode("utf-8", "replace").rstrip("\r\n"))
+            if text.startswith(_MARK):
+                self.stages.append(text.removeprefix(_MARK))
+            else:
+                self.said += text + "\n"
         self.out = (await reading).decode("utf-8", "replace")
         code = await self._process.wait()
         if self.state != "cancelled":
             self.state = "done" if did_its_work(self.step.kind, code) else "failed"
-        self.run = await asyncio.to_thread(
-            write_record, self.folder, self.place, self.step, inputs,
-            began=self.began, code=code, out=self.out, messages=self.said, of=self.of,
+        record = Record(
+            kind=self.step.kind,
+            command=self.step.command,
+            python=self.step.python,
+            version=version("deltaid"),
+            began=self.began.isoformat(timespec="seconds"),
+            seconds=round(self.seconds, 1),
+            exit=code,
+            inputs=inputs,
+            of=self.of,
             robot=self.robot,
-        )  # fmt: skip
+        )
+        written = self.folder, self.place, record, self.out, self.said
+        self.run = await asyncio.to_thread(write_record, *written)
 
     async def cancel(self) -> None:
         """End it and all that it has started; files that it was writing do not appear."""
@@ -125,13 +146,6 @@ class Job:
                 self._process.kill()
             else:
                 os.killpg(self._process.pid, number)
-
-    def _hear(self, line: str) -> None:
-        line = visible(line.rstrip("\r\n"))
-        if line.startswith(_MARK):
-            self.stages.append(line.removeprefix(_MARK))
-        else:
-            self.said += line + "\n"
 
 
 def _environment() -> dict[str, str]:

@@ -5,9 +5,7 @@ import json
 import re
 import shutil
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -96,12 +94,9 @@ def new_run(folder: Folder, kind: str) -> str:
 
 def next_run(folder: Folder, kind: str) -> str:
     """What the next run's folder will be called; nothing is made."""
-    return f"{RUNS}/{_last(folder) + 1:04d}-{kind}"
-
-
-def _last(folder: Folder) -> int:
     names = (_NAME.fullmatch(path.name) for path in (folder.root / RUNS).glob("*"))
-    return max((int(name[1]) for name in names if name), default=0)
+    last = max((int(name[1]) for name in names if name), default=0)
+    return f"{RUNS}/{last + 1:04d}-{kind}"
 
 
 def inputs_of(folder: Folder, step: Step) -> tuple[Input, ...]:
@@ -132,38 +127,13 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> None:
                     shutil.copyfile(path, kept)
 
 
-def write_record(
-    folder: Folder,
-    run: str,
-    step: Step,
-    inputs: tuple[Input, ...],
-    *,
-    began: datetime,
-    code: int,
-    out: str,
-    messages: str,
-    of: str,
-    robot: str,
-) -> FinishedRun:
+def write_record(folder: Folder, run: str, record: Record, out: str, messages: str) -> FinishedRun:
     """Write down how a run ended: its record last, so that what has one is complete."""
-    for name, text in ((OUTPUT, out), (MESSAGES, messages)):
-        if text:
+    text = yaml_text(record.model_dump(mode="json"))
+    for name, content in ((OUTPUT, out), (MESSAGES, messages), (RECORD, text)):
+        if content:
             with written_whole(folder.root / run / name) as file:
-                file.write(text)
-    record = Record(
-        kind=step.kind,
-        command=step.command,
-        python=step.python,
-        version=version("deltaid"),
-        began=began.isoformat(timespec="seconds"),
-        seconds=round((datetime.now(UTC) - began).total_seconds(), 1),
-        exit=code,
-        inputs=inputs,
-        of=of,
-        robot=robot,
-    )
-    with written_whole(folder.root / run / RECORD) as file:
-        file.write(yaml_text(record.model_dump(mode="json")))
+                file.write(content)
     return FinishedRun(run, record)
 
 

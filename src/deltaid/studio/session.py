@@ -17,7 +17,7 @@ from deltaid.studio.folder import RUNS, Folder, refusing, stamp
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import Problem, ready, try_look
 from deltaid.studio.plan import Checked, Plan, Store, Used
-from deltaid.studio.runs import FinishedRun, new_run, output
+from deltaid.studio.runs import new_run, output
 from deltaid.studio.steps import Step, show_step
 
 _Found = TypeVar("_Found")
@@ -104,8 +104,7 @@ class Session:
         place = new_run(self.folder, kind)
         of = self.store.checked_of() if kind in ("check", "fit") else ""
         self.job = Job(make(place), self.folder, place, of=of, robot=self.plan.robot or "")
-        self._start(self._run(self.job))
-        self.store.tell()
+        self._start(self.job)
         return self.job
 
     @property
@@ -129,8 +128,7 @@ class Session:
         with refusing(RUNS):
             (self.folder.root / _DRAWN).mkdir(parents=True, exist_ok=True)
         self.view = Job(show_step(robot, VIEW), self.folder, _DRAWN, of=self._robot_now())
-        self._start(self._run(self.view))
-        self.store.tell()
+        self._start(self.view)
 
     def _robot_now(self) -> str:
         return f"{self.plan.robot} {self.stamped(self.plan.robot or '')}"
@@ -181,13 +179,14 @@ class Session:
                 child.terminate()
             self._pool.shutdown(cancel_futures=True)
 
-    def _start(self, work: Any) -> None:
-        task = asyncio.get_running_loop().create_task(work)
+    def _start(self, job: Job) -> None:
+        task = asyncio.get_running_loop().create_task(self._run(job))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        self.store.tell()
 
-    async def _go(self, job: Job) -> None:
-        """Run a job to an end, whatever comes between."""
+    async def _run(self, job: Job) -> None:
+        """Run a job to an end, whatever comes between; keep what a check or a fit has come to."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -197,17 +196,14 @@ class Session:
                 what = "was ended by a defect of deltaid"
                 job.fail(DeltaidError(what, where=job.step.kind, cure="please report it"))
                 self.store.tell()
-
-    async def _run(self, job: Job) -> None:
-        """Run a job, and keep what a check or a fit has come to."""
-        await self._go(job)
-        if job.step.kind == "check" and job.run is not None and job.state == "done":
-            grade = str(output(self.folder, job.run).get("grade", ""))
-            checked = Checked(of=job.of, grade=grade, run=job.run.folder)
-            self.store.change(lambda plan: plan.changed(checked=checked))
-        elif job.step.kind == "fit" and job.run is not None and job.state == "done":
-            model = job.run.file("model.yaml")
-            self.store.change(lambda plan: plan.changed(model=model))
+        if job.run is not None and job.state == "done":
+            run = job.run
+            if job.step.kind == "check":
+                grade = str(output(self.folder, run).get("grade", ""))
+                checked = Checked(of=job.of, grade=grade, run=run.folder)
+                self.store.change(lambda plan: plan.changed(checked=checked))
+            elif job.step.kind == "fit":
+                self.store.change(lambda plan: plan.changed(model=run.file("model.yaml")))
         self.store.tell()
 
     def stamped(self, name: str) -> str:
@@ -267,11 +263,6 @@ def mapping_name(session: Session, file: str) -> str:
     if not session.folder.has("mapping.yaml"):
         return "mapping.yaml"
     return session.folder.free_name(f"mapping-{file.partition('.')[0]}.yaml")
-
-
-def fit_runs(found: list[FinishedRun]) -> list[FinishedRun]:
-    """Those that made a model."""
-    return [run for run in found if run.record.kind == "fit" and run.succeeded]
 
 
 def mapping_of(session: Session, used: Used) -> str | None:

@@ -47,25 +47,20 @@ def interview(draft: Draft, asker: Asker | None = None) -> Draft:
 
 
 def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
-    """A group's answers, asked for again until they go together."""
+    """A group's answers, asked for again, those that have one too, until they go together."""
+    questions = [question for question in asked(draft.kind) if question.group == group]
     again = False
     while True:
-        draft = _asked(draft, group, asker, again=again)
+        for question in questions:
+            if again or question.key not in draft.values:
+                draft = draft.answered(question.key, *_answer(draft, question, asker))
         try:
             return require_group(draft, group)
         except DeltaidError as error:
-            if all(question.group != group for question in asked(draft.kind)):
+            if not questions:
                 raise
             asker.tell(error)
             again = True
-
-
-def _asked(draft: Draft, group: Group, asker: Asker, *, again: bool) -> Draft:
-    """The draft with answers to the questions of a group; again to those that have one too."""
-    for question in asked(draft.kind):
-        if question.group == group and (again or question.key not in draft.values):
-            draft = draft.answered(question.key, *_answer(draft, question, asker))
-    return draft
 
 
 def _answer(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:

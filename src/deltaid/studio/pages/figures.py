@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import plotly.graph_objects as go
 from nicegui import events, ui
-from plotly.subplots import make_subplots
 
 from deltaid.recording.contents import Contents
 from deltaid.studio import look
@@ -15,6 +14,7 @@ from deltaid.studio.look import Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
+from deltaid.view.style import stacked
 
 Options = dict[str, Any]
 Span = tuple[float, float]
@@ -26,29 +26,29 @@ _GRID = "rgba(128,128,128,.25)"
 _HEIGHT, _LETTERS = 190, 26
 # Columns that are drawn before any is mapped.
 _MOST = 9
+_CONFIG = {"config": {"displaylogo": False}}
 
 
 def curves(seen: Preview, time: str = "time [s]") -> Options:
     """Curves of all drives, one row a quantity, over one time axis."""
-    quantities = list(dict.fromkeys(curve.quantity for curve in seen.curves))
-    plot = make_subplots(rows=len(quantities), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    titles = {
+        c.quantity: f"{c.quantity} [{c.unit}]" if c.unit else c.quantity[-_LETTERS:]
+        for c in seen.curves
+    }
+    plot, rows = _panels(list(titles.values()), time), list(titles)
     for curve in seen.curves:
-        row = quantities.index(curve.quantity) + 1
-        plot.add_trace(
-            go.Scatter(
-                x=curve.time,
-                y=curve.values,
-                name=f"drive {curve.drive + 1}" if curve.unit else curve.name,
-                legendgroup=str(curve.drive),
-                showlegend=row == 1 and bool(curve.unit),
-                line={"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
-            ),
+        row = rows.index(curve.quantity) + 1
+        plot.add_scatter(
+            x=curve.time,
+            y=curve.values,
+            name=f"drive {curve.drive + 1}" if curve.unit else curve.name,
+            legendgroup=str(curve.drive),
+            showlegend=row == 1 and bool(curve.unit),
+            line={"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
             row=row,
             col=1,
         )
-        title = f"{curve.quantity} [{curve.unit}]" if curve.unit else curve.quantity[-_LETTERS:]
-        plot.update_yaxes(title_text=title, row=row, col=1)
-    return _dressed(plot, len(quantities), time)
+    return plot.to_plotly_json() | _CONFIG
 
 
 def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
@@ -59,7 +59,8 @@ def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
         names: of the models.
         shown: 'torques' or 'errors'.
     """
-    plot = make_subplots(rows=len(found.drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    pairs = zip(found.drives, found.units, strict=True)
+    plot = _panels([f"{drive} [{unit}]" for drive, unit in pairs])
     for line in found.torques if shown == "torques" else found.errors:
         name, drawn = "measured", {"color": _MEASURED, "width": 2.5}
         if line.model is not None:
@@ -75,9 +76,23 @@ def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
             row=line.drive + 1,
             col=1,
         )
-    for i, (drive, unit) in enumerate(zip(found.drives, found.units, strict=True)):
-        plot.update_yaxes(title_text=f"{drive} [{unit}]", row=i + 1, col=1)
-    return _dressed(plot, len(found.drives))
+    return plot.to_plotly_json() | _CONFIG
+
+
+def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
+    plot = stacked(titles, height=_HEIGHT * len(titles) + 60, spacing=0.04, time=time)
+    plot.update_xaxes(gridcolor=_GRID, zeroline=False)
+    plot.update_yaxes(gridcolor=_GRID, zeroline=False)
+    return plot.update_layout(
+        margin={"l": 60, "r": 10, "t": 10, "b": 40},
+        legend={"orientation": "h", "y": 1.08},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"color": "#7a8691"},
+        hovermode="x unified",
+        hoversubplots="axis",
+        uirevision="same",  # what one looks at stays when curves come in more detail
+    )
 
 
 def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options | None]]) -> None:
@@ -106,24 +121,6 @@ def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
         if key.startswith("xaxis") and key.endswith(".range[0]"):
             return float(value), float(said[key.replace("[0]", "[1]")])
     return False
-
-
-def _dressed(plot: go.Figure, rows: int, time: str = "time [s]") -> Options:
-    plot.update_xaxes(title_text=time, row=rows, col=1)
-    plot.update_xaxes(gridcolor=_GRID, zeroline=False)
-    plot.update_yaxes(gridcolor=_GRID, zeroline=False)
-    plot.update_layout(
-        height=_HEIGHT * rows + 60,
-        margin={"l": 60, "r": 10, "t": 10, "b": 40},
-        legend={"orientation": "h", "y": 1.08},
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        font={"color": "#7a8691"},
-        hovermode="x unified",
-        hoversubplots="axis",
-        uirevision="same",  # what one looks at stays when curves come in more detail
-    )
-    return plot.to_plotly_json() | {"config": {"displaylogo": False}}
 
 
 async def preview(session: Session, used: Used, mapping: Data) -> None:

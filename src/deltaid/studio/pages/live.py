@@ -58,7 +58,7 @@ class _Live:
         ground, edges = _DARK if self.session.dark else _LIGHT
         self.scene = ui.scene(
             height=440, grid=False, background_color=ground, click_events=[],
-            on_drag_end=self._dragged,
+            on_drag_end=lambda event: self._put((event.x, event.y, event.z, *self.wanted[3:])),
         ).classes("w-full")  # fmt: skip
         self.scene.props('role=img aria-label="The robot, in three dimensions"')
         with self.scene:
@@ -88,9 +88,6 @@ class _Live:
             value = ui.label(_text(self.place[k], axis)).classes("number")
             slider.on_value_change(ask)
         return slider
-
-    def _dragged(self, event: events.SceneDragEventArguments) -> None:
-        self._put((event.x, event.y, event.z, *self.wanted[3:]))
 
     def _put(self, wanted: tuple[float, ...]) -> None:
         """Go somewhere that no slider has asked for: they follow."""

@@ -148,15 +148,14 @@ def form(state: Form) -> None:
         with shown.classes("w-full").props("dense"), ui.element("div").classes("grid drives"):
             for drive, (name, entry) in enumerate(listed):
                 _row(state, quantity, drive, name, entry, columns)
-    missing = ui.refreshable(lambda: _missing(state))
+
+    def say() -> None:
+        if state.missing:
+            parts.note(f"Still missing, so nothing is saved: {state.missing}.", "doubt")
+
+    missing = ui.refreshable(say)
     missing()
-    state.changed.append(state.refresh)
-    state.changed.append(missing.refresh)
-
-
-def _missing(state: Form) -> None:
-    if state.missing:
-        parts.note(f"Still missing, so nothing is saved: {state.missing}.", "doubt")
+    state.changed += [state.refresh, missing.refresh]
 
 
 def _time(state: Form, columns: list[str]) -> None:

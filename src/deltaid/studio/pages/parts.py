@@ -207,21 +207,12 @@ def progress(session: Session, kind: str) -> None:
     job = session.job
     if job is None or job.step.kind != kind:
         return
-    if job.state == "running":
-        _running(job)
-    elif job.state == "cancelled":
+    if job.state == "cancelled":
         note("Cancelled: nothing was written.", "doubt")
-    elif job.state == "failed":
+    if job.state == "failed":
         failed(job)
-
-
-def failed(job: Job) -> None:
-    """Why a step failed, and how to mend it."""
-    what, _, cure = job.error.partition("\n  → ")
-    problem(Problem(what, cure=cure))
-
-
-def _running(job: Job) -> None:
+    if job.state != "running":
+        return
     with ui.element("div").classes("note").props("role=status aria-live=polite"):
         with ui.row().classes("items-center w-full no-wrap"):
             ui.spinner(size="22px").props('aria-hidden="true"')
@@ -237,6 +228,12 @@ def _running(job: Job) -> None:
 
     tick()
     ui.timer(0.3, tick)
+
+
+def failed(job: Job) -> None:
+    """Why a step failed, and how to mend it."""
+    what, _, cure = job.error.partition("\n  → ")
+    problem(Problem(what, cure=cure))
 
 
 def report(session: Session, name: str, label: str) -> None:

@@ -11,7 +11,7 @@ from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, runs
-from deltaid.studio.session import Session, fit_runs, mapping_of
+from deltaid.studio.session import Session, mapping_of
 from deltaid.studio.steps import validate_step
 from deltaid.view.numbers import percent
 
@@ -21,7 +21,7 @@ _SHOWN = ["torques", "errors"]
 async def body(session: Session) -> None:
     """The model that was found, beside all other runs."""
     everything = runs(session.folder)
-    models = fit_runs(everything)
+    models = [run for run in everything if run.record.kind == "fit" and run.succeeded]
     if not models:
         parts.note("There is no model yet: fit one first.")
         return

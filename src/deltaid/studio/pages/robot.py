@@ -44,6 +44,11 @@ async def body(session: Session) -> None:
 
 
 def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
+    async def readable(path: Path) -> Problem | None:
+        # What is wrong with the text is said by the editor.
+        found = try_look(read_text, path)
+        return found if isinstance(found, Problem) else None
+
     with panel("Pick a robot"):
         own = session.folder.robots()
         options = {name: f"{name} (file of this folder)" for name in own}
@@ -66,19 +71,22 @@ def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
                         lambda: _take(session, own_copy(session.folder, chosen or ""))
                     ),
                 ).props("no-caps")
-        upload(session, "a robot file", _readable, lambda file: _take(session, file), _ENDINGS)
+        upload(session, "a robot file", readable, lambda file: _take(session, file), _ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
             with ui.element("div").classes("facts"):
-                for what, value in _facts(robot):
+                drives = (
+                    f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
+                    for drive in robot.drives
+                )
+                for what, value in (
+                    ("robot", robot.title or robot.name),
+                    ("drives, in the order of q", ", ".join(drives)),
+                    ("bodies", ", ".join(robot.bodies)),
+                    ("friction", ", ".join(robot.friction) or "none described"),
+                ):
                     ui.label(what).classes("dim")
                     ui.label(value)
-
-
-async def _readable(path: Path) -> Problem | None:
-    """Why a file cannot be edited as text; what is wrong with the text is said by the editor."""
-    found = try_look(read_text, path)
-    return found if isinstance(found, Problem) else None
 
 
 @cache
@@ -86,18 +94,6 @@ def _title(name: str) -> str:
     """Of a catalogue robot, without reading all of its description."""
     found = re.search(r"^title: *(.+)$", catalogue_text(name), re.MULTILINE)
     return found[1].strip("\"' ") if found else name
-
-
-def _facts(robot: RobotDescription) -> list[tuple[str, str]]:
-    drives = ", ".join(
-        f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})" for drive in robot.drives
-    )
-    return [
-        ("robot", robot.title or robot.name),
-        ("drives, in the order of q", drives),
-        ("bodies", ", ".join(robot.bodies)),
-        ("friction", ", ".join(robot.friction) or "none described"),
-    ]
 
 
 def _take(session: Session, name: str | None) -> None:
@@ -155,7 +151,13 @@ def describe(session: Session) -> None:
                 with said:
                     parts.problem(text)
                 return
-            parts.attempt(lambda: _take_draft(session, name, text))
+
+            def take() -> None:
+                session.folder.write(name, text)
+                session.choices["own robot"].clear()
+                session.store.change(lambda plan: plan.changed(robot=name))
+
+            parts.attempt(take)
 
         ui.button(f"Write {name}", on_click=write).props("no-caps")
         shown = ui.refreshable(lambda: parts.both(new_step(str(kind.value), name, answers)))
@@ -169,24 +171,16 @@ def describe(session: Session) -> None:
         kind.on_value_change(lambda: fields.refresh())
 
 
-def _take_draft(session: Session, name: str, text: str) -> None:
-    session.folder.write(name, text)
-    session.choices["own robot"].clear()
-    session.store.change(lambda plan: plan.changed(robot=name))
-
-
 def _fields(kind: str, answers: dict[str, str]) -> None:
     questions = asked(kind)
+    needed = [question for question in questions if question.assumed is None]
     with ui.element("div").classes("columns"):
+        for question in needed:
+            _field(question, answers)
+    known = ui.expansion("Masses, motors and what else you know").classes("w-full").props("dense")
+    with known, ui.element("div").classes("columns"):
         for question in questions:
-            if question.assumed is None:
-                _field(question, answers)
-    with (
-        ui.expansion("Masses, motors and what else you know").classes("w-full").props("dense"),
-        ui.element("div").classes("columns"),
-    ):
-        for question in questions:
-            if question.assumed is not None:
+            if question not in needed:
                 _field(question, answers)
 
 
