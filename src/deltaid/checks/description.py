@@ -250,8 +250,8 @@ def _needed(robot: RobotDescription, poses: Poses) -> str:
     """Drive ranges that the workspace needs beyond the limits."""
     texts = list[str]()
     for drive, q in zip(robot.drives, poses.q[poses.stands].T, strict=True):
-        limits = robot.drive_limits.get(drive)
-        if limits is None or limits.range is None or not q.size:
+        limits = robot.limits_of(drive)
+        if limits.range is None or not q.size:
             continue
         if q.min() < limits.range[0] or q.max() > limits.range[1]:
             scale, unit = (1.0, " m") if robot.is_linear(drive) else (np.rad2deg(1.0), "°")

@@ -13,7 +13,7 @@ from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import Box, Cylinder, DriveLimits, Hemisphere
+from deltaid.robot.limits import Box, Cylinder, Hemisphere
 
 Shares = Float[np.ndarray, "samples limits"]
 
@@ -83,10 +83,7 @@ def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
 
 def torque_limits(robot: RobotDescription) -> dict[int, float]:
     """Largest torque of each drive that has one, by its place in q [N m or N]."""
-    efforts = {
-        i: robot.drive_limits.get(drive, DriveLimits()).effort
-        for i, drive in enumerate(robot.drives)
-    }
+    efforts = {i: robot.limits_of(drive).effort for i, drive in enumerate(robot.drives)}
     return {i: effort for i, effort in efforts.items() if effort is not None}
 
 
@@ -101,7 +98,7 @@ def _of_drive(
 ) -> list[Limit]:
     """Range, speed and acceleration of one drive."""
     drive, limits = robot.drives[i], []
-    given = robot.drive_limits.get(drive, DriveLimits())
+    given = robot.limits_of(drive)
     if given.range is not None:
         name = f"{drive} {robot.units(drive).motion}"
         limits.append(_between(name, mechanism.q[i], given.range))

@@ -23,8 +23,8 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     bodies = [RigidBody(subject.body(name)) for name in layout.bodies]
     # Bodies of the robot, of which some share one set of parameters.
     moved = subject.dynamics.kinematics.mechanism.bodies
-    limits = [robot.drive_limits.get(drive) for drive in robot.drives]
-    ranges = [(l and l.range) or (-np.inf, np.inf) for l in limits]
+    limits = [robot.limits_of(drive) for drive in robot.drives]
+    ranges = [l.range or (-np.inf, np.inf) for l in limits]
     terms = robot.friction_terms
     return {
         "robot": np.array(robot.name),
@@ -52,7 +52,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "drives": np.array(robot.drives),
         "drive_is_linear": np.array([robot.is_linear(drive) for drive in robot.drives]),
         "drive_range": np.array(ranges),
-        "drive_speed": np.array([(l and l.top_speed) or np.inf for l in limits]),
+        "drive_speed": np.array([l.top_speed or np.inf for l in limits]),
         "drive_effort": effort_limits(robot),
         "gravity": np.array(robot.gravity),
         "home": subject.home,

@@ -113,9 +113,9 @@ def _along_rail(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
 
 def _rail(subject: Model, limb: LimbGeometry, n: int, s: float) -> tuple[Vector, Vector]:
     """Both ends of a rail, which stands behind the joints of its carriage."""
-    limits = subject.robot.drive_limits.get(f"drive{n}")
+    limits = subject.robot.limits_of(f"drive{n}")
     q = subject.dynamics.kinematics.inverse(subject.home)[n - 1]
-    low, high = (limits and limits.range) or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
+    low, high = limits.range or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
     behind = -0.035 * s * _along_rail(limb)[:, 0] * (1 if limb.outwards else -1)
     place, along = limb.base + limb.R_WL @ behind, limb.R_WL @ limb.rail
     return place + low * along, place + high * along

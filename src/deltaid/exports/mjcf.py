@@ -172,7 +172,7 @@ def _joint(
     home: dict[str, float],
 ) -> ET.Element:
     """A joint; its coordinate at the model's own pose is `ref`."""
-    own, limits = forces.get(joint.name, JointForces()), subject.robot.drive_limits.get(joint.name)
+    own, limits = forces.get(joint.name, JointForces()), subject.robot.limits_of(joint.name)
     return element(
         "joint",
         name=joint.name,
@@ -184,7 +184,7 @@ def _joint(
         armature=own.armature or None,
         stiffness=own.stiffness or None,
         springref=own.rest if own.stiffness else None,
-        range=(limits and limits.range) or None,
+        range=limits.range,
     )
 
 
@@ -218,8 +218,8 @@ def _actuators(subject: Model) -> ET.Element:
     """A motor a drive: its control is the torque [N m] or force [N] at the joint."""
     motors = []
     for drive in subject.robot.drives:
-        limits = subject.robot.drive_limits.get(drive)
-        span = [-limits.effort, limits.effort] if limits and limits.effort else None
+        effort = subject.robot.limits_of(drive).effort
+        span = [-effort, effort] if effort else None
         motors.append(
             element("motor", name=drive, joint=drive, gear="1", ctrlrange=span, forcerange=span)
         )

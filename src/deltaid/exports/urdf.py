@@ -219,23 +219,22 @@ def _place(
 def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
     if joint.slides:
         return "prismatic"
-    limits = robot.drive_limits.get(joint.name)
-    return "revolute" if limits and limits.range else "continuous"
+    return "revolute" if robot.limits_of(joint.name).range else "continuous"
 
 
 def _limit(robot: RobotDescription, joint: TreeJoint) -> Iterator[ET.Element]:
     """What the description says of drives and of a bar's stroke; URDF demands it of slides."""
-    limits, turns = robot.drive_limits.get(joint.name), not joint.slides
+    limits, turns = robot.limits_of(joint.name), not joint.slides
     if joint.name not in robot.drives and turns:
         return
-    low, high = (limits and limits.range) or (-_FAR, _FAR)
+    low, high = limits.range or (-_FAR, _FAR)
     if joint.name == "slide" and robot.telescope is not None and robot.telescope.stroke:
         low, high = robot.telescope.stroke
     bounded = _kind(robot, joint) != "continuous"
     yield element(
         "limit",
-        effort=(limits and limits.effort) or _STRONG,
-        velocity=(limits and limits.top_speed) or _FAST,
+        effort=limits.effort or _STRONG,
+        velocity=limits.top_speed or _FAST,
         lower=low if bounded else None,
         upper=high if bounded else None,
     )

@@ -66,10 +66,10 @@ def control(
 
 def _interfaces(subject: Model, drive: str, home: float) -> ET.Element:
     """What may be commanded within which limits, and what is told; it starts in the home pose."""
-    limits = subject.robot.drive_limits.get(drive)
-    speed, effort = limits and limits.top_speed, limits and limits.effort
+    limits = subject.robot.limits_of(drive)
+    speed, effort = limits.top_speed, limits.effort
     bounds = {
-        "position": limits and limits.range,
+        "position": limits.range,
         "velocity": (-speed, speed) if speed else None,
         "effort": (-effort, effort) if effort else None,
     }

@@ -135,10 +135,10 @@ _generic_base = lru_cache(maxsize=8)(random_motion_base)
 
 def _reference_speed(robot: RobotDescription, joint: str) -> float:
     """The speed up to which a joint's friction is followed closely [rad/s or m/s]."""
-    limits = robot.drive_limits.get(joint)
+    limits = robot.limits_of(joint)
     if robot.units(joint).coordinate == "m":
-        return float((limits and limits.speed) or _SLIDING)
-    degrees = limits and limits.speed_deg_s
+        return float(limits.speed or _SLIDING)
+    degrees = limits.speed_deg_s
     return float(np.deg2rad(degrees)) if degrees else _TURNING
 
 

@@ -95,8 +95,8 @@ def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | 
     if robot.is_linear(robot.drives[i]):
         return None
     angle = ca.Function("q", [z], [build_limb(point, robot.limb_geometry[i]).q])
-    home, limits = float(angle(robot.home)), robot.drive_limits.get(f"drive{i + 1}")
-    low, high = limits.range if limits and limits.range else (home - _QUARTER, home + _QUARTER)
+    home, limits = float(angle(robot.home)), robot.limits_of(f"drive{i + 1}")
+    low, high = limits.range or (home - _QUARTER, home + _QUARTER)
     return 0.0 if max(-low, high) < _CLEAR or np.isnan(low) else 0.5 * (low + high)
 
 

@@ -105,8 +105,7 @@ def _limb(
         segments.append(Segment(driven, limb.driven.world_origin, elbow))
         return segments, sides
     rail = ca.SX(ca.DM(geometry.R_WL @ geometry.rail))
-    limits = robot.drive_limits.get(f"drive{i + 1}")
-    low, high = limits.range if limits and limits.range else (-0.5, 0.5)
+    low, high = robot.limits_of(f"drive{i + 1}").range or (-0.5, 0.5)
     start = ca.SX(ca.DM(geometry.base))
     segments.append(Segment(_BASE, start + low * rail, start + high * rail))
     return segments, sides

@@ -57,12 +57,10 @@ def random_motion(
 def _outside(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) -> str:
     """The first drive that leaves its described range, in words; empty if none does."""
     for i, drive in enumerate(robot.drives):
-        limits = robot.drive_limits.get(drive)
-        if limits is not None and limits.range is not None:
-            low, high = limits.range
-            if q[:, i].min() < low or q[:, i].max() > high:
-                what = "position" if robot.is_linear(drive) else "angle"
-                return f"{drive} leaves its {what} range"
+        low, high = robot.limits_of(drive).range or (-np.inf, np.inf)
+        if q[:, i].min() < low or q[:, i].max() > high:
+            what = "position" if robot.is_linear(drive) else "angle"
+            return f"{drive} leaves its {what} range"
     return ""
 
 

@@ -79,9 +79,8 @@ def _like_the_papers(robot: RobotDescription) -> bool:
     """Whether friction of Sec. VII suits a robot: a rotary Delta with drives as strong."""
     if robot.platform_turns or any(robot.is_linear(d) for d in robot.drives):
         return False
-    limits = {i: robot.drive_limits.get(drive) for i, drive in enumerate(robot.drives)}
-    efforts = {robot.drives[i]: d.effort for i, d in limits.items() if d is not None and d.effort}
-    return all(_COULOMB[drive] <= _SMALL * effort for drive, effort in efforts.items())
+    efforts = {drive: robot.limits_of(drive).effort for drive in robot.drives}
+    return all(_COULOMB[drive] <= _SMALL * effort for drive, effort in efforts.items() if effort)
 
 
 def simulate_recording(

@@ -154,8 +154,7 @@ def _bounds(
     before let expect, beyond which a row cannot be."""
     robot, largest = model.robot, known.largest.copy()
     for i, drive in enumerate(robot.drives):
-        limit = robot.drive_limits.get(drive)
-        largest[i] = max(largest[i], (limit and limit.effort) or 0.0)
+        largest[i] = max(largest[i], robot.limits_of(drive).effort or 0.0)
     q = model.dynamics.kinematics.inverse(np.array(model.home))
     M = model.dynamics.terms(q, np.zeros_like(q), model.p).M
     bound = _BEYOND * largest

@@ -229,8 +229,7 @@ def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
     robot, found = model.robot, ca.SX.zeros(tau.numel())
     ends = np.abs(model.gains) * np.array(settings.torque_ends or [np.inf] * len(robot.drives))
     for i, drive in enumerate(robot.drives):
-        limit = robot.drive_limits.get(drive)
-        end = min(float(ends[i]), (limit and limit.effort) or np.inf)
+        end = min(float(ends[i]), robot.limits_of(drive).effort or np.inf)
         if np.isfinite(end):
             found[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
     return found

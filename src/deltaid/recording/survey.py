@@ -36,8 +36,8 @@ class Survey:
         self.reach = ReachCheck(table, columns, kinematics)
         self.bounds = Bounds(table, columns, kinematics.robot)
         self.clock = ClockCheck(table, columns.time.column)
-        limits = map(kinematics.robot.drive_limits.get, kinematics.robot.drives)
-        efforts = [(limit and limit.effort) or np.inf for limit in limits]
+        limits = map(kinematics.robot.limits_of, kinematics.robot.drives)
+        efforts = [limit.effort or np.inf for limit in limits]
         self.search = MaskSearch(kinematics.dof, efforts) if columns.torque else None
         self.loads = LoadSearch(table, columns)
         self.sensors = SensorCheck(table, columns)

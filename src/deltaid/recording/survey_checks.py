@@ -19,7 +19,6 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import LogTable
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import DriveLimits
 
 # How many times a described limit may be exceeded.
 _FACTOR = 100.0
@@ -113,7 +112,7 @@ class Bounds:
         for quantity, channels in enumerate(parts):
             for drive, _ in zip(robot.drives, channels, strict=False):
                 slides = robot.is_linear(drive)
-                own = robot.drive_limits.get(drive, DriveLimits())
+                own = robot.limits_of(drive)
                 # Of positions nothing, for they may be wrapped.
                 limits = (None, own.top_speed, own.top_acceleration, own.effort)
                 stated = limits[quantity]

@@ -175,6 +175,10 @@ class RobotDescription(Shown, Plotted, Reported, Part):
             return self.mechanism.task.turn is not None
         return not isinstance(self.platform, RigidPlatform)
 
+    def limits_of(self, drive: str) -> DriveLimits:
+        """What a drive can do; all None where nothing is described."""
+        return self.drive_limits.get(drive, DriveLimits())
+
     def is_linear(self, joint: str) -> bool:
         """Whether a joint slides: coordinates in m and forces in N instead of rad and N m."""
         if self.mechanism is not None and joint in self.mechanism.joints:
@@ -209,7 +213,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
             low, high = np.deg2rad(p.angle_deg)
             speed, acceleration = np.deg2rad([p.speed_deg_s, p.acceleration_deg_s2])
             return TurnLimits(float(low), float(high), float(speed), float(acceleration))
-        limits = self.drive_limits.get("drive4") or DriveLimits()
+        limits = self.limits_of("drive4")
         low, high = limits.range or (-np.pi, np.pi)
         return TurnLimits(
             low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf

@@ -10,7 +10,6 @@ from scipy.stats import qmc
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.errors import KinematicsError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import DriveLimits
 from deltaid.view.drawing import outline_points
 
 # Directions of the rays: one every so many degrees.
@@ -169,7 +168,7 @@ def _longest(robot: AtRest) -> float:
     """No way within reach is longer [m]."""
     spans = []
     for i, limb in enumerate(robot.robot.limb_geometry):
-        ends = robot.robot.drive_limits.get(f"drive{i + 1}", DriveLimits()).range
+        ends = robot.robot.limits_of(f"drive{i + 1}").range
         rail = float(np.abs(ends).max()) if ends else 1.0
         drive = limb.upper_arm if limb.drive == "rotary" else rail
         spans.append(np.linalg.norm(limb.base) + drive + limb.strut)

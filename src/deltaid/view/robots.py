@@ -12,7 +12,6 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import DriveLimits
 from deltaid.robot.load import yaml_text
 from deltaid.view import style
 from deltaid.view.animation import CAMERA, fix_scene, robot_lines, workspace_line
@@ -70,7 +69,7 @@ def robot_card(value: _Robot) -> Card:
 def _drives(robot: RobotDescription) -> Table:
     rows = list[tuple[str, ...]]()
     for drive, unit in robot.drive_units.items():
-        limits = robot.drive_limits.get(drive, DriveLimits())
+        limits = robot.limits_of(drive)
         span, speed, effort = limits.range, limits.top_speed, limits.effort
         ends = " … ".join(number(unit.per_shown * x, 3) for x in span or ())
         rows.append(
@@ -176,7 +175,7 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     rows = []
     for i, drive in enumerate(described.drives):
         units = described.units(drive)
-        limits, scale = described.drive_limits.get(drive, DriveLimits()), units.per_shown
+        limits, scale = described.limits_of(drive), units.per_shown
         rows.append(
             (
                 drive,

@@ -181,8 +181,8 @@ class RemappedRecording:
     def _beyond(self, i: int) -> float:
         """Largest ratio of a drive's speed or range to the described one."""
         robot, beyond = self.evidence.robot, 0.0
-        limits = robot.drive_limits.get(self.names[i])
-        if limits is not None and limits.top_speed:
+        limits = robot.limits_of(self.names[i])
+        if limits.top_speed:
             beyond = float(np.abs(self.motion.qd[:, i]).max()) / limits.top_speed
         if len(self.names) == 1 and self.linear(i):
             _, half = robot.within(0.0)

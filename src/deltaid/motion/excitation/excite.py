@@ -262,9 +262,7 @@ class Exciter(Shown, Plotted):
         rms = np.sqrt(np.mean(np.sum((Y / torque[None, :, None]) ** 2, axis=1), axis=0))
         robot = self.dynamics.robot
         for i, drive in enumerate(robot.drives):
-            limits = robot.drive_limits.get(drive)
-            if limits is not None and limits.top_speed is not None:
-                speed[i] = limits.top_speed
+            speed[i] = robot.limits_of(drive).top_speed or speed[i]
         return torque, speed, rms
 
     def _weighting(self) -> Weighting:
