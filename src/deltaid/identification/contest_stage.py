@@ -1,6 +1,5 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,8 +31,6 @@ from deltaid.model.corrections import Kind
 from deltaid.recording.gears import Gears
 from deltaid.recording.readings import Readings
 
-# What leaves half the variance as noise stands in place of what is beyond parts.
-_BETTER = 0.5 * math.log(2.0)
 # Sweeps at most.
 _SWEEPS = 8
 # By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
@@ -77,7 +74,7 @@ class _Settled:
 
     Attributes:
         setup: with what is kept.
-        noise: what is left, as of `Contest`.
+        noise, noise_spread: what is left, as of `Contest`.
         moves: of parameters, by what is corrected, and by what is beyond its limit.
         beyond: errors of the description that would be further off than they ever are.
         why_not: why this is not what acts on the robot; empty where it may be.
@@ -86,6 +83,7 @@ class _Settled:
     setup: Setup
     outcome: ContestOutcome
     noise: float
+    noise_spread: float
     moves: tuple[Parameters, ...]
     beyond: frozenset[str]
     why_not: str
@@ -95,8 +93,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     """Effects that rows need beside all others; earlier results are decided anew.
 
     Slopes are first taken far from where the robot is, and an error of its description that is
-    beyond all that parts are off by may stand for the curvature of another. Sweeps then begin where
-    those without it have settled, and stand if they leave much less.
+    beyond all that parts are off by may stand for the curvature of another. So sweeps without it,
+    and such as begin where these have settled, stand in its place if they leave as little.
     """
     if setup.settings.effects == "none":
         return setup
@@ -106,7 +104,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         return setup
     end = _settled(bare, _sweeps(bare))
     others = _again(bare, end.beyond)
-    end = next((other for other in others if _is_better(other, end)), end)
+    end = min((o for o in others if _is_better(o, end)), key=lambda o: o.noise, default=end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
@@ -117,19 +115,21 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 
 def _is_better(other: _Settled, end: _Settled) -> bool:
-    return not other.why_not and other.noise < end.noise - _BETTER
+    """Whether what is within all that parts are off by leaves no more, but for chance."""
+    return not other.why_not and other.noise < end.noise + end.noise_spread
 
 
 def _again(bare: Setup, beyond: frozenset[str]) -> list[_Settled]:
-    """What sweeps settle at that begin where those have with none of these or only one, whichever
-    leaves least."""
+    """What sweeps settle at with none of these or only one, and those that begin where whichever of
+    them leaves least has settled."""
     all_but_one = [beyond - {name} for name in sorted(beyond)] if len(beyond) > 1 else []
     starts = [
         _sweeps(bare.changed(barred_effects=bare.barred_effects | barred))
         for barred in (beyond, *all_but_one) if barred
     ]  # fmt: skip
     starts = sorted((s for s in starts if not s.is_lost), key=lambda start: start.last.noise)
-    return [_settled(bare, _sweeps(bare, start)) for start in starts[:1]]
+    ends = [*(_sweeps(bare, start) for start in starts[:1]), *starts]
+    return [_settled(bare, end) for end in ends]
 
 
 def _settled(bare: Setup, end: _Sweeps) -> _Settled:
@@ -143,7 +143,7 @@ def _settled(bare: Setup, end: _Sweeps) -> _Settled:
             setup = _finished(_read(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - end.plain, *end.dismissed)
-    return _Settled(setup, outcome, last.noise, moves, beyond, why)
+    return _Settled(setup, outcome, last.noise, last.noise_spread, moves, beyond, why)
 
 
 def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
