@@ -158,11 +158,12 @@ def _offset(made: Line, replay: Replay, settings: OnlineSettings, case: Case) ->
 
 def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
     """Of each pick whether its mass is near, and whether its interval holds, 0.2 s after it."""
-    s, near, holds = found.series, list[bool](), list[bool]()
+    columns = found.series.select("t", "mass", "mass_low", "mass_high")
+    (time, masses, lows, highs), near, holds = columns.to_numpy().T, list[bool](), list[bool]()
     for k, one in enumerate(made.loads):
-        i = int(np.searchsorted(s.time, (k + 0.3) * EVERY + 0.2))
-        near.append(bool(abs(s.mass[i] - one[0]) <= max(0.1 * one[0], 0.06)))
-        holds.append(bool(s.low[i] <= one[0] <= s.high[i]))
+        i = int(np.searchsorted(time, (k + 0.3) * EVERY + 0.2))
+        near.append(bool(abs(masses[i] - one[0]) <= max(0.1 * one[0], 0.06)))
+        holds.append(bool(lows[i] <= one[0] <= highs[i]))
     return near, holds
 
 

@@ -71,25 +71,27 @@ class Count:
 
     def add_picks(self, picks: Sequence[Pick], found: Watched) -> None:
         """Masses 0.2 s after each pick."""
-        s = found.series
+        columns = found.series.select("t", "mass", "mass_low", "mass_high")
+        time, masses, lows, highs = columns.to_numpy().T
         for pick in picks:
-            if pick.end - pick.start <= SOON or pick.start + SOON >= s.time[-1]:
+            if pick.end - pick.start <= SOON or pick.start + SOON >= time[-1]:
                 continue
-            k = int(np.searchsorted(s.time, pick.start + SOON))
-            error = s.mass[k] - pick.mass
+            k = int(np.searchsorted(time, pick.start + SOON))
+            error = masses[k] - pick.mass
             self.near.append(bool(abs(error) <= max(0.1 * pick.mass, 0.06)))
-            self.holds.append(bool(s.low[k] <= pick.mass <= s.high[k]))
+            self.holds.append(bool(lows[k] <= pick.mass <= highs[k]))
             self.errors.append(abs(error))
-            self.widths.append(0.5 * (s.high[k] - s.low[k]))
+            self.widths.append(0.5 * (highs[k] - lows[k]))
 
     def add_pushes(self, pushes: Sequence[Push], found: Watched, q: np.ndarray) -> None:
         """When and where each push was found, and whether drives moved."""
+        time = found.series["t"].to_numpy()
         for push in pushes:
-            if push.end >= found.series.time[-1]:
+            if push.end >= time[-1]:
                 continue
             own = [one for one in found.touches if _is(one, push)]
             self.delays.append(own[0].start - push.start if own else np.inf)
-            at = int(np.searchsorted(found.series.time, push.start))
+            at = int(np.searchsorted(time, push.start))
             ways = np.abs(np.diff(q[at : at + round(LATEST * RATE)], axis=0))
             self.moving.append(bool(np.all(ways.min(axis=0) > STANDS / RATE)))
             if own:

@@ -8,10 +8,9 @@ import polars as pl
 import pytest
 
 from deltaid.errors import RecordingError
-from deltaid.online.doubts import doubts
+from deltaid.online.doubts import doubts, gripper_doubts
 from deltaid.online.events import LoadEntry, WeighedLoad
 from deltaid.online.grip_timing import GripTiming, Offset
-from deltaid.online.gripper_doubts import gripper_doubts
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay, open_replay
 from deltaid.online.settings import OnlineSettings
@@ -198,7 +197,7 @@ def test_signals_in_time_are_not_doubted() -> None:
     found = timing(0.0, 20, np.random.default_rng(1))
     assert found.taken.low == found.left.high == 0.0
     known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), left=Offset(0.045, 0.049, 9, 8))
-    assert not gripper_doubts(known, [load()], 0.05)
+    assert not list(gripper_doubts(known, [load()], 0.05))
 
 
 def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
@@ -207,7 +206,7 @@ def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
     (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
     assert "something held from the first row" in doubt
     always = replace(NOTHING, told=frozenset({HOLDS}))
-    assert not gripper_doubts(always, [load()], 0.0, is_column=False)
+    assert not list(gripper_doubts(always, [load()], 0.0, is_column=False))
     (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
     assert "closed without a part" in doubt
 

@@ -8,11 +8,10 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
-from deltaid.online.kalman import Estimate
+from deltaid.online.kalman import Estimate, States
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
-from deltaid.online.momentum import Lowpass, build_momentum, filtered_torque
+from deltaid.online.momentum import Lowpass, build_momentum
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.states import States
 from deltaid.robot.load import load_robot
 
 PRIOR = np.array([1.0, 0.0, 1.0, 4.0])
@@ -84,9 +83,8 @@ def test_each_kind_of_state_has_its_own_memory() -> None:
     period, friction = 0.002, 20.0
 
     def later(held: float) -> np.ndarray:
-        nothing = ca.SX.zeros(10)  # the lower triangle of P
-        states = States(np.arange(4), ca.SX.zeros(4), nothing, ca.SX(held), period, friction)
-        return np.diag(numbers(states.later(states.symbols))[1])
+        states, known = States(np.arange(4), period, friction), ca.SX.zeros(4, 4)
+        return np.diag(numbers(states.later(Estimate(ca.SX.zeros(4), known), ca.SX(held)))[1])
 
     memory = np.array([1e6, 300.0, friction, 0.05])
     np.testing.assert_allclose(later(1.0), -np.expm1(-2 * period / memory), rtol=1e-6)
@@ -164,14 +162,19 @@ def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
         m.load,
     )
     lines = Lowpass.lines(CORNER, 1 / rate)
-    f = filtered_torque(m.H @ directions, m.W @ directions, kept, lines, CORNER)
+    momentum, rest = CORNER * (m.H @ directions), m.W @ directions
+    x = momentum - rest
+    unforced = lines.output(kept, x)
     filtered = lines.output(kept_torque, torque)
-    state = ca.veccat(f.kept, lines.keep(filtered, torque))
-    outputs = ca.veccat(filtered - f.output[:, 0], f.output[:, 1])
+    state = ca.veccat(lines.keep(unforced, x), lines.keep(filtered, torque))
+    explained = momentum - unforced
+    outputs = ca.veccat(filtered - explained[:, 0], explained[:, 1])
     cycle = ca.Function(
         "f", [ca.veccat(kept, kept_torque), ca.vertcat(m.z, m.qd, torque)], [state, outputs]
     )
-    begin = ca.Function("f", [m.z, m.qd, torque], [ca.veccat(f.resting, lines.before * torque)])
+    begin = ca.Function(
+        "f", [m.z, m.qd, torque], [ca.veccat(lines.keep(momentum, x), lines.before * torque)]
+    )
     first = begin(z[0], qd[0], tau[0])
     inputs = np.hstack([z, qd, tau])[1:].T
     out = np.array(cycle.mapaccum(inputs.shape[1])(first, inputs)[1])

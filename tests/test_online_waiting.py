@@ -12,8 +12,8 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE
 from deltaid.model.model import Model, load
-from deltaid.online.graph import Field, Layout
-from deltaid.online.instant import AlignedInputs, Waits, line, waits
+from deltaid.online.graph import CycleFields, Field, Layout
+from deltaid.online.instant import Waits, line, waits
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import Watched, watch
@@ -33,32 +33,33 @@ def made() -> Picked:
     return picked()
 
 
-def ran(rows: np.ndarray, each: Waits) -> tuple[np.ndarray, AlignedInputs]:
+def ran(rows: np.ndarray, each: Waits) -> np.ndarray:
     """What comes out row by row; a row with NaN breaks the line."""
     goes_on, u = ca.SX.sym("goes_on"), READ.symbols("in")
     finite = ca.SX.sym("finite")
-    found = line(READ, u, each.of_inputs(READ), goes_on, finite)
-    (kept,) = found.kept
+    fields = CycleFields()
+    waited = line(fields, READ, u, each.of_inputs(READ), goes_on, finite)
     step = ca.Function(
-        "step", [kept.symbol, READ.vector(u), goes_on, finite],
-        [kept.following, READ.vector(found.u)],
+        "step", [fields.before["waiting"], READ.vector(u), goes_on, finite],
+        [fields.following["waiting"], READ.vector(waited)],
     )  # fmt: skip
-    state, out, before = kept.field.start, [], False
+    state, out, before = np.zeros(fields.before["waiting"].numel()), [], False
     for row in rows:
         good = bool(np.isfinite(row).all())
         following, y = step(state, row, before, good)
         state, before = np.array(following).ravel(), good
         assert np.isfinite(state).all()
         out.append(np.array(y).ravel())
-    return np.array(out), found
+    return np.array(out)
 
 
 def test_all_is_of_one_instant_once_the_line_is_full() -> None:
     # A torque 1.4 cycles late, one 0.85 cycles early.
     t = np.arange(12.0)
     rows = np.column_stack([t, 10 + 2 * (t - 1.4), 7 - 3 * (t + 0.85), t])
-    out, found = ran(rows, Waits(1.4, (0.0, 2.25)))
-    assert found.cycles == 3
+    each = Waits(1.4, (0.0, 2.25))
+    out = ran(rows, each)
+    assert each.cycles == 3
     for then, row in zip(t[3:] - 1.4, out[3:], strict=True):
         np.testing.assert_allclose(row[:3], [then, 10 + 2 * then, 7 - 3 * then], atol=1e-12)
     assert out[3:, 3].tolist() == (t[3:] - 1).tolist()
@@ -68,7 +69,7 @@ def test_behind_a_bad_cycle_nothing_of_before_is_left() -> None:
     t = np.arange(9.0)
     rows = np.column_stack([t, t, t, t])
     rows[4] = np.nan
-    out, _ = ran(rows, Waits(2.0, (0.0, 1.0)))
+    out = ran(rows, Waits(2.0, (0.0, 1.0)))
     assert out[5].tolist() == [5.0, 5.0, 5.0, 5.0]
     assert out[8].tolist() == [6.0, 8.0, 7.0, 6.0]
 

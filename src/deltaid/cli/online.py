@@ -70,7 +70,7 @@ def online(
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.replay import open_replay
     from deltaid.online.settings import LONGEST_GRIP, OnlineSettings
-    from deltaid.online.watch import over_time, watch
+    from deltaid.online.watch import watch
     from deltaid.recording.mapping import as_mapping
     from deltaid.view.html import write_page
     from deltaid.view.online import online_page
@@ -91,7 +91,7 @@ def online(
         )
         watched = watch(known, replay, settings, say)
         if output is not None:
-            save(over_time(watched), output)
+            save(watched.series, output)
         if report is not None:
             write_page(online_page(watched, f"{watched.log} with {known.source}"), report)
     print_warnings([f"{log}: {text}" for text in watched.doubts])

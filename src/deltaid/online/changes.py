@@ -15,14 +15,191 @@ Jones). A few times θ are kept in turn, so memory and work are bounded. When on
 the change did to the other estimates is taken back, and the load begins with Δ.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
-from deltaid.online.graph import Field, StateField
-from deltaid.online.kalman import Estimate
-from deltaid.online.onsets import Onset
+from deltaid.online.graph import CycleFields, Field
+from deltaid.online.kalman import Estimate, Update
+from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
+
+# Times of onset are kept every so many seconds, over so long: a gripper's signal may be as late and
+# the load of an early one shows within the rest (`grips`).
+_EVERY, _LIFE = 0.01, 0.35
+# Where no gripper tells, one of so many counts, for so long [s].
+_UNTOLD_EVERY, _UNTOLD_LIFE = 5, 0.15
+
+
+class Onset(NamedTuple):
+    """What would have happened since one time θ, or since several, each in a column.
+
+    Attributes:
+        moved: F.
+        evidence, information: D and C.
+        once, twice: what the filter of the load's column remembers from before θ, and the filter
+            behind it.
+    """
+
+    moved: ca.SX
+    evidence: ca.SX
+    information: ca.SX
+    once: ca.SX
+    twice: ca.SX
+
+    def later(self, lowpass: Lowpass, stays: ca.SX) -> "Onset":
+        """The same times, seen from a cycle later.
+
+        Args:
+            stays: share of each estimate that is not forgotten in a cycle.
+        """
+        once = lowpass.a * self.once
+        twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
+        moved = self.moved * ca.repmat(stays, 1, self.moved.shape[1])
+        return self._replace(moved=moved, once=once, twice=twice)
+
+    def measured(
+        self, i: int, column: ca.SX, update: Update, lasts: ca.SX | float = 1.0
+    ) -> "Onset":
+        """With one measurement more.
+
+        Args:
+            i: which drive's.
+            column: of the load, twice filtered.
+            lasts: of each time, 1 while the change lasts, 0 once estimates know it, −1 where they
+                have what is not there.
+        """
+        G = column[i] * lasts - self.twice[i, :] - update.row @ self.moved
+        G = G * update.counts
+        share = G / update.variance
+        return self._replace(
+            moved=self.moved + update.gain @ G,
+            evidence=self.evidence + share * update.innovation,
+            information=self.information + share * G,
+        )
+
+    @property
+    def score(self) -> ca.SX:
+        """Score D / √C of a change."""
+        return self.evidence / ca.sqrt(self.information + 1e-12)
+
+    @property
+    def size(self) -> ca.SX:
+        """Size Δ of the change."""
+        return self.evidence / (self.information + 1.0)
+
+    def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
+        """This one, or another one."""
+        return Onset(*(ca.if_else(condition, a, b) for a, b in zip(self, other, strict=True)))
+
+    def at(self, j: int) -> "Onset":
+        """One of several times."""
+        return Onset(*(part[:, j] for part in self))
+
+
+@dataclass(frozen=True, eq=False)
+class Onsets:
+    """All times that are kept.
+
+    Attributes:
+        each: what happened since each, and last what did not since the gripper's signal.
+        symbols: of the state.
+        open_: 1 while that is open (`grips`).
+        ages: how long ago each was [s].
+        step: from one to the next [s].
+        ends: whether one is over after this cycle, and begins anew.
+        clock: cycles since the first began, behind this one.
+    """
+
+    each: Onset
+    symbols: Onset
+    open_: ca.SX
+    ages: ca.SX
+    step: float
+    ends: ca.SX
+    clock: ca.SX
+
+    @classmethod
+    def before(
+        cls, fields: CycleFields, stays: ca.SX, dof: int, lowpass: Lowpass, period: float
+    ) -> "Onsets":
+        """As the cycle before left them.
+
+        Args:
+            stays: share of each estimate that is not forgotten in a cycle.
+        """
+        count = round(_LIFE / _EVERY)
+        sizes = dict(zip(Onset._fields, (stays.numel(), 1, 1, dof, dof), strict=True))
+        doc = "times at which the load may have changed"
+        *parts, clock = fields.keep(
+            *(Field(f"onset_{name}", size * (count + 1), doc) for name, size in sizes.items()),
+            Field("onset_clock", 1, doc),
+        )
+        symbols = Onset(*(ca.reshape(part, -1, count + 1) for part in parts))
+        turn = max(1, int(np.ceil(_EVERY / period - 1e-6)))
+        later = ca.if_else(clock + 1.5 > turn * count, 0.0, clock + 1)
+        began = turn * ca.DM(range(count)).T
+        cycles = clock - began
+        ages = ca.if_else(cycles > 0.5, cycles, cycles + turn * count) * period
+        each, ends = symbols.later(lowpass, stays), ca.fabs(cycles) < 0.5
+        return cls(each, symbols, ca.SX(0), ages, turn * period, ends, later)
+
+    def measured(self, i: int, column: ca.SX, update: Update) -> "Onsets":
+        """With one measurement more."""
+        count = self.ages.numel()
+        lasts = ca.horzcat(ca.repmat(1 - self.open_, 1, count), -self.open_)
+        return replace(self, each=self.each.measured(i, column, update, lasts))
+
+    @property
+    def untold(self) -> list[tuple[Onset, ca.SX]]:
+        """Times of a change that no gripper tells of: each, and 1 if it is recent."""
+        places = range(0, self.ages.numel(), _UNTOLD_EVERY)
+        return [(self.each.at(j), self.ages[j] < _UNTOLD_LIFE) for j in places]
+
+    @property
+    def likeliest(self) -> Onset:
+        """The one with the largest score."""
+        best, most = self.each.at(0), ca.SX(-1)
+        for onset, recent in self.untold:
+            score = ca.if_else(recent, ca.fabs(onset.score), -1.0)
+            best, most = onset.chosen(score > most, best), ca.fmax(score, most)
+        return best
+
+    def follow(
+        self,
+        fields: CycleFields,
+        change: "Change",
+        closes: ca.SX,
+        once: ca.SX,
+        twice: ca.SX,
+    ) -> None:
+        """What the fields of the state become.
+
+        A time that is over begins anew. While it is open when a load was taken or left, a time
+        begins with what did not happen before. The gripper's signal ends all of them.
+
+        Args:
+            change: of the load.
+            closes: 1 where it was open until now when it was taken or left.
+            once, twice: the load's column, filtered.
+        """
+        count, waits = self.ages.numel(), self.each.at(self.ages.numel())
+        told = ca.logic_and(change.told, ca.logic_not(self.open_))
+        stays = (1 - closes) * (1 - change.changed)
+        for name, now in zip(Onset._fields, self.each, strict=True):
+            filtered = {"once": once, "twice": twice}.get(name)
+            begun = getattr(waits, name) * self.open_ if filtered is None else filtered
+            each = [ca.if_else(self.ends[j], begun, now[:, j]) for j in range(count)]
+            of_signal = stays if filtered is not None else ca.fmax(stays, told * (1 - closes))
+            each = [part * of_signal for part in each]
+            if filtered is not None:
+                each = [part + closes * (1 - change.changed) * filtered for part in each]
+            last = now[:, count] * stays * self.open_
+            fields.following[f"onset_{name}"] = ca.vec(ca.densify(ca.horzcat(*each, last)))
+        fields.following["onset_clock"] = self.clock
+
 
 # Of the load held, what may be left after a release.
 _LEFT = 0.6
@@ -46,14 +223,12 @@ class Change:
         held: 1 while a load is held.
         told: 1 where the gripper told the change.
         seen: 1 where the change was found in residuals.
-        kept: fields of the state.
     """
 
     changed: ca.SX
     held: ca.SX
     told: ca.SX
     seen: ca.SX
-    kept: tuple[StateField, ...]
 
 
 def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
@@ -62,8 +237,8 @@ def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
 
 
 def judge_change(
+    fields: CycleFields,
     seen: Onset,
-    held: ca.SX,
     gripper: ca.SX,
     mass: ca.SX,
     spread: ca.SX,
@@ -73,12 +248,11 @@ def judge_change(
     """Whether the load changes.
 
     Args:
-        held: 1 where a load was held in the cycle before.
         gripper: 1 holds, 0 empty, -1 not told.
         mass, spread: of the load held, in units of the largest mass.
         least: mass that is looked for, in the same units.
     """
-    waited, alert = ca.SX.sym("waited"), ca.SX.sym("alert")
+    held, waited, alert = (fields.before[name] for name in ("held", "waited", "alert"))
     silent, wanted, differs = gripper <= -0.5, gripper > 0.5, gripper_differs(held, gripper)
     waiting = ca.if_else(differs, waited + settings.period, 0)
     by_gripper = ca.logic_and(differs, waiting > settings.grip_time)
@@ -95,17 +269,12 @@ def judge_change(
     now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
     now = ca.if_else(by_gripper, wanted, ca.if_else(silent, now, held))
     changed = ca.logic_or(by_gripper, ca.logic_or(more, ca.logic_or(less, nothing)))
-    since = Field("waited", 1, "time since the gripper's signal", "s")
-    kept = (
-        StateField(Field("held", 1, "1 while a load is held"), held, now),
-        StateField(since, waited, waiting * (1 - by_gripper)),
-        StateField(
-            Field("alert", 1, "time for which a change was likely", "s"),
-            alert,
-            alerted * (1 - sure),
-        ),
-    )
-    return Change(changed, now, by_gripper, ca.logic_or(more, less), kept)
+    fields.following |= {
+        "held": now,
+        "waited": waiting * (1 - by_gripper),
+        "alert": alerted * (1 - sure),
+    }
+    return Change(changed, now, by_gripper, ca.logic_or(more, less))
 
 
 def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int) -> Estimate:

@@ -1,4 +1,5 @@
-"""Whether a recording's columns are what they are taken for, and its velocities worth taking.
+"""Whether a recording's columns are what they are taken for, its velocities worth taking, and its
+torques as late as is known.
 
 A drive's velocity often comes filtered, and so late against its position, or with more noise than
 differences of the positions have. Both make loads look lighter: what is late, and what is noise,
@@ -10,6 +11,7 @@ wrong is refused as there.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +21,12 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.errors import Doubt, RecordingError
 from deltaid.estimation.spectra import white_noise
+from deltaid.identification.loads import declared_loads
+from deltaid.identification.setup import Setup
+from deltaid.identification.study import studied
 from deltaid.model.model import Model
-from deltaid.model.verdict import Grade
+from deltaid.model.settings import Settings
+from deltaid.model.verdict import Grade, listed
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
@@ -182,3 +188,61 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     both = both - both.mean(axis=2, keepdims=True) if both.size else both
     scale = np.sqrt(np.sum(both[0] ** 2, axis=1) * np.sum(both[1] ** 2, axis=1))
     return np.sum(both[0] * both[1], axis=1) / np.maximum(scale, np.finfo(float).tiny)
+
+
+# A lag that the model has not is told beyond this [s], and beyond so many half widths of its
+# interval, or so many where other causes explain more.
+_LAG, _CLEAR_LAG, _HIDDEN_LAG = 3e-4, 2.0, 4.0
+
+Delay = Float[np.ndarray, " drives"]
+
+
+def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
+    """Lags of the torques that are not those that are put right.
+
+    A lag is searched as an identification does, parameters free, so that a model which is a little
+    off makes no lag. None where the recording is too short, or hardly moves, so that none shows.
+
+    Args:
+        log: with the loads that are held, as the gripper told of them or as they were found.
+        delay: by how much torques are taken to come late [s].
+    """
+    study = None
+    with suppress(RecordingError):  # too short to be filtered
+        setup = Setup(model.robot, (with_filter(log),), Settings())
+        (recording,) = declared_loads(setup, lambda _: None).recordings
+        study = studied(model.dynamics, recording, model.p)
+    if study is None:
+        return ()
+    lag = study.common if study.alike else study.each
+    surely = lag.interval * (_HIDDEN_LAG if study.hidden else _CLEAR_LAG)
+    clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
+    if not clear.any():
+        return ()
+    found = np.where(clear, lag.values, delay)
+    return (_delay_doubt(found, lag.interval, delay, model.robot.drives),)
+
+
+def _delay_doubt(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
+    off: list[int] = np.flatnonzero(found != known).tolist()
+    alike = np.ptp(found) == 0 and np.ptp(known) == 0
+    if alike:
+        said = f"torques are {_in_words(found[0], half[0])}"
+    else:
+        said = listed([f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off])
+    given = ",".join(f"{1e3 * lag:.2g}" for lag in (found[:1] if alike else found))
+    words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
+    put_right = listed(words) if known.any() else "no lag"
+    return Doubt(
+        f"{said} against positions, and {put_right} is corrected: masses are wrong by a per cent "
+        "or two for each ms between",
+        cause="this recording was made another way than the model's, through another filter or bus",
+        cure=f"record as the model's recordings were made, or give it by --lag={given}",
+        key="torque-lag",
+    )
+
+
+def _in_words(lag: float, half: float | None = None) -> str:
+    """'2 ± 0.2 ms late'."""
+    about = "" if half is None else f" ± {1e3 * half:.1g}"
+    return f"{1e3 * abs(lag):.2g}{about} ms {'late' if lag >= 0 else 'early'}"

@@ -9,8 +9,8 @@ import numpy as np
 
 from deltaid.model.model import Model
 from deltaid.online.contact import ContactResidual, contact
-from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, friction_part
-from deltaid.online.graph import CyclePart, Field, OutputField, StateField, StepGraph, assembled
+from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
+from deltaid.online.graph import CycleFields, Field, StepGraph
 from deltaid.online.grips import chosen_estimate
 from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.settings import OnlineSettings
@@ -25,6 +25,7 @@ class Cycle:
         model, settings, known: what the cycle is of.
         signals: what is read, filtered.
         estimates: what is known of load, model and friction.
+        fields: what it keeps and gives.
     """
 
     model: Model
@@ -32,10 +33,11 @@ class Cycle:
     known: OnlineKnowledge
     signals: Signals
     estimates: CycleEstimates
+    fields: CycleFields
 
 
-# Makes a further part, such as one that looks for contact.
-MorePart = Callable[[Cycle], CyclePart]
+# Adds a further part, such as one that looks for contact.
+MorePart = Callable[[Cycle], None]
 
 
 def step_graph(
@@ -55,23 +57,18 @@ def step_graph(
     """
     settings = settings or OnlineSettings()
     known = known or knowledge(model, settings)
-    anew, touched = ca.SX.sym("anew"), ca.SX.sym("touched")
-    read, first = signals(model, known, settings, anew)
+    anew, touched, fields = ca.SX.sym("anew"), ca.SX.sym("touched"), CycleFields()
+    read = signals(fields, model, known, settings, anew)
     bounds = friction_bounds(model, known, settings.friction_range)
-    found = estimates(read, known, settings, touched, bounds)
-    cycle = Cycle(model, settings, known, read, found)
-    parts = [
-        first,
-        found.part,
-        friction_part(model, known, found.behind.x[read.at_friction], bounds),
-        *(make(cycle) for make in more),
-    ]
-    graph = assembled(read.inputs, read.u, read.good, parts, settings.period)
-    following = {kept.field.name: kept.following for part in parts for kept in part.kept}
-    contact = ca.if_else(following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
+    found = estimates(fields, read, known, settings, touched, bounds)
+    give_friction(fields, model, known, found.behind.x[read.at_friction], bounds)
+    for add in more:
+        add(Cycle(model, settings, known, read, found, fields))
+    graph = fields.graph(read.inputs, read.u, read.good, settings.period)
+    contact = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
     x, y = ca.substitute([x, y], [touched], [contact])
-    return StepGraph(graph.state, graph.inputs, graph.outputs, graph.x, graph.u, x, y, graph.period)
+    return replace(graph, following=x, y=y)
 
 
 # A load that is let go may hang on for a moment: the share of it that may still be there falls with
@@ -101,14 +98,19 @@ def standard_parts(model: Model) -> tuple[MorePart, ...]:
     return () if model.identified is None else (contact_of,)
 
 
-def contact_of(cycle: Cycle) -> CyclePart:
+def contact_of(cycle: Cycle) -> None:
     """The part of a cycle that looks for contact."""
-    s, settings, robot = cycle.signals, cycle.settings, cycle.model.robot
-    residual, hung = _residual(cycle)
-    moves, dof = residual.levers.shape
-    u = settings.contact_threshold(dof)
-    since, rests, excess = map(ca.SX.sym, ("contact_time", "contact_rests", "excess"))
+    s, settings, robot, fields = cycle.signals, cycle.settings, cycle.model.robot, cycle.fields
     known = settings.speed_noise is not None
+    since, rests, excess, _ = fields.keep(
+        Field("contact_time", 1, "since a contact began, 0 without", "s"),
+        Field("contact_rests", 1, "for which nothing is learnt yet", "s"),
+        Field("excess", 1, "how much larger residuals are", initial=1 if known else _UNKNOWN),
+        Field("hangs_on", 1, "of the load let go last, what may still be there"),
+    )
+    residual = _residual(cycle)
+    dof = residual.levers.shape[1]
+    u = settings.contact_threshold(dof)
     larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
     residual = replace(residual, covariance=residual.covariance * larger)
     judged = ca.logic_and(s.settled, ca.logic_or(s.calm, since > 0))
@@ -124,46 +126,24 @@ def contact_of(cycle: Cycle) -> CyclePart:
     memory = ca.if_else(found > excess, grows, falls)
     learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
-    unit = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
-    kept = (
-        StateField(Field("contact_time", 1, "since a contact began, 0 without", "s"), since, lasts),
-        StateField(Field("contact_rests", 1, "for which nothing is learnt yet", "s"), rests, waits),
-        StateField(
-            Field("excess", 1, "how much larger residuals are", initial=1 if known else _UNKNOWN),
-            excess,
-            learnt,
-        ),
-        hung,
-    )
-    given = (
-        OutputField(Field("contact", 1, "1 while there is a contact"), seen.found),
-        OutputField(
-            Field("contact_size", 1, "size of the residual, 1 at the threshold"), seen.size
-        ),
-        OutputField(
-            Field("contact_limb", 1, "drive whose limb is touched, 0 the platform, -1 no contact"),
-            seen.limb,
-        ),
-        OutputField(Field("contact_force", moves, "force on the platform point", "N"), seen.force),
-        OutputField(
-            Field("contact_effort", dof, "torque from outside on each drive", unit), seen.effort
-        ),
-        OutputField(
-            Field(
-                "contact_information",
-                moves * moves,
-                "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found",
-            ),
-            ca.vec(seen.information),
-        ),
-    )
-    return CyclePart(kept, given)
+    of_drives = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
+    fields.following |= {"contact_time": lasts, "contact_rests": waits, "excess": learnt}
+    for name, value, doc, unit in (
+        ("contact", seen.found, "1 while there is a contact", ""),
+        ("contact_size", seen.size, "size of the residual, 1 at the threshold", ""),
+        ("contact_limb", seen.limb,
+         "drive whose limb is touched, 0 the platform, -1 no contact", ""),
+        ("contact_force", seen.force, "force on the platform point", "N"),
+        ("contact_effort", seen.effort, "torque from outside on each drive", of_drives),
+        ("contact_information", ca.vec(seen.information),
+         "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found", ""),
+    ):  # fmt: skip
+        fields.give(name, value, doc, unit)
 
 
-def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
+def _residual(cycle: Cycle) -> ContactResidual:
     """The residual with its covariance: of what is estimated, of torques that the model has not,
-    of torque noise behind the filter, and of noise of speeds in the momentum, K M v; and what is
-    kept of a load that was let go.
+    of torque noise behind the filter, and of noise of speeds in the momentum, K M v.
 
     Torques that the model has not are no longer than their own time taken for what they are: so
     they are left in the residual, and their whole size is in its covariance.
@@ -174,7 +154,7 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     x, P = ca.SX(believed.x), ca.SX(believed.P)
     x[0] += e.grip.present
     P[0, 0] += ca.fmax(e.grip.variance - P[0, 0], 0)
-    partly, hung = _partly(cycle, ca.fmax(x[0], 0))
+    partly = _partly(cycle, ca.fmax(x[0], 0))
     behind = e.lacking**2 + cycle.known.noise**2 * (0.5 * settings.corner * settings.period)
     lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
     aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
@@ -185,7 +165,7 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
     mechanism = model.dynamics.kinematics.mechanism
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(s.z)
-    residual = ContactResidual(
+    return ContactResidual(
         value=s.residual - s.columns @ x - e.grip.remembered,
         covariance=S,
         bound=s.dry,
@@ -194,22 +174,20 @@ def _residual(cycle: Cycle) -> tuple[ContactResidual, StateField]:
         light=-x[0] * untold,
         heavy=(1 - x[0]) * untold,
     )
-    return residual, hung
 
 
-def _partly(cycle: Cycle, mass: ca.SX) -> tuple[ca.SX, StateField]:
-    """How much of a load may be there that the gripper says is not, or not yet known, and what is
-    kept for that.
+def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
+    """How much of a load may be there that the gripper says is not, or not yet known.
 
     Args:
         mass: of the load held, in units of the largest one.
     """
-    e, hung = cycle.estimates, ca.SX.sym("hangs_on")
+    e, hung = cycle.estimates, cycle.fields.before["hangs_on"]
     expected = ca.if_else(cycle.signals.gripper > 0.5, 1.0, mass)
     let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
     left = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
-    field = Field("hangs_on", 1, "of the load let go last, what may still be there")
-    return ca.if_else(e.differs, expected, hung), StateField(field, hung, left)
+    cycle.fields.following["hangs_on"] = left
+    return ca.if_else(e.differs, expected, hung)
 
 
 def _mass_matrix(cycle: Cycle, x: ca.SX) -> ca.SX:

@@ -1,30 +1,21 @@
-"""What speaks against the loads and contacts that were found, in words: one cause each.
-
-A lag is searched as an identification does, parameters free, so that a model which is a little off
-makes no lag; loads that are held are taken out, as the gripper told of them or as they were found.
-"""
+"""What speaks against the loads and contacts that were found, in words: one cause each."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.errors import Doubt, RecordingError
-from deltaid.identification.loads import declared_loads
-from deltaid.identification.setup import Setup
-from deltaid.identification.study import studied
+from deltaid.errors import Doubt
 from deltaid.model.model import Model
-from deltaid.model.settings import Settings
 from deltaid.model.verdict import listed, percent
+from deltaid.online.columns import judged_lag
 from deltaid.online.events import Touch, WeighedLoad
-from deltaid.online.gripper_doubts import gripper_doubts
+from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import RunEvidence
 from deltaid.recording.carried import Load
-from deltaid.recording.recording import with_filter
+from deltaid.recording.log import Log
 
 # Contacts below this many thresholds are slight, and so many of them, and half of all, are strange.
 _SLIGHT, _STRANGE = 2.0, 5
@@ -69,8 +60,13 @@ def doubts(
     told = ()
     if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
         by_column = any(load.column for load in replay.log.columns.loads)
-        told = gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
-    late = () if blind or told else judged_lag(model, replay, _delay(settings, replay), loads)
+        told = tuple(gripper_doubts(seen, loads, settings.grip_time, is_column=by_column))
+    late = ()
+    if not (blind or told):
+        delay = np.array(replay.delay if settings.delay is None else settings.delay)
+        late = judged_lag(
+            model, _carrying(replay, loads), np.broadcast_to(delay, (len(replay.delay),))
+        )
     of_model = () if told else scale
     if not (blind or told or scale):
         of_model = tuple(_of_contacts(seen, () if late else touches))
@@ -78,9 +74,13 @@ def doubts(
     return (*replay.doubts, *of_rows, *found)
 
 
-def _delay(settings: OnlineSettings, replay: Replay) -> Float[np.ndarray, " drives"]:
-    given = replay.delay if settings.delay is None else settings.delay
-    return np.broadcast_to(np.array(given, dtype=float), (len(replay.delay),))
+def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
+    """The recording with the loads that were found, where nothing told of them."""
+    log = replace(replay.log, masks=replay.masks)
+    if not loads or replay.is_told:
+        return log
+    spans = tuple((load.start, load.end or log.clock.last + 1.0) for load in loads)
+    return replace(log, columns=replace(log.columns, loads=(Load(spans=spans),)))
 
 
 def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Iterator[Doubt]:
@@ -211,64 +211,88 @@ def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterat
         )
 
 
-# A lag that the model has not is told beyond this [s], and beyond so many half widths of its
-# interval, or so many where other causes explain more.
-_LAG, _CLEAR_LAG, _HIDDEN_LAG = 3e-4, 2.0, 4.0
+# Share of the time that the gripper calls empty with a contact, beyond which something is held.
+_TOUCHED = 0.2
+# The share of all loads at which it shows that they weigh nothing.
+_WEIGHTLESS = 0.5
+# Signals that are off by so much [s] are told, and those of both kinds are alike within the other.
+_OFF, _ALIKE = 0.008, 0.011
 
-Delay = Float[np.ndarray, " drives"]
 
-
-def judged_lag(
-    model: Model, replay: Replay, delay: Delay, loads: Sequence[WeighedLoad]
-) -> tuple[Doubt, ...]:
-    """Lags of the torques that are not those that are put right.
-
-    None where the recording is too short, or hardly moves, so that none shows.
+def gripper_doubts(
+    seen: RunEvidence, loads: Sequence[WeighedLoad], grip_time: float, *, is_column: bool = True
+) -> Iterator[Doubt]:
+    """All that speaks against the gripper's signal.
 
     Args:
-        delay: by how much torques are taken to come late [s].
-        loads: that were found, for a recording in which nothing told of them.
+        grip_time: from the signal to the load, as it is known [s].
+        is_column: whether a column tells, which should change.
     """
-    log, study = replace(replay.log, masks=replay.masks), None
-    if loads and not replay.is_told:
-        spans = tuple((load.start, load.end or log.clock.last + 1.0) for load in loads)
-        log = replace(log, columns=replace(log.columns, loads=(Load(spans=spans),)))
-    with suppress(RecordingError):  # too short to be filtered
-        setup = Setup(model.robot, (with_filter(log),), Settings())
-        (recording,) = declared_loads(setup, lambda _: None).recordings
-        study = studied(model.dynamics, recording, model.p)
-    if study is None:
-        return ()
-    lag = study.common if study.alike else study.each
-    surely = lag.interval * (_HIDDEN_LAG if study.hidden else _CLEAR_LAG)
-    clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
-    if not clear.any():
-        return ()
-    return (
-        _delay_doubt(np.where(clear, lag.values, delay), lag.interval, delay, model.robot.drives),
-    )
+    if is_column and (seen.told <= {EMPTY} or seen.told <= {HOLDS}):
+        what = "empty" if EMPTY in seen.told else "something held"
+        yield Doubt(
+            f"the gripper signals {what} from the first row to the last",
+            cause="the column is not the gripper's, or was not recorded",
+            cure="give the column that changes with each pick, or leave --gripper out: loads are "
+            "then found from torques alone",
+        )
+        return
+    nothing = sum(load.mass.low <= 0 for load in loads)
+    weightless = nothing >= max(1, _WEIGHTLESS * len(loads))
+    if weightless and seen.touched_empty > _TOUCHED * seen.empty:
+        yield Doubt(
+            f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
+            f"{seen.touched_empty:.3g} s while the gripper signals nothing held",
+            cause="the signal is 0 while something is held, and 1 while not",
+            cure="give the numbers that mean held in a mapping, load: {column: …, when: [0]}",
+        )
+    elif apart := tuple(_apart(seen, grip_time)):
+        yield from apart
+    elif weightless:
+        yield Doubt(
+            f"{nothing} of {len(loads)} loads weigh nothing that torques show",
+            cause="the gripper closed without a part, or its signal is another one",
+            cure="check what the column holds",
+        )
 
 
-def _delay_doubt(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
-    off: list[int] = np.flatnonzero(found != known).tolist()
-    alike = np.ptp(found) == 0 and np.ptp(known) == 0
+def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
+    """Signals that come before or after what they tell of."""
+    kinds = {"are taken": seen.taken, "are left": seen.left}
+    shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
+    # By how much they are off at least.
+    least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}
+    off = {w: o for w, o in shown.items() if abs(least[w]) > _OFF}
+    if not off:
+        return
+    low, high = max(o.low for o in off.values()), min(o.high for o in off.values())
+    alike = len(off) == 2 and high > low - _ALIKE
     if alike:
-        said = f"torques are {_in_words(found[0], half[0])}"
+        low, high = min(low, high), max(low, high)
+        said = f"{_span_in_words(low, high, grip_time)} loads are taken, and left"
     else:
-        said = listed([f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off])
-    given = ",".join(f"{1e3 * lag:.2g}" for lag in (found[:1] if alike else found))
-    words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
-    put_right = listed(words) if known.any() else "no lag"
-    return Doubt(
-        f"{said} against positions, and {put_right} is corrected: masses are wrong by a per cent "
-        "or two for each ms between",
-        cause="this recording was made another way than the model's, through another filter or bus",
-        cure=f"record as the model's recordings were made, or give it by --lag={given}",
-        key="torque-lag",
+        said = " and ".join(
+            f"{_span_in_words(o.low, o.high, grip_time)} loads {w}" for w, o in off.items()
+        )
+    signals, saying = (sum(getattr(o, n) for o in off.values()) for n in ("signals", "saying"))
+    early = min(offset.middle for offset in off.values()) > grip_time
+    yield Doubt(
+        f"the gripper signals {said} ({saying} of {signals} signals show it): masses of the first "
+        "tenths of a second are wrong, later ones a little, and contacts about then may be the "
+        "load",
+        cause="the signal is the command to the gripper, or parts are gripped before being lifted"
+        if early
+        else "the signal comes through a sensor or a bus that is slow",
+        cure=f"give the time from the signal to the load by --grip-time {0.5 * (low + high):.2g}"
+        if alike and early
+        else "record a signal that comes with the load, or leave --gripper out",
     )
 
 
-def _in_words(lag: float, half: float | None = None) -> str:
-    """'2 ± 0.2 ms late'."""
-    about = "" if half is None else f" ± {1e3 * half:.1g}"
-    return f"{1e3 * abs(lag):.2g}{about} ms {'late' if lag >= 0 else 'early'}"
+def _span_in_words(low: float, high: float, grip_time: float) -> str:
+    """'50 ms before', '40 to 60 ms after'."""
+    first, last = sorted((abs(low - grip_time), abs(high - grip_time)))
+    word = "before" if low + high > 2 * grip_time else "after"
+    span = f"{1e3 * first:.0f} to " if last - first > _ALIKE else ""
+    value = last if span else 0.5 * (first + last)
+    return f"{span}{1e3 * value:.0f} ms {word}"

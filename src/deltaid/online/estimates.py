@@ -26,16 +26,14 @@ import casadi as ca
 import numpy as np
 
 from deltaid.model.model import Model
-from deltaid.online.changes import estimate_after, gripper_differs, judge_change
-from deltaid.online.graph import CyclePart, Field, OutputField, chosen
-from deltaid.online.grips import Grip, GripSymbols, chosen_estimate, grip_before
-from deltaid.online.kalman import Estimate
+from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
+from deltaid.online.graph import CycleFields, Field, chosen
+from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before, keep_grip
+from deltaid.online.kalman import Estimate, keep_levels, learn_levels, states
 from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.momentum import Lowpass
-from deltaid.online.onsets import Onsets
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.signals import Signals
-from deltaid.online.states import Lacking, States
 
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -59,7 +57,6 @@ class CycleEstimates:
         differs: where it tells something else than what was held before.
         grip: what is known of when a load was taken or left.
         lacking: size of torques that the model has not, δ.
-        part: of the graph.
     """
 
     before: Estimate
@@ -70,10 +67,10 @@ class CycleEstimates:
     differs: ca.SX
     grip: Grip
     lacking: ca.SX
-    part: CyclePart
 
 
 def estimates(
+    fields: CycleFields,
     s: Signals,
     known: OnlineKnowledge,
     settings: OnlineSettings,
@@ -86,24 +83,29 @@ def estimates(
         touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
         bounds: of the followed friction, in deviations.
     """
-    period, n_load = settings.period, len(known.entries.shown)
-    lacking = Lacking.named(known, s)
-    rows = ca.horzcat(s.smooth_columns, ca.diag(lacking.size))
-    dof, silent = s.qd.numel(), s.gripper <= -0.5
-    lowpass = Lowpass.lines(settings.corner, period)
-    held = ca.SX.sym("held")
-    states = States.named(s, settings, held)
-    onsets = Onsets.named(1 - states.wander * (1 - states.stays), dof, lowpass, period)
+    period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
+    silent, lowpass = s.gripper <= -0.5, Lowpass.lines(settings.corner, period)
+    kinds = states(s, period, settings.friction_time)
+    kept = kinds.before(fields)
+    moving, slow = keep_levels(fields, dof)
+    parts = ca.SX(known.unmodelled * moving), ca.SX(known.unmodelled_slow * slow * s.slow)
+    size = parts[0] + parts[1]
+    rows = ca.horzcat(s.smooth_columns, ca.diag(size))
+    held, *_ = fields.keep(
+        Field("held", 1, "1 while a load is held"),
+        Field("waited", 1, "time since the gripper's signal", "s"),
+        Field("alert", 1, "time for which a change was likely", "s"),
+    )
+    keep_grip(fields, n_load)
+    onsets = Onsets.before(fields, 1 - kinds.wander * (1 - kinds.stays), dof, lowpass, period)
     differs = gripper_differs(held, s.gripper)
-    symbols = GripSymbols.named(n_load)
-    grip = grip_before(onsets, states.symbols, symbols, held, s.gripper, differs)
+    grip = grip_before(fields, onsets, kept, s.gripper, differs)
     onsets = replace(onsets, open_=grip.open_)
-    before = states.later(chosen_estimate(grip.closes, grip.likely, states.symbols))
+    before = kinds.later(chosen_estimate(grip.closes, grip.likely, kept), held)
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
-    usable = s.live * s.calm
-    weight = usable * (1 - touched) * (1 - differs)
-    shape = _shape(held, before.x[:n_load], grip)
+    weight = s.live * s.calm * (1 - touched) * (1 - differs)
+    shape = _shape(held, before.x[:n_load], grip, fields.before["left"])
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
     behind = before
     for i in range(dof):
@@ -112,58 +114,43 @@ def estimates(
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
     least = known.least_mass / known.load_scales[0]
-    change = judge_change(seen, held, s.gripper, behind.x[0], spread, least, settings)
+    change = judge_change(fields, seen, s.gripper, behind.x[0], spread, least, settings)
     judged = ca.logic_and(silent, ca.fabs(seen.score) > settings.alarm)
     calm = weight * (1 - judged) * (1 - grip.open_)
-    sizes = lacking.kept(behind.part(slice(states.count - dof, states.count)), calm, period)
-    grip_kept = grip.kept(behind.x[:n_load], change, period)
+    learn_levels(fields, parts, behind.part(slice(-dof, None)), calm, period)
+    follow_grip(fields, grip, behind.x[:n_load], change, period)
+    onsets.follow(fields, change, grip.closes, once, twice)
     behind = estimate_after(_bounded(behind, s.at_friction, bounds, calm), seen, change, n_load)
+    fields.following |= {"x": behind.x, "P": ca.tril(ca.densify(behind.P)).nz[:]}
     likely = ca.logic_and(grip.open_, ca.logic_not(change.changed))
     loaded = chosen_estimate(likely, grip.given_out, behind).part(slice(0, n_load))
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
     load = chosen(change.held, load, ca.SX.zeros(n_load))
     std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)
-    kept = (
-        *states.kept(behind),
-        *sizes,
-        *change.kept,
-        *grip_kept,
-        *onsets.kept(change.changed, change.told, grip.closes, once, twice),
-    )
+    unnoticed = _unnoticed(onsets, change.held, s.gripper, settings.alarm) * known.load_scales[0]
     names = ", ".join(known.entries.names)
-    given = (
-        OutputField(Field("held", 1, "1 while a load is held"), change.held),
-        OutputField(Field("changed", 1, "1 in the cycle in which that changed"), change.changed),
-        OutputField(Field("load", n_load, f"entries of the load: {names}"), load),
-        OutputField(Field("load_std", n_load, "their standard deviations"), std),
-        grip.given(),
-        OutputField(
-            Field("change_score", 1, "deviations by which the mass looks changed"), seen.score
-        ),
-        OutputField(
-            Field("unnoticed", 1, "mass that may have been taken without being noticed", "kg"),
-            _unnoticed(onsets, change.held, s.gripper, settings.alarm) * known.load_scales[0],
-        ),
-        OutputField(Field("residual", dof, "torque that the empty model lacks"), s.residual),
-        OutputField(Field("unexplained", dof, "what load and model leave of it"), innovations),
-    )
+    for name, value, doc, unit in (
+        ("held", change.held, "1 while a load is held", ""),
+        ("changed", change.changed, "1 in the cycle in which that changed", ""),
+        ("load", load, f"entries of the load: {names}", ""),
+        ("load_std", std, "their standard deviations", ""),
+        ("grip_offset", grip.offset,
+         "by which the gripper's last signal came after what torques show, -1 unknown", "s"),
+        ("change_score", seen.score, "deviations by which the mass looks changed", ""),
+        ("unnoticed", unnoticed, "mass that may have been taken without being noticed", "kg"),
+        ("residual", s.residual, "torque that the empty model lacks", ""),
+        ("unexplained", innovations, "what load and model leave of it", ""),
+    ):  # fmt: skip
+        fields.give(name, value, doc, unit)
     return CycleEstimates(
-        before,
-        behind,
-        change.held,
-        change.changed,
-        change.told,
-        differs,
-        grip,
-        lacking.size,
-        CyclePart(kept, given),
+        before, behind, change.held, change.changed, change.told, differs, grip, size
     )
 
 
-def _shape(held: ca.SX, load: ca.SX, grip: Grip) -> ca.SX:
+def _shape(held: ca.SX, load: ca.SX, grip: Grip, left: ca.SX) -> ca.SX:
     """Entries of a change in units of its mass: those of the load held, or left just now, else a
     mass alone."""
-    load = ca.if_else(grip.open_, grip.before.left * (1 - held), load * held)
+    load = ca.if_else(grip.open_, left * (1 - held), load * held)
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(load.numel() - 1))
     mine = load / ca.fmax(load[0], _LEAST_SHARE)
     return chosen(load[0] > _LEAST_SHARE, mine, unit)
@@ -210,7 +197,9 @@ def friction_bounds(model: Model, known: OnlineKnowledge, share: float) -> Bound
     return tuple(low), tuple(high)
 
 
-def friction_part(model: Model, known: OnlineKnowledge, x: ca.SX, bounds: Bounds) -> CyclePart:
+def give_friction(
+    fields: CycleFields, model: Model, known: OnlineKnowledge, x: ca.SX, bounds: Bounds
+) -> None:
     """The followed coefficients as an output.
 
     Args:
@@ -219,5 +208,4 @@ def friction_part(model: Model, known: OnlineKnowledge, x: ca.SX, bounds: Bounds
     x = ca.fmin(ca.fmax(x, ca.SX(bounds[0])), ca.SX(bounds[1]))
     names = ", ".join(model.layout.names[k] for k in known.followed)
     value = ca.SX(model.p[list(known.followed)]) + ca.SX(np.array(known.friction_std)) * x
-    field = Field("friction", len(known.followed), f"coefficients: {names}")
-    return CyclePart((), (OutputField(field, value),))
+    fields.give("friction", value, f"coefficients: {names}")

@@ -3,12 +3,12 @@
 Named fields stand side by side in one vector: what a cycle reads, keeps and gives. One layout is
 one struct in C and in structured text, one array in Python.
 
-Parts, such as the estimate of a load, say which fields they keep and give; here they become one
+Parts, such as the estimate of a load, declare which fields they keep and give; here they become one
 function. Of a cycle whose inputs are not finite, or whose loops do not close, nothing is used:
 signals are zero there (`signals`), so estimates stay, and filters begin anew behind it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -104,39 +104,9 @@ class Layout:
         """A vector, or many, by fields."""
         return {name: vector[..., place] for name, place in self.places.items()}
 
-    def __add__(self, other: "Layout") -> "Layout":
-        return Layout.from_fields(*self.fields, *other.fields)
-
 
 # Beyond this a number counts as infinite: its square is still finite in single precision.
 _LARGEST = 1e15
-
-
-@dataclass(frozen=True)
-class StateField:
-    """A field of the state: its symbol, what it becomes, and what it becomes in a bad cycle if that
-    is something else."""
-
-    field: Field
-    symbol: ca.SX
-    following: ca.SX
-    spoilt: ca.SX | None = None
-
-
-@dataclass(frozen=True)
-class OutputField:
-    """A field of the outputs."""
-
-    field: Field
-    value: ca.SX
-
-
-@dataclass(frozen=True)
-class CyclePart:
-    """What one concern adds to a cycle."""
-
-    kept: tuple[StateField, ...]
-    given: tuple[OutputField, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,39 +144,53 @@ class StepGraph:
         return sum(f.instruction_id(k) not in ends for k in range(f.n_instructions()))
 
 
-def assembled(
-    inputs: Layout, u: dict[str, ca.SX], good: ca.SX, parts: Sequence[CyclePart], period: float
-) -> StepGraph:
-    """One graph of all parts.
+class CycleFields:
+    """What a cycle keeps and gives: its parts declare fields, and say what each becomes.
 
-    Args:
-        inputs, u: what is read, with its symbols.
-        good: 1 where the inputs can be used.
+    Attributes:
+        before: what the cycle before kept, symbols by name.
+        following: what that becomes, and
+        spoilt: what it becomes in a bad cycle, where that is something else.
     """
-    kept = [k for part in parts for k in part.kept if k.field.size]
-    given = [g for part in parts for g in part.given if g.field.size]
-    state, outputs = (
-        Layout.from_fields(*(k.field for k in kept)),
-        Layout.from_fields(*(g.field for g in given)),
-    )
-    following = state.vector(
-        {
-            k.field.name: k.following if k.spoilt is None else chosen(good, k.following, k.spoilt)
-            for k in kept
+
+    def __init__(self) -> None:
+        self.before, self.following, self.spoilt = (dict[str, ca.SX]() for _ in range(3))
+        self._kept, self._given = list[Field](), dict[Field, ca.SX]()
+
+    def keep(self, *fields: Field) -> tuple[ca.SX, ...]:
+        """Declare fields of the state, behind those before; returns their symbols."""
+        symbols = tuple(ca.SX.sym(field.name, field.size) for field in fields)
+        self._kept += fields
+        self.before |= {field.name: x for field, x in zip(fields, symbols, strict=True)}
+        return symbols
+
+    def give(self, name: str, value: ca.SX, doc: str, unit: str = "") -> None:
+        """Add an output."""
+        self._given[Field(name, value.numel(), doc, unit)] = value
+
+    def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX, period: float) -> StepGraph:
+        """One graph of all fields.
+
+        Args:
+            inputs, u: what is read, with its symbols.
+            good: 1 where the inputs can be used.
+        """
+        self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
+        state, outputs = Layout.from_fields(*self._kept), Layout.from_fields(*self._given)
+        following = self.following | {
+            name: chosen(good, self.following[name], spoilt) for name, spoilt in self.spoilt.items()
         }
-    )
-    y = outputs.vector({g.field.name: g.value for g in given})
-    status = Field("status", 1, "0 for a good cycle, 1 for one that could not be used")
-    return StepGraph(
-        state,
-        inputs,
-        outputs + Layout.from_fields(status),
-        ca.vertcat(ca.SX(0, 1), *(k.symbol for k in kept)),
-        inputs.vector(u),
-        following,
-        ca.vertcat(y, 1 - good),
-        period,
-    )
+        given = {field.name: value for field, value in self._given.items()}
+        return StepGraph(
+            state,
+            inputs,
+            outputs,
+            state.vector(self.before),
+            inputs.vector(u),
+            state.vector(following),
+            outputs.vector(given),
+            period,
+        )
 
 
 def all_finite(x: ca.SX) -> ca.SX:

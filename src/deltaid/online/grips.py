@@ -20,10 +20,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from deltaid.online.changes import Change
-from deltaid.online.graph import Field, OutputField, StateField
+from deltaid.online.changes import Change, Onsets
+from deltaid.online.graph import CycleFields, Field
 from deltaid.online.kalman import Estimate
-from deltaid.online.onsets import Onsets
 
 # What a signal is off by where it is off, typically, and at most where its load is to come [s]; the
 # rest of what is kept shows that. How often it is in time, beside one step of the other times.
@@ -43,29 +42,6 @@ UNKNOWN = -1.0
 
 
 @dataclass(frozen=True, eq=False)
-class GripSymbols:
-    """What is kept from one cycle to the next.
-
-    Attributes:
-        open_: 1 while it is open when the load was taken, or left.
-        since: the signal [s], which came half a cycle before it was read.
-        left: entries of the load that was left at the signal.
-        offset: of the signal, as known [s].
-    """
-
-    open_: ca.SX
-    since: ca.SX
-    left: ca.SX
-    offset: ca.SX
-
-    @classmethod
-    def named(cls, n_load: int) -> "GripSymbols":
-        """New symbols."""
-        names = ("gripping", "since_grip", "left", "offset")
-        return cls(*(ca.SX.sym(name, n_load if name == "left" else 1) for name in names))
-
-
-@dataclass(frozen=True, eq=False)
 class Grip:
     """What is known before a cycle's torques of a load that was taken, or left.
 
@@ -80,7 +56,6 @@ class Grip:
         offset: of the signal, as known now [s].
     """
 
-    before: GripSymbols
     open_: ca.SX
     closes: ca.SX
     likely: Estimate
@@ -89,32 +64,6 @@ class Grip:
     remembered: ca.SX
     offset: ca.SX
 
-    def kept(self, load: ca.SX, change: Change, period: float) -> tuple[StateField, ...]:
-        """Fields of the state.
-
-        Args:
-            load: in the estimates before it changes.
-        """
-        before = self.before
-        left = ca.if_else(ca.logic_and(change.told, ca.logic_not(change.held)), load, before.left)
-        values = (
-            ("gripping", "1 while it is open when it was taken or left", "", before.open_,
-             ca.fmax(self.open_, change.told)),
-            ("since_grip", "the gripper's signal", "s", before.since,
-             ca.if_else(change.told, 0.5 * period, ca.fmin(before.since + period, 1.0))),
-            ("left", "load left last, in units of the largest", "", before.left, left),
-            ("offset", "of the gripper's signal", "s", before.offset,
-             ca.if_else(change.told, UNKNOWN, self.offset)),
-        )  # fmt: skip
-        return tuple(
-            StateField(
-                Field(name, symbol.numel(), doc, unit, UNKNOWN if name == "offset" else 0.0),
-                symbol,
-                following,
-            )
-            for name, doc, unit, symbol, following in values
-        )
-
     @property
     def given_out(self) -> Estimate:
         """Estimates, with the mass as uncertain as it is if the load may be still to come."""
@@ -122,17 +71,40 @@ class Grip:
         P[0, 0] = ca.fmax(P[0, 0], self.variance)
         return Estimate(self.likely.x, P)
 
-    def given(self) -> OutputField:
-        """As an output."""
-        doc = "by which the gripper's last signal came after what torques show, -1 unknown"
-        return OutputField(Field("grip_offset", 1, doc, "s"), self.offset)
+
+def keep_grip(fields: CycleFields, n_load: int) -> None:
+    """Declare what is kept of when a load was taken or left."""
+    fields.keep(
+        Field("gripping", 1, "1 while it is open when it was taken or left"),
+        Field("since_grip", 1, "the gripper's signal", "s"),
+        Field("left", n_load, "load left last, in units of the largest"),
+        Field("offset", 1, "of the gripper's signal", "s", UNKNOWN),
+    )
+
+
+def follow_grip(
+    fields: CycleFields, grip: Grip, load: ca.SX, change: Change, period: float
+) -> None:
+    """What that becomes.
+
+    Args:
+        load: in the estimates before it changes.
+    """
+    since, told = fields.before["since_grip"], change.told
+    let_go = ca.logic_and(told, ca.logic_not(change.held))
+    fields.following |= {
+        "gripping": ca.fmax(grip.open_, told),
+        # The signal came half a cycle before it was read.
+        "since_grip": ca.if_else(told, 0.5 * period, ca.fmin(since + period, 1.0)),
+        "left": ca.if_else(let_go, load, fields.before["left"]),
+        "offset": ca.if_else(told, UNKNOWN, grip.offset),
+    }
 
 
 def grip_before(
+    fields: CycleFields,
     onsets: Onsets,
     estimate: Estimate,
-    before: GripSymbols,
-    held: ca.SX,
     gripper: ca.SX,
     differs: ca.SX,
 ) -> Grip:
@@ -140,33 +112,33 @@ def grip_before(
 
     Args:
         estimate: behind the cycle before.
-        held: 1 while it is held.
         gripper: what it tells, and
         differs: 1 where that is something else.
     """
-    n_load, P0 = before.left.numel(), ca.fmax(estimate.P[0, 0], 1e-9)
-    times = _times(onsets, before, held, estimate.x[0], P0)
+    names = ("held", "gripping", "since_grip", "left", "offset")
+    held, was_open, since, left, known_offset = (fields.before[name] for name in names)
+    P0 = ca.fmax(estimate.P[0, 0], 1e-9)
+    times = _times(onsets, since, left, held, estimate.x[0], P0)
     came = ca.sum2(times.weight) + 1e-12
     offset = ca.sum2(times.weight * times.off) / came
     spread = ca.sum2(times.weight * (times.off - offset) ** 2) / came
-    sure = ca.logic_and(came > _SURE, before.since + ca.fmin(offset, 0) > _AFTER)
-    timed = ca.logic_and(before.open_, ca.logic_and(sure, spread < _TIMED**2))
-    late = before.since > ca.if_else(sure, _SETTLED, _LATEST)
+    sure = ca.logic_and(came > _SURE, since + ca.fmin(offset, 0) > _AFTER)
+    timed = ca.logic_and(was_open, ca.logic_and(sure, spread < _TIMED**2))
+    late = since > ca.if_else(sure, _SETTLED, _LATEST)
     over = ca.logic_or(late, ca.logic_or(gripper <= -0.5, differs))
-    closes = ca.logic_and(before.open_, ca.logic_or(timed, over))
+    closes = ca.logic_and(was_open, ca.logic_or(timed, over))
     mass = ca.sum2(times.weight * times.mass) / came
     variance = ca.sum2(times.weight * (times.variance + (times.mass - mass) ** 2)) / came
     moves = times.weight * times.change / came
     moved = onsets.symbols.moved[:, :-1] @ moves[:, :-1].T
     known = _taken(estimate, moved, mass, variance, P0)
-    gone = _left(estimate, moved, variance, n_load)
+    gone = _left(estimate, moved, variance, left.numel())
     likely = chosen_estimate(held, known, gone)
-    likely = chosen_estimate(before.open_, likely, estimate)
-    to_come, open_ = 1 - came, ca.if_else(closes, 0.0, before.open_)
+    likely = chosen_estimate(was_open, likely, estimate)
+    to_come, open_ = 1 - came, ca.if_else(closes, 0.0, was_open)
     # What was pushed until the signal is no load: torques behind it decide.
-    fresh = ca.if_else(before.since < _AFTER, 1.0, 0.0)
+    fresh = ca.if_else(since < _AFTER, 1.0, 0.0)
     return Grip(
-        before,
         open_=open_,
         closes=closes,
         likely=likely,
@@ -174,7 +146,7 @@ def grip_before(
         variance=open_
         * ca.if_else(held, ca.fmax(variance + to_come * (1 + mass**2), fresh), to_come * mass**2),
         remembered=-onsets.symbols.once[:, :-1] @ moves[:, :-1].T * open_,
-        offset=ca.if_else(timed, offset, before.offset),
+        offset=ca.if_else(timed, offset, known_offset),
     )
 
 
@@ -190,15 +162,15 @@ class _Times:
     change: ca.SX
 
 
-def _times(onsets: Onsets, before: GripSymbols, held: ca.SX, x: ca.SX, P: ca.SX) -> _Times:
+def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX) -> _Times:
     """The last time kept is none yet, so its probability is what others lack."""
     D, C, F = onsets.symbols.evidence, onsets.symbols.information, onsets.symbols.moved[0, :]
-    off, zero = ca.horzcat(onsets.ages - before.since, 0.0), ca.SX.zeros(1)
+    off, zero = ca.horzcat(onsets.ages - since, 0.0), ca.SX.zeros(1)
     D, C, F = (ca.horzcat(part, zero) for part in (D, C, F))
     signal = off.numel() - 1
     prior = ca.horzcat(
         ca.exp(-ca.fabs(off[:signal]) / _TYPICAL),
-        _TYPICAL / onsets.step * ca.exp(-before.since / _TYPICAL) * (before.since < _LATEST),
+        _TYPICAL / onsets.step * ca.exp(-since / _TYPICAL) * (since < _LATEST),
         _IN_TIME,
     )
     A = C + (1 + F) ** 2 / P
@@ -216,7 +188,7 @@ def _times(onsets: Onsets, before: GripSymbols, held: ca.SX, x: ca.SX, P: ca.SX)
         ca.if_else(pushed, P, 1 / A),
         ca.if_else(pushed, push, B / A),
     )
-    mass = before.left[0] / ca.fmax(1 - F, _MOVED)
+    mass = left[0] / ca.fmax(1 - F, _MOVED)
     gone = -(2 * D + C * mass) * mass, 1.0, mass, (_ROUGH * mass) ** 2, -mass
     gain, share, *rest = (ca.if_else(held, *pair) for pair in zip(taken, gone, strict=True))
     weight = prior * share * ca.exp(0.5 * (gain - ca.mmax(gain)))

@@ -22,7 +22,7 @@ from deltaid.identification.sources import delays_of
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model
-from deltaid.online.graph import Field, Layout, StateField, chosen, only_if
+from deltaid.online.graph import CycleFields, Field, Layout, chosen, only_if
 from deltaid.online.settings import OnlineSettings
 
 # What a gripper says.
@@ -71,6 +71,11 @@ class Waits:
         """Cycles by which what is known is late, the nearest whole number."""
         return round(self.motion)
 
+    @property
+    def cycles(self) -> int:
+        """How many good ones must be before one, so that nothing is of earlier times."""
+        return int(np.ceil(max(self.motion, *self.torque)))
+
     def of_inputs(self, inputs: Layout) -> list[float]:
         """Of each number that a cycle reads: the gripper goes with the motion, in whole cycles."""
         each = {"tau": list(self.torque), "gripper": [float(self.whole)]}
@@ -110,25 +115,15 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
     return Waits(float(cycles[0]), tuple(cycles[1:].tolist()))
 
 
-@dataclass(frozen=True, eq=False)
-class AlignedInputs:
-    """What a cycle reads, all of one instant.
-
-    Attributes:
-        u: by field.
-        cycles: how many good ones must have been before, so that nothing is of earlier times.
-        kept: fields of the state; none where nothing waits.
-    """
-
-    u: dict[str, ca.SX]
-    cycles: int
-    kept: tuple[StateField, ...]
-
-
 def line(
-    inputs: Layout, u: dict[str, ca.SX], waits: Sequence[float], goes_on: ca.SX, finite: ca.SX
-) -> AlignedInputs:
-    """Let signals wait.
+    fields: CycleFields,
+    inputs: Layout,
+    u: dict[str, ca.SX],
+    waits: Sequence[float],
+    goes_on: ca.SX,
+    finite: ca.SX,
+) -> dict[str, ca.SX]:
+    """Let signals wait: what is read, all of one instant, by field.
 
     Args:
         inputs, u: what is read, with its symbols.
@@ -140,9 +135,11 @@ def line(
     """
     counts = [int(np.ceil(wait)) for wait in waits]
     if not any(counts):
-        return AlignedInputs(u, 0, ())
-    past, start = ca.SX.sym("waiting", sum(counts)), 0
-    then, following = list[ca.SX](), list[ca.SX]()
+        return u
+    (past,) = fields.keep(
+        Field("waiting", sum(counts), "what waits, number by number, the latest first")
+    )
+    then, following, start = list[ca.SX](), list[ca.SX](), 0
     now = ca.vertsplit(only_if(finite, inputs.vector(u)))
     for number, wait, count in zip(now, waits, counts, strict=True):
         before = ca.vertsplit(past[start : start + count]) if count else []
@@ -153,65 +150,39 @@ def line(
         )
         following += values[:count]
         start += count
-    field = Field("waiting", start, "what waits, number by number, the latest first")
-    u = {name: ca.vertcat(*then[place]) for name, place in inputs.places.items()}
-    return AlignedInputs(u, max(counts), (StateField(field, past, ca.vertcat(*following)),))
+    fields.following["waiting"] = ca.vertcat(*following)
+    return {name: ca.vertcat(*then[place]) for name, place in inputs.places.items()}
 
 
-@dataclass(frozen=True, eq=False)
-class CycleInstant:
-    """Where and how fast the robot is at one instant, and the torques there.
-
-    Attributes:
-        live: 1 where the cycles before were good, and
-        settled: for so long that filters have forgotten what they began with.
-        holds: whether the torque stays until the next instant.
-    """
-
-    q: ca.SX
-    qd: ca.SX
-    tau: ca.SX
-    live: ca.SX
-    settled: ca.SX
-    holds: bool
-    kept: tuple[StateField, ...]
+def settling(wait: Waits, settings: OnlineSettings) -> tuple[int, int]:
+    """Good cycles in a row from which a cycle is of one instant, and filters forget their start."""
+    needed = wait.cycles + (1 if settings.speed == "measured" else 2)
+    return needed, needed + round(_SETTLED * settings.rate / settings.corner)
 
 
 def instant(
-    waited: AlignedInputs, before: ca.SX, count: ca.SX, gains: ca.SX, settings: OnlineSettings
-) -> CycleInstant:
-    """This cycle's, or the middle between the last one's and this one's.
+    fields: CycleFields, u: dict[str, ca.SX], goes_on: ca.SX, gains: ca.SX, settings: OnlineSettings
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """q, q̇ and τ of this cycle, or of the middle between the last one and this one.
 
     A torque that holds between two positions is that of the middle.
 
     Args:
-        waited: what is read, of one instant.
-        before: good cycles in a row, the state's symbol.
-        count: the same, 0 where all begins anew.
+        u: what is read, of one instant.
+        goes_on: 1 where the cycle before was good.
     """
-    u, q, tau = waited.u, waited.u["q"], gains * waited.u["tau"]
-    held = settings.torque == "held"
-    needed = waited.cycles + (1 if settings.speed == "measured" else 2)
-    most = needed + round(_SETTLED * settings.rate / settings.corner)
-    field = Field("live", 1, f"good cycles in a row, up to {most}")
-    kept = [StateField(field, before, ca.fmin(count + 1, most), ca.SX(0)), *waited.kept]
-    live, settled = count >= needed, count >= most
+    q, tau = u["q"], gains * u["tau"]
     if settings.speed == "measured":
-        return CycleInstant(q, u["qd"], tau, live, settled, held, tuple(kept))
-    dof = q.numel()
-    q_before, tau_before = ca.SX.sym("q_before", dof), ca.SX.sym("tau_before", dof)
-    kept += [
-        StateField(
-            Field("q_before", dof, "drive coordinates of the cycle before"), q_before, q, q_before
-        ),
-        StateField(
-            Field("tau_before", dof, "torques of the cycle before"), tau_before, tau, tau_before
-        ),
-    ]
-    last = chosen(count > 0, q_before, q)
-    middle = tau_before if held else 0.5 * (tau + tau_before)
-    speed = (q - last) / settings.period
-    return CycleInstant(0.5 * (q + last), speed, middle, live, settled, False, tuple(kept))
+        return q, u["qd"], tau
+    q_before, tau_before = fields.keep(
+        Field("q_before", q.numel(), "drive coordinates of the cycle before"),
+        Field("tau_before", q.numel(), "torques of the cycle before"),
+    )
+    fields.following |= {"q_before": q, "tau_before": tau}
+    fields.spoilt |= {"q_before": q_before, "tau_before": tau_before}
+    last = chosen(goes_on, q_before, q)
+    middle = tau_before if settings.torque == "held" else 0.5 * (tau + tau_before)
+    return 0.5 * (q + last), (q - last) / settings.period, middle
 
 
 # Newton's steps a cycle; each squares the distance, and a robot moves a few millimetres a cycle.

@@ -7,11 +7,27 @@ forgets: its covariance goes back to the prior's,
 
 so it stays between zero and the prior however long nothing is told (no wind-up), and positive
 semidefinite. What is measured is taken one number after the other, without a matrix to invert.
+
+How large the torques are that a model has not is learnt. They are d, one number a drive, of the
+size
+
+    a + b / (1 + (q̇/v)²),
+
+a while the drive moves and b more where it is slow. In units of that size E(d²) = 1, so d² + P_dd
+beyond 1 says that a and b are larger than thought, below 1 that they are smaller; each learns by
+its share.
 """
 
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
+
+from deltaid.online.graph import CycleFields, Field
+from deltaid.online.signals import Signals
+
+# Memory [s] of a load, of the model's own errors, and of torques that the model has not.
+_LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +85,87 @@ class Estimate:
         P = ca.tril2symm(ca.tril(self.P - gain @ moves.T))
         update = Update(row, innovation * weight, total, gain, weight)
         return Estimate(self.x + gain * innovation, P), update
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """What is estimated, and how long it is remembered.
+
+    Attributes:
+        kinds: of each: 0 load, 1 model, 2 friction, 3 unmodelled.
+        period, friction_time: [s].
+    """
+
+    kinds: np.ndarray
+    period: float
+    friction_time: float
+
+    @property
+    def stays(self) -> ca.SX:
+        """Share of each that is not forgotten in a cycle."""
+        memory = np.array([_LOAD, _MODEL, self.friction_time, _UNMODELLED])[self.kinds]
+        return ca.SX(np.exp(-self.period / memory))
+
+    @property
+    def wander(self) -> ca.SX:
+        """1 for those whose mean is forgotten too."""
+        return ca.SX((self.kinds == 3).astype(float))
+
+    def before(self, fields: CycleFields) -> Estimate:
+        """As the cycle before left them."""
+        n, initial = len(self.kinds), np.diag(np.where(self.kinds == 0, 0.0, 1.0))
+        first = tuple(initial.T[np.triu_indices(n)].tolist())
+        x, P = fields.keep(
+            Field("x", n, "estimate, in deviations of its prior"),
+            Field("P", len(first), "its covariance, columns of the lower triangle", initial=first),
+        )
+        return Estimate(x, ca.tril2symm(ca.SX(ca.Sparsity.lower(n), P)))
+
+    def later(self, estimate: Estimate, held: ca.SX) -> Estimate:
+        """A cycle later, before anything is measured.
+
+        Args:
+            held: 1 while a load was held.
+        """
+        prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in self.kinds))
+        return estimate.forgotten(self.stays, prior, self.wander)
+
+
+def states(s: Signals, period: float, friction_time: float) -> States:
+    """What is estimated of signals: load, model, friction, and what is unmodelled of each drive."""
+    parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
+    sizes = [part.stop - part.start for part, _ in parts]
+    kinds = np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
+    return States(kinds, period, friction_time)
+
+
+# How fast [s] sizes are learnt, within which bounds, and the most by which one cycle counts.
+_LEARNT, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
+# Sizes of moving and of slow drives, in units of what was thought.
+LEVELS = tuple(f"{kind}_level" for kind in ("moving", "slow"))
+
+
+def keep_levels(fields: CycleFields, dof: int) -> tuple[ca.SX, ...]:
+    """Sizes of torques that the model has not, as the cycle before left them."""
+    doc = "how much more than thought the model lacks of {} drives"
+    kinds = (name.removesuffix("_level") for name in LEVELS)
+    return fields.keep(
+        *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in kinds)
+    )
+
+
+def learn_levels(
+    fields: CycleFields, parts: tuple[ca.SX, ca.SX], d: Estimate, calm: ca.SX, period: float
+) -> None:
+    """What the sizes become.
+
+    Args:
+        parts: a and what b adds.
+        d: in units of its size.
+        calm: 1 where it may be learnt from.
+    """
+    beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, _LARGEST_STEP)
+    for name, part in zip(LEVELS, parts, strict=True):
+        share = (part / (parts[0] + parts[1])) ** 2
+        grown = fields.before[name] * (1 + period / _LEARNT * calm * beyond * share)
+        fields.following[name] = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])

@@ -140,36 +140,3 @@ def _smooth_sign(rest: float) -> Sign:
 def _rate(matrix: ca.SX, x: ca.SX, xd: ca.SX) -> ca.SX:
     """The matrix's rate ∂matrix/∂x ẋ."""
     return ca.sparsify(ca.reshape(ca.jtimes(ca.vec(ca.densify(matrix)), x, xd), *matrix.shape))
-
-
-@dataclass(frozen=True)
-class FilteredTorque:
-    """F τ of some directions of p along a motion, as one filter: what is kept and what comes out.
-
-    Attributes:
-        kept: what the next sample needs.
-        output: K (M q̇ − F M q̇) + F (−Cᵀq̇ + g + f), direction by direction in columns.
-        resting: what would have to be kept for an output of zero now, as if all began here.
-    """
-
-    kept: ca.SX
-    output: ca.SX
-    resting: ca.SX
-
-
-def filtered_torque(
-    momentum: ca.SX, rest: ca.SX, kept: ca.SX, lowpass: Lowpass, corner: float
-) -> FilteredTorque:
-    """One cycle of the filter.
-
-    With x = K M q̇ − (−Cᵀq̇ + g + f) the output is K M q̇ − F x.
-
-    Args:
-        momentum, rest: H D and W D.
-        kept: of the cycle before.
-        corner: K [1/s].
-    """
-    x = corner * momentum - rest
-    y = lowpass.output(kept, x)
-    first = lowpass.keep(corner * momentum, x)
-    return FilteredTorque(lowpass.keep(y, x), corner * momentum - y, first)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import Model
-from deltaid.online.graph import Field, StateField, chosen
+from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.instant import NOT_TOLD
 from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.settings import OnlineSettings
@@ -50,7 +50,6 @@ class EvenRows:
         anew: 1 where rows were skipped for too long, or behind a hole: all begins anew.
         calm: 1 where no row that was skipped is in what the cycle uses.
         off: further noise of speeds by rows that were skipped or late [rad/s or m/s].
-        kept: fields of the state.
     """
 
     u: dict[str, ca.SX]
@@ -58,10 +57,10 @@ class EvenRows:
     anew: ca.SX
     calm: ca.SX
     off: ca.SX
-    kept: tuple[StateField, ...]
 
 
 def even_rows(
+    fields: CycleFields,
     u: dict[str, ca.SX],
     finite: ca.SX,
     model: Model,
@@ -79,10 +78,15 @@ def even_rows(
     noise = ca.DM(np.array(settings.speed_noise or np.zeros(u["q"].numel())))
     h, dof, measured = settings.period, u["q"].numel(), "qd" in u
     names = ("q1", "q2", "q3", "tau1", "read", "off", *(("qd1", "qd2") if measured else ()))
-    past = {name: ca.SX.sym(f"{name}_row", dof) for name in names}
-    numbers = ("rows", "missed", "late", "bridged", "repeating")
-    rows, missed, late, rests, repeating = map(ca.SX.sym, numbers)
-    q1, q2, q3, tau1, read, off = (past[name] for name in names[:6])
+    rows, missed, late, rests, repeating = fields.keep(
+        Field("rows", 1, "rows in a row that were used, up to 3"),
+        Field("missed", 1, "rows skipped in a row"),
+        Field("late", 1, "by which the last row was taken after its cycle", "s"),
+        Field("bridged", 1, "cycles in which a skipped row still has a share"),
+        Field("repeating", 1, "share of rows that repeat the one before"),
+    )
+    past = fields.keep(*(Field(f"{name}_row", dof, "of rows before") for name in names))
+    q1, q2, q3, tau1, read, off, *speeds = past
     has_past, elapsed, ahead = rows > _PAST - 0.5, u["elapsed"], 3 * q1 - 3 * q2 + q3
     stamped = elapsed > 0.5 * NOT_TOLD
     new = ca.logic_and(elapsed > 0, has_past)
@@ -114,30 +118,26 @@ def even_rows(
     following = {"q1": even["q"], "q2": q1, "q3": q2, "tau1": even["tau"], "read": u["q"]}
     following["off"] = off
     if measured:
-        qd = past["qd1"] + (u["qd"] - past["qd1"]) * (h / (h + at))
-        qd = chosen(new, qd, u["qd"])
-        even["qd"] = chosen(skipped, 2 * past["qd1"] - past["qd2"], qd)
-        following |= {"qd1": even["qd"], "qd2": past["qd1"]}
+        qd1, qd2 = speeds
+        qd = chosen(new, qd1 + (u["qd"] - qd1) * (h / (h + at)), u["qd"])
+        even["qd"] = chosen(skipped, 2 * qd1 - qd2, qd)
+        following |= {"qd1": even["qd"], "qd2": qd1}
     first = ca.if_else(old, 0, 1)  # a row that is not new is no past
     count = ca.if_else(anew, first, ca.fmin(rows + 1, _PAST))
     bridged = ca.if_else(skipped, float(waiting + _BEHIND), ca.fmax(rests - 1, 0))
     often = repeating + (ca.if_else(repeats, 1.0, 0.0) - repeating) / _ROWS
-    states = (
-        ("rows", rows, count, "rows in a row that were used, up to 3"),
-        ("missed", missed, ca.if_else(skipped, missed + 1, 0), "rows skipped in a row"),
-        ("late", late, drift, "by which the last row was taken after its cycle"),
-        ("bridged", rests, bridged, "cycles in which a skipped row still has a share"),
-        ("repeating", repeating, often, "share of rows that repeat the one before"),
-    )
-    kept = [
-        StateField(Field(name, 1, doc, "s" if name == "late" else ""), x, then, ca.SX(0))
-        for name, x, then, doc in states
-    ]
-    for name in names:
-        field = Field(f"{name}_row", dof, "of rows before")
-        kept.append(StateField(field, past[name], following[name], past[name]))
+    numbers = {
+        "rows": count,
+        "missed": ca.if_else(skipped, missed + 1, 0),
+        "late": drift,
+        "bridged": bridged,
+        "repeating": often,
+    }
+    fields.following |= numbers | {f"{name}_row": x for name, x in following.items()}
+    fields.spoilt |= dict.fromkeys(numbers, ca.SX(0))
+    fields.spoilt |= {f"{name}_row": x for name, x in zip(names, past, strict=True)}
     anew, unused = ca.logic_or(anew, rows < 0.5), ca.logic_or(skipped, old)
-    return EvenRows(even, unused, anew, bridged < 0.5, off, tuple(kept))
+    return EvenRows(even, unused, anew, bridged < 0.5, off)
 
 
 def _stretched(at: ca.SX, h: float) -> ca.SX:

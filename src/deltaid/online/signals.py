@@ -7,19 +7,10 @@ import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
-from deltaid.online.graph import (
-    CyclePart,
-    Field,
-    Layout,
-    OutputField,
-    StateField,
-    all_finite,
-    chosen,
-    only_if,
-)
-from deltaid.online.instant import inputs_of, instant, line, pose, waits
+from deltaid.online.graph import CycleFields, Field, Layout, all_finite, chosen, only_if
+from deltaid.online.instant import inputs_of, instant, line, pose, settling, waits
 from deltaid.online.knowledge import OnlineKnowledge
-from deltaid.online.momentum import Lowpass, Momentum, build_momentum, filtered_torque
+from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.rows import even_rows
 from deltaid.online.settings import OnlineSettings
 
@@ -81,62 +72,79 @@ class Signals:
 
 
 def signals(
-    model: Model, known: OnlineKnowledge, settings: OnlineSettings, anew: ca.SX
-) -> tuple[Signals, CyclePart]:
+    fields: CycleFields,
+    model: Model,
+    known: OnlineKnowledge,
+    settings: OnlineSettings,
+    anew: ca.SX,
+) -> Signals:
     """The first part of a cycle.
 
     Args:
         anew: 1 where filters begin anew behind this cycle; a symbol to be replaced.
     """
     dof, mechanism = model.dynamics.dof, model.dynamics.kinematics.mechanism
-    inputs = inputs_of(model, settings)
+    inputs, wait, home = inputs_of(model, settings), waits(model, settings), model.home
     u = inputs.symbols("in")
-    finite, live_before = all_finite(inputs.vector(u)), ca.SX.sym("live")
-    wait = waits(model, settings)
-    each = wait.of_inputs(inputs)
-    rows = even_rows(u, finite, model, known, settings, int(np.ceil(max(each))))
-    count = ca.if_else(rows.anew, 0, live_before)
-    waited = line(inputs, rows.u, each, count > 0, finite)
-    now = instant(waited, live_before, count, ca.SX(model.gains), settings)
-    near = ca.SX.sym("z", dof)
-    z, closed = pose(mechanism, near, now.q)
+    finite, (needed, most) = all_finite(inputs.vector(u)), settling(wait, settings)
+    (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
+    rows = even_rows(fields, u, finite, model, known, settings, wait.cycles)
+    (count,) = fields.keep(Field("live", 1, f"good cycles in a row, up to {most}"))
+    count = ca.if_else(rows.anew, 0, count)
+    fields.following["live"], fields.spoilt["live"] = ca.fmin(count + 1, most), ca.SX(0)
+    waited = line(fields, inputs, rows.u, wait.of_inputs(inputs), count > 0, finite)
+    q, qd, tau = instant(fields, waited, count > 0, ca.SX(model.gains), settings)
+    z, closed = pose(mechanism, near, q)
+    # Where loops do not close yet the pose goes on from where it came, or from home.
+    begun = chosen(all_finite(z), z, ca.SX(home))
+    fields.following["z"], fields.spoilt["z"] = z, chosen(finite, begun, near)
     momentum, D = _columns(model, known, settings)
-    load = _carried(model, now.qd, now.tau)
+    load = _carried(model, qd, tau)
     along = ca.Function(
         "columns",
         [momentum.z, momentum.qd, momentum.load],
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
-    parts = along(z, now.qd, load)
-    lacked = _lacked(known, settings, now.qd, load)
+    parts = along(z, qd, load)
+    lacked = _lacked(known, settings, qd, load)
     parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
-    computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], now.tau)) for p in parts[:2]))
+    computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
     good = ca.logic_and(finite, ca.logic_and(closed, computed))
     of_momentum, rest, dry = (only_if(good, part) for part in parts)
-    qd, tau = only_if(good, now.qd), only_if(good, now.tau)
-    live = ca.logic_and(now.live, good)
+    qd, tau = only_if(good, qd), only_if(good, tau)
+    live = ca.logic_and(count >= needed, good)
     begins = ca.logic_or(anew, ca.logic_not(live))
     lines = Lowpass.lines(settings.corner, settings.period)
-    of_torque = Lowpass.held(settings.corner, settings.period) if now.holds else lines
-    torque, torque_kept = _filtered("torque", of_torque, tau, of_torque.before * tau, begins)
-    shape = (ca.DM(of_momentum.sparsity(), 1) + ca.DM(rest.sparsity(), 1)).sparsity()
-    before = ca.SX.sym("columns", shape.nnz())
-    f = filtered_torque(of_momentum, rest, ca.SX(shape, before), lines, settings.corner)
-    columns_kept = _kept("columns", before, f.kept, f.resting, shape, begins)
-    both = only_if(live, ca.horzcat(torque - f.output[:, 0], f.output[:, 1:]))
-    smooth, smooth_kept = _filtered("smooth", lines, both, ca.SX(*both.shape), begins)
+    holds = settings.torque == "held" and settings.speed == "measured"
+    of_torque = Lowpass.held(settings.corner, settings.period) if holds else lines
+
+    def filtered(name: str, x: ca.SX, resting: ca.SX, lowpass: Lowpass = lines) -> ca.SX:
+        """x through a filter; `resting` is kept where that begins anew."""
+        shape = x.sparsity()
+        (before,) = fields.keep(Field(name, shape.nnz(), f"filter of {name}"))
+        y = lowpass.output(ca.SX(shape, before), x)
+        kept, resting = (ca.project(k, shape).nz[:] for k in (lowpass.keep(y, x), resting))
+        fields.following[name] = chosen(begins, resting, kept)
+        return y
+
+    torque = filtered("torque", tau, of_torque.before * tau, of_torque)
+    of_momentum = settings.corner * of_momentum
+    x = of_momentum - rest
+    columns = of_momentum - filtered("columns", x, lines.keep(of_momentum, x))
+    both = only_if(live, ca.horzcat(torque - columns[:, 0], columns[:, 1:]))
+    smooth = filtered("smooth", both, ca.SX(*both.shape))
     beyond = _beyond(model, tau, settings)
     # (1 - sign²)² of friction: a drive that moves slowly has a direction.
-    most = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
-    rest, dry = dry * dry / (most + 1e-12) + beyond, dry + beyond
-    dry, dry_kept = _filtered("dry", lines, dry, lines.keep(dry, dry), begins)
-    rest, rest_kept = _filtered("rest", lines, rest, lines.keep(rest, rest), begins)
-    at_rest, twice_kept = _filtered("smooth_rest", lines, rest, lines.keep(rest, rest), begins)
+    at_stand = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
+    rest, dry = dry * dry / (at_stand + 1e-12) + beyond, dry + beyond
+    dry = filtered("dry", dry, lines.keep(dry, dry))
+    rest = filtered("rest", rest, lines.keep(rest, rest))
+    at_rest = filtered("smooth_rest", rest, lines.keep(rest, rest))
     slow = 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
-    slow, slow_kept = _filtered("slow", lines, slow, lines.keep(slow, slow), begins)
-    of_filters = torque_kept, columns_kept, smooth_kept, dry_kept, rest_kept, twice_kept
-    kept = (_pose_kept(near, finite, z, model), *rows.kept, *now.kept, *of_filters, slow_kept)
-    skipped = Field("skipped", 1, "1 for a row that is not new or cannot be, and is not used")
+    slow = filtered("slow", slow, lines.keep(slow, slow))
+    fields.give(
+        "skipped", rows.skipped, "1 for a row that is not new or cannot be, and is not used"
+    )
     counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
     ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
@@ -144,12 +152,12 @@ def signals(
         u=u,
         good=good,
         live=live,
-        settled=ca.logic_and(now.settled, good),
+        settled=ca.logic_and(count >= most, good),
         calm=rows.calm,
         bridged=rows.off,
-        z=chosen(good, z, ca.SX(model.home)),
+        z=chosen(good, z, ca.SX(home)),
         qd=qd,
-        gripper=waited.u["gripper"],
+        gripper=waited["gripper"],
         torque=only_if(live, torque),
         residual=both[:, 0],
         columns=both[:, 1:],
@@ -163,28 +171,7 @@ def signals(
         at_rest=at_rest,
         slow=slow,
         momentum=momentum,
-    ), CyclePart(kept, (OutputField(skipped, rows.skipped),))
-
-
-def _filtered(
-    name: str, lowpass: Lowpass, x: ca.SX, resting: ca.SX, begins: ca.SX
-) -> tuple[ca.SX, StateField]:
-    """x through a filter, and what is kept for that.
-
-    Args:
-        resting: what is kept where the filter begins anew.
-    """
-    before = ca.SX.sym(name, x.nnz())
-    y = lowpass.output(ca.SX(x.sparsity(), before), x)
-    return y, _kept(name, before, lowpass.keep(y, x), resting, x.sparsity(), begins)
-
-
-def _kept(
-    name: str, before: ca.SX, kept: ca.SX, resting: ca.SX, shape: ca.Sparsity, begins: ca.SX
-) -> StateField:
-    kept, resting = (ca.project(matrix, shape).nz[:] for matrix in (kept, resting))
-    field = Field(name, before.numel(), f"filter of {name}")
-    return StateField(field, before, chosen(begins, resting, kept))
+    )
 
 
 def _columns(
@@ -233,10 +220,3 @@ def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
         if np.isfinite(end):
             found[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
     return found
-
-
-def _pose_kept(near: ca.SX, finite: ca.SX, z: ca.SX, model: Model) -> StateField:
-    """The pose; where loops do not close yet it goes on from where it came, or from home."""
-    home = ca.SX(model.home)
-    field = Field("z", z.numel(), "pose [x, y, z, psi]", initial=tuple(model.home.tolist()))
-    return StateField(field, near, z, chosen(finite, chosen(all_finite(z), z, home), near))

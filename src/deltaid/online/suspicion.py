@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.online.cycle import Cycle
-from deltaid.online.graph import CyclePart, Field, OutputField
 from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.online import OnlineEstimate
@@ -23,18 +22,19 @@ from deltaid.online.replay import Cycles
 _SURE, _REMEMBERED = 0.004, 0.05
 
 
-def measured_of(cycle: Cycle) -> CyclePart:
+def measured_of(cycle: Cycle) -> None:
     """The part of a cycle that gives filtered torques: measured, of friction, and of a load."""
     s, known = cycle.signals, cycle.known
     share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
     rubs = s.columns[:, s.at_friction] @ ca.DM(share)
-    torque = Field("torque", s.qd.numel(), "filtered torque, as measured")
-    friction = Field("rubs", s.qd.numel(), "filtered friction of the drives, as the model has it")
-    lifted = Field("lifted", s.qd.numel(), "filtered torque of one kilogram")
     a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
-    dry = Field("dry_friction", s.qd.numel(), "filtered size of torques that no speed determines")
-    values = (torque, s.torque), (friction, rubs), (lifted, a_kilogram), (dry, s.dry)
-    return CyclePart((), tuple(OutputField(field, ca.densify(value)) for field, value in values))
+    for name, value, doc in (
+        ("torque", s.torque, "filtered torque, as measured"),
+        ("rubs", rubs, "filtered friction of the drives, as the model has it"),
+        ("lifted", a_kilogram, "filtered torque of one kilogram"),
+        ("dry_friction", s.dry, "filtered size of torques that no speed determines"),
+    ):
+        cycle.fields.give(name, ca.densify(value), doc)
 
 
 @dataclass(frozen=True, eq=False)

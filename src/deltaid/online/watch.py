@@ -44,34 +44,6 @@ class FollowedFriction:
 
 
 @dataclass(frozen=True, eq=False)
-class WatchSeries:
-    """Some cycles, one a row, for figures and tables.
-
-    Attributes:
-        time: [s].
-        mass, low, high: of what is held [kg]; 0 where nothing is.
-        held: whether something is.
-        size: of the residual, in thresholds; the largest since the row before.
-        limb: as the cycle gives it.
-        force: on the platform, while it is pushed [N].
-        effort: from outside, on each drive [N m or N].
-        best, worst: smallest force that is told [N].
-    """
-
-    time: Float[np.ndarray, " rows"]
-    mass: Float[np.ndarray, " rows"]
-    low: Float[np.ndarray, " rows"]
-    high: Float[np.ndarray, " rows"]
-    held: Float[np.ndarray, " rows"]
-    size: Float[np.ndarray, " rows"]
-    limb: Float[np.ndarray, " rows"]
-    force: Float[np.ndarray, "rows moves"]
-    effort: Float[np.ndarray, "rows dof"]
-    best: Float[np.ndarray, " rows"]
-    worst: Float[np.ndarray, " rows"]
-
-
-@dataclass(frozen=True, eq=False)
 class Watched:
     """A recording that was run through, cycle by cycle.
 
@@ -87,7 +59,11 @@ class Watched:
         best, worst: smallest force on the platform that is told in 95 % of cases [N], the median
             over all cycles, along the best and along the worst direction; None without any cycle.
         seconds: processor time of a cycle, as run here [s].
-        series: over time.
+        series: one row a cycle, or every so many cycles of a long recording: t [s]; held, whether
+            something is; mass, mass_low, mass_high of it [kg], 0 where nothing is; contact_size of
+            the residual, in thresholds, the largest since the row before; contact_limb as the cycle
+            gives it; force_… on the platform, while it is pushed [N]; effort… from outside, on each
+            drive [N m or N]; least_force_best and least_force_worst that is told [N].
         doubts: what speaks against it, one cause each.
     """
 
@@ -104,7 +80,7 @@ class Watched:
     best: float
     worst: float
     seconds: float
-    series: WatchSeries
+    series: pl.DataFrame
     doubts: tuple[Doubt, ...]
 
 
@@ -137,7 +113,7 @@ def watch(
     loads, touches = Loads(online, told), Touches(model.robot)
     suspicion = Suspicion(settings.period, replay.ends, online.known.unmodelled)
     every = max(1, -(-replay.log.samples // _SERIES))
-    parts, cycles, bad, seconds = list[WatchSeries](), 0, 0, 0.0
+    parts, cycles, bad, seconds = list[pl.DataFrame](), 0, 0, 0.0
     q = np.zeros((1, model.dynamics.dof))  # compiles
     online.run(q, q if replay.has_velocity else None, q)
     for rows in replay.rows():
@@ -158,10 +134,9 @@ def watch(
         suspicion.add(rows, found)
         parts.append(_thinned(online, at, found, every, told))
     progress("judging what speaks against it")
-    names = WatchSeries.__dataclass_fields__
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    series = WatchSeries(**joined)
-    finite = np.isfinite(series.worst)
+    series = pl.concat(parts)
+    best, worst = series.select("least_force_best", "least_force_worst").to_numpy().T
+    finite = np.isfinite(worst)
     held, pushes = loads.finished(), touches.finished()
     return Watched(
         robot=model.robot,
@@ -174,8 +149,8 @@ def watch(
         loads=held,
         touches=pushes,
         friction=_friction(online),
-        best=float(np.median(series.best[finite])),
-        worst=float(np.median(series.worst[finite])),
+        best=float(np.median(best[finite])),
+        worst=float(np.median(worst[finite])),
         seconds=seconds / max(cycles, 1),
         series=series,
         doubts=doubts(model, replay, settings, suspicion.seen, held, pushes),
@@ -184,7 +159,7 @@ def watch(
 
 def _thinned(
     online: Online, at: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
-) -> WatchSeries:
+) -> pl.DataFrame:
     """Every so-manieth cycle; of the residual the one of largest size since."""
     out, n = found.outputs, len(at)
     size = out["contact_size"][:, 0]
@@ -193,26 +168,26 @@ def _thinned(
         ends = np.array([n - 1])
     starts = np.concatenate([[0], ends[:-1] + 1])
     peak = np.array([a + size[a : b + 1].argmax() for a, b in zip(starts, ends, strict=True)])
-    moves = out["contact_force"].shape[1]
+    force = out["contact_force"][peak]
     u = online.settings.contact_threshold(found.residual.shape[1])
-    A = out["contact_information"][ends].reshape(-1, moves, moves)
+    A = out["contact_information"][ends].reshape(len(ends), *2 * force.shape[1:])
     best, worst = least_force(A, u)
     if not told:  # straight up or down, a load may hide its weight of a push
         worst = worst + _GRAVITY * online.known.load_scales[0]
     interval = found.mass_interval[ends]
-    return WatchSeries(
-        time=at[ends],
-        mass=found.mass[ends],
-        low=interval[:, 0],
-        high=interval[:, 1],
-        held=found.held[ends].astype(float),
-        size=size[peak],
-        limb=out["contact_limb"][peak, 0],
-        force=out["contact_force"][peak],
-        effort=out["contact_effort"][peak],
-        best=best,
-        worst=worst,
-    )
+    names = online.model.robot.task.names
+    columns = {
+        "t": at[ends],
+        "held": found.held[ends].astype(float),
+        "mass": found.mass[ends],
+        "mass_low": interval[:, 0],
+        "mass_high": interval[:, 1],
+        "contact_size": size[peak],
+        "contact_limb": out["contact_limb"][peak, 0],
+    }
+    columns |= {f"force_{name}": x for name, x in zip(names, force.T, strict=False)}
+    columns |= {f"effort{i + 1}": x for i, x in enumerate(out["contact_effort"][peak].T)}
+    return pl.DataFrame(columns | {"least_force_best": best, "least_force_worst": worst})
 
 
 def _friction(online: Online) -> tuple[FollowedFriction, ...]:
@@ -235,24 +210,3 @@ def _friction(online: Online) -> tuple[FollowedFriction, ...]:
             )
         )
     return tuple(found)
-
-
-def over_time(found: Watched) -> pl.DataFrame:
-    """One row a cycle, or every so many cycles of a long recording (`WatchSeries`)."""
-    s, names = found.series, found.robot.task.names
-    force = {f"force_{name}": x for name, x in zip(names, s.force.T, strict=False)}
-    effort = {f"effort{i + 1}": x for i, x in enumerate(s.effort.T)}
-    columns = {
-        "t": s.time,
-        "held": s.held,
-        "mass": s.mass,
-        "mass_low": s.low,
-        "mass_high": s.high,
-        "contact_size": s.size,
-        "contact_limb": s.limb,
-        **force,
-        **effort,
-        "least_force_best": s.best,
-        "least_force_worst": s.worst,
-    }
-    return pl.DataFrame(columns)

@@ -1,14 +1,15 @@
 """The page of `deltaid online`: what a recording showed, cycle by cycle; and its tables."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+import polars as pl
 
 from deltaid.online.events import WeighedLoad
-from deltaid.online.watch import Watched, WatchSeries
+from deltaid.online.watch import Watched
 from deltaid.view import style
 from deltaid.view.comparison import peak_rows
 from deltaid.view.numbers import WIDTH, number
@@ -28,9 +29,8 @@ def online_page(watched: Watched, title: str) -> Page:
     Of a long one lines have of each stretch the cycle in which the residual is largest.
     """
     series = watched.series
-    rows = peak_rows(series.size, _POINTS)
-    thinned = {field.name: getattr(series, field.name)[rows] for field in fields(series)}
-    watched = replace(watched, series=WatchSeries(**thinned))
+    rows = peak_rows(series["contact_size"].to_numpy(), _POINTS)
+    watched = replace(watched, series=series[rows])
     loads = loads_table(watched) if watched.loads else Text("No load was found.")
     touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
@@ -82,14 +82,17 @@ def verdict(watched: Watched) -> Summary:
 def _mass(watched: Watched) -> Figure:
     s = watched.series
     top = max((1.4 * load.mass.value for load in watched.loads), default=1.0)
-    high, low = (np.where(s.held > 0, np.minimum(x, 2 * top), 0.0) for x in (s.high, s.low))
+    high, low = (
+        np.where(s["held"].to_numpy() > 0, np.minimum(s[name].to_numpy(), 2 * top), 0.0)
+        for name in ("mass_high", "mass_low")
+    )
     edge: dict[str, Any] = {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
     line = {"color": style.MEASURED, "width": 1.5, "shape": "hv"}
     band = {"fill": "tonexty", "fillcolor": "rgba(43,131,198,0.3)"}
     lines = [
         go.Scatter(y=high, showlegend=False, **edge),
         go.Scatter(y=low, name="95 %", **band, **edge),
-        _line("held", s.mass, "%{y:.3g} kg", line=line),
+        _line("held", s["mass"].to_numpy(), "%{y:.3g} kg", line=line),
     ]
     axis = {"title": "mass held [kg]", "range": [-0.05 * top, top]}
     return Figure(
@@ -99,7 +102,8 @@ def _mass(watched: Watched) -> Figure:
 
 
 def _size(watched: Watched) -> Figure:
-    line = _line("residual", watched.series.size, "%{y:.3g} of the threshold", style.RESIDUAL)
+    size = watched.series["contact_size"].to_numpy()
+    line = _line("residual", size, "%{y:.3g} of the threshold", style.RESIDUAL)
     axis = {"title": "residual [thresholds]", "rangemode": "tozero"}
     figure = _over_time(watched.series, [line.update(showlegend=False)], axis)
     figure.add_hline(y=1.0, line={"color": style.LIMIT, "dash": "dot", "width": 1})
@@ -111,12 +115,13 @@ def _size(watched: Watched) -> Figure:
 
 
 def _forces(watched: Watched) -> tuple[Figure, ...]:
-    s, axes = watched.series, watched.robot.task.names
-    if not s.force.any():
+    s = watched.series
+    force = {name: s[name].to_numpy() for name in s.columns if name.startswith("force_")}
+    if not any(values.any() for values in force.values()):
         return ()
     lines = [
-        _line(f"along {axis}", s.force[:, k], "%{y:.3g} N", style.SERIES[k])
-        for k, axis in enumerate(axes[: s.force.shape[1]])
+        _line(f"along {name.removeprefix('force_')}", values, "%{y:.3g} N", style.SERIES[k])
+        for k, (name, values) in enumerate(force.items())
     ]
     figure = _over_time(s, lines, {"title": "force on the platform [N]"})
     caption = "Force on the platform point, in the world's axes, while it is touched."
@@ -128,8 +133,8 @@ def _least(watched: Watched) -> Figure:
     lines = [
         _line(name, np.where(np.isfinite(values), values, np.nan), "%{y:.3g} N", color)
         for name, values, color in (
-            ("best direction", s.best, style.SERIES[0]),
-            ("worst direction", s.worst, style.SERIES[1]),
+            ("best direction", s["least_force_best"].to_numpy(), style.SERIES[0]),
+            ("worst direction", s["least_force_worst"].to_numpy(), style.SERIES[1]),
         )
     ]
     return Figure(
@@ -146,10 +151,10 @@ def _line(name: str, values: np.ndarray, hover: str, color: str = "", **look: An
 
 
 def _over_time(
-    series: WatchSeries, lines: Sequence[go.Scatter], axis: Mapping[str, Any], height: int = 300
+    series: pl.DataFrame, lines: Sequence[go.Scatter], axis: Mapping[str, Any], height: int = 300
 ) -> go.Figure:
     for line in lines:
-        line.update(x=series.time.astype(np.float32), y=np.asarray(line.y, np.float32))
+        line.update(x=series["t"].to_numpy().astype(np.float32), y=np.asarray(line.y, np.float32))
     layout = {"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": height}
     return go.Figure(lines, layout)
 
