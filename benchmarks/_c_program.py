@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.exports.c_code import CCode
-from deltaid.exports.text import DOUBLE, Precision
+from deltaid.exports.text import DOUBLE, Export, Precision
 
 # Processor time [µs], and what reading it takes.
 _HEAD = """
@@ -38,7 +37,7 @@ static double clock_cost(void)
 
 
 def printed(
-    code: CCode, main: str, data: np.ndarray, precision: Precision, *options: str
+    code: Export, main: str, data: np.ndarray, precision: Precision, *options: str
 ) -> list[list[float]]:
     """Numbers that a program prints, line by line.
 
@@ -50,8 +49,8 @@ def printed(
     compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        (work / "r.h").write_text(code.header)
-        (work / "r.c").write_text(code.source)
+        (work / "r.h").write_text(code.text(".h"))
+        (work / "r.c").write_text(code.text(".c"))
         (work / "main.c").write_text(_HEAD + main)
         data.astype(np.float64 if precision is DOUBLE else np.float32).tofile(work / "data")
         command = [compiler, "-std=c99", *options, "r.c", "main.c", "-o", "run", "-lm"]

@@ -33,8 +33,8 @@ from _timing import machine
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.exports.c_code import c_code
 from deltaid.exports.mjcf import mjcf
-from deltaid.exports.spanning_tree import spanning_tree
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
+from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
@@ -196,10 +196,10 @@ def mujoco_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float:
 def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float | None:
     """Best mean time [µs] of constraintDynamics; None where joints follow others."""
     export = urdf(subject.without_friction())
-    loops = json.loads(export.loops)
+    loops = json.loads(export.text(".loops.json"))
     if any(pair["joint"] != "tool" for pair in loops["following_joints"]):
         return None
-    model = pin.buildModelFromXML(export.urdf)
+    model = pin.buildModelFromXML(export.text(".urdf"))
     kept = loops["drawn_joints"]  # and a tool that turns with a drive, at rest
     kept = [*kept, *(pair["joint"] for pair in loops["following_joints"])]
     locked = [model.getJointId(name) for name in kept]

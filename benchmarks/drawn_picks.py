@@ -23,7 +23,7 @@ from _pick_cycles import Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushe
 from _pick_robots import ENCODER, RATE, Production, Strange, coefficients, lacking, production_of
 from jaxtyping import Bool, Float, Int
 
-from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import ControlModel
 from deltaid.control.simulation import time_steps
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import compiled_forward

@@ -80,7 +80,7 @@ def seconds(name: str) -> tuple[float, int]:
     held = model.dynamics.inverse_dynamics(home, 0 * home, 0 * home)[0]
     swing = 2.0 * np.array([max(model.value(f"coulomb.{d}"), 0.1) for d in model.robot.drives])
     with tempfile.TemporaryDirectory() as folder:
-        with zipfile.ZipFile(io.BytesIO(unit.content)) as archive:
+        with zipfile.ZipFile(io.BytesIO(unit.parts[".fmu"])) as archive:
             archive.extractall(folder)
         work = Path(folder) / "sources"
         token = re.search(r'strcmp\(guid, "([^"]+)"', (work / "fmi2.c").read_text())

@@ -152,8 +152,8 @@ def compiled(model: Model, work: Path, *, plain: bool) -> ctypes.CDLL:
     code = c_code(model, "r", SINGLE, ("constraint-forces",))
     if plain:
         none.stop()
-    (work / "r.h").write_text(code.header)
-    (work / "r.c").write_text(code.source)
+    (work / "r.h").write_text(code.text(".h"))
+    (work / "r.c").write_text(code.text(".c"))
     compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
     command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "r.c", "-o", "r.so", "-lm"]
     subprocess.run(command, cwd=work, check=True)

@@ -22,8 +22,17 @@ import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
 
-from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
-from deltaid.reproduce.irb360_result import QUICK, Irb360, Irb360Settings
+from deltaid.reproduce.irb360 import (
+    BASE,
+    CHOSEN,
+    GEOM,
+    QUICK,
+    RETUNED_4,
+    SIMPLE,
+    Irb360,
+    RecordingSettings,
+    reproduce_irb360,
+)
 from deltaid.reproduce.table_one import RMS_BASE, RMS_IDENTIFIED, RMS_RETUNED
 from deltaid.robot.friction_terms import law_in_words
 
@@ -57,7 +66,7 @@ largest speed and acceleration are {speed} °/s and {acceleration} °/s² to ide
 {slow_speed} °/s and {slow_acceleration} °/s² to verify."""
 
 
-def run(settings: Irb360Settings) -> dict[str, Any]:
+def run(settings: RecordingSettings) -> dict[str, Any]:
     """Numbers of one run, in this process."""
     result = reproduce_irb360(settings)
     found = result.candidates[CHOSEN].identification
@@ -179,7 +188,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="motions of 10 s, as the tests have")
     parser.add_argument("--runs", action="store_true", help="of this process alone")
     asked = parser.parse_args()
-    settings = QUICK if asked.quick else Irb360Settings()
+    settings = QUICK if asked.quick else RecordingSettings()
     # Each start of a search has a seed of its own, from the run's seed on: no run has another's.
     seeds = range(0, asked.seeds * settings.starts, settings.starts)
     if asked.runs:

@@ -18,7 +18,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from deltaid.exports.further_functions import further_cycles
+from deltaid.exports.model_functions import further_cycles
 from deltaid.exports.options import FURTHER
 from deltaid.exports.st_units import Unit
 from deltaid.exports.structured_text import DEFAULT, plc_program

@@ -23,12 +23,10 @@ import numpy as np
 from _table import leave
 
 from deltaid.control.comparison import gains
-from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import Controller, MeasuredState
+from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState
 from deltaid.control.infeasible import of_motion
 from deltaid.control.plant import Held, Plant, point_mass
-from deltaid.control.tracking import Drives, Knowledge, Tracking, track
-from deltaid.control.trajectory import Desired, MotionTrajectory
+from deltaid.control.tracking import Drives, Knowledge, MotionTrajectory, Tracking, track
 from deltaid.identification.demo import demonstrate
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model, load

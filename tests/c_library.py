@@ -75,8 +75,8 @@ def written(
 ) -> Path:
     """delta.h and delta.c in a folder."""
     code = c_code(subject, "delta", precision, further)
-    (folder / "delta.h").write_text(code.header)
-    (folder / "delta.c").write_text(code.source)
+    (folder / "delta.h").write_text(code.text(".h"))
+    (folder / "delta.c").write_text(code.text(".c"))
     return folder / "delta.c"
 
 

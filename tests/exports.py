@@ -16,7 +16,7 @@ import pytest
 
 from composed import Make, twin
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.tree import spanning_tree
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia

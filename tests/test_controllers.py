@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import (
     CONTROLLERS,
     PD,
     AugmentedPD,
     ComputedTorque,
     Controller,
+    ControlModel,
+    Desired,
     MeasuredState,
     PDFeedForward,
     SlotineLi,
     tuned,
 )
 from deltaid.control.simulation import integrate
-from deltaid.control.trajectory import Desired, MotionTrajectory
+from deltaid.control.tracking import MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters

@@ -113,7 +113,7 @@ def test_a_header_that_would_hide_another_one(prefix: str) -> None:
 def test_a_title_cannot_end_the_comment() -> None:
     robot = load_robot("linear-delta").model_copy(update={"title": "*//* int x; /*/\n#error"})
     code = c_code(Model(robot, prior_parameters(robot), "a.yaml"), "delta")
-    for text in (code.header, code.source):
+    for text in (code.text(".h"), code.text(".c")):
         assert "int x" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
         assert "#error" not in map(str.strip, text.splitlines())
         assert "/*" not in re.findall(r"/\*(.*?)\*/", text, flags=re.DOTALL)[0]
@@ -122,7 +122,7 @@ def test_a_title_cannot_end_the_comment() -> None:
 @needs_compiler
 def test_the_example_of_the_documentation_compiles(tmp_path: Path) -> None:
     code = c_code(subject("irb360-6-1600"), "irb360")
-    (tmp_path / "irb360.h").write_text(code.header)
+    (tmp_path / "irb360.h").write_text(code.text(".h"))
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
     [(_, example)] = blocks(page, "c")
     (tmp_path / "cycle.c").write_text(example + "\n")

@@ -17,7 +17,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.exports import fmu_binaries
-from deltaid.exports.casadi_function import casadi_file
+from deltaid.exports.data_files import casadi_file
 from deltaid.exports.files import TARGETS, export, output_path
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import Compiler
@@ -214,11 +214,11 @@ def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
     robot = load_robot("linear-delta").changed(**changed)
     chosen = Model(robot, prior_parameters(robot), "--.yaml")
     made = fmu(chosen, "a", forward=True, compiler=Compiler((), ()))
-    unit = zipfile.ZipFile(io.BytesIO(made.content))
-    for text in (mjcf(chosen), urdf(chosen).urdf, unit.read("modelDescription.xml")):
+    unit = zipfile.ZipFile(io.BytesIO(made.parts[".fmu"]))
+    for text in (mjcf(chosen), urdf(chosen).text(".urdf"), unit.read("modelDescription.xml")):
         root = ElementTree.fromstring(text)
         assert "ü" in (root.get("description") or "ü")
-    name = ElementTree.fromstring(urdf(chosen).urdf).get("name")
+    name = ElementTree.fromstring(urdf(chosen).text(".urdf")).get("name")
     assert name == 'n"<'
 
 

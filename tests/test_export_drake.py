@@ -14,7 +14,7 @@ import pytest
 from deltaid.control.simulation import integrate
 from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
-from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from exports import subject
@@ -86,8 +86,8 @@ def test_urdf(name: str) -> None:
     """Motors, limits and joints that follow are read; loops are closed by the file beside it."""
     chosen = subject(name).without_friction()
     export, plant = urdf(chosen), MultibodyPlant(_STEP)
-    loops = json.loads(export.loops)
-    Parser(plant).AddModelsFromString(export.urdf, "urdf")
+    loops = json.loads(export.text(".loops.json"))
+    Parser(plant).AddModelsFromString(export.text(".urdf"), "urdf")
     assert plant.num_constraints() == len(loops["following_joints"]) + len(loops["drawn_joints"])
     for pair in loops["coincident_frames"]:
         a, b = (plant.GetFrameByName(frame) for frame in pair["frames"])

@@ -17,7 +17,7 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.plain_friction import plain_friction
-from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.tree import spanning_tree
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction import Stribeck

@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 
 from deltaid.exports.files import export
-from deltaid.exports.spanning_tree import spanning_tree
+from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import PLACEHOLDER, urdf
 from exports import model, states, subject, tree_motion
 from support import assert_close
@@ -27,7 +27,7 @@ NAMES = swept(["irb360-6-1600", "linear-delta", "par4", "i4/second"], "irb360-6-
 
 
 def parsed(name: str) -> ElementTree.Element:
-    return ElementTree.fromstring(urdf(subject(name)).urdf)
+    return ElementTree.fromstring(urdf(subject(name)).text(".urdf"))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -46,7 +46,7 @@ def test_every_link_that_moves_has_inertia_on_a_fixed_base(name: str) -> None:
         total += float(mass.get("value", "")) if mass is not None else 0.0
     bodies = chosen.dynamics.kinematics.mechanism.bodies
     own = sum(body.count * chosen.body(body.name)[0] for body in bodies)
-    placeholders = json.loads(urdf(chosen).loops)["placeholder_links"]
+    placeholders = json.loads(urdf(chosen).text(".loops.json"))["placeholder_links"]
     assert total == pytest.approx(own + len(placeholders) * PLACEHOLDER[0], rel=1e-14)
     assert PLACEHOLDER[0] > 1e-6  # Gazebo drops lighter links, and what hangs on them
     assert total < own * (1 + 1e-4)
@@ -70,7 +70,7 @@ def test_joints_that_mimic_do_so_exactly(name: str) -> None:
     """In the closed robot, and so that every drawn strut ends where it is held."""
     chosen, root = subject(name), parsed(name)
     kinematics, tree = chosen.dynamics.kinematics, spanning_tree(chosen)
-    whole = pin.buildModelFromXML(urdf(chosen).urdf)
+    whole = pin.buildModelFromXML(urdf(chosen).text(".urdf"))
     data, q = whole.createData(), pin.neutral(whole)
     z, *_ = states(chosen, 1)
     found = kinematics.joint_states(kinematics.inverse(z[0]))

@@ -45,7 +45,10 @@ class Tree:
 
     def __init__(self, chosen: Model, *, placeholders: bool = False) -> None:
         export = urdf(chosen)
-        whole, self.loops = pin.buildModelFromXML(export.urdf), json.loads(export.loops)
+        whole, self.loops = (
+            pin.buildModelFromXML(export.text(".urdf")),
+            json.loads(export.text(".loops.json")),
+        )
         drawn = [whole.getJointId(name) for name in self.loops["drawn_joints"]]
         self.model = pin.buildReducedModel(whole, drawn, pin.neutral(whole))
         for link in () if placeholders else self.loops["placeholder_links"]:
@@ -157,7 +160,7 @@ def test_bodies_and_home(name: str) -> None:
 @pytest.mark.parametrize("name", ["clavel-delta3", "par4"])
 def test_what_is_drawn_ends_at_joints(name: str) -> None:
     """Cylinders of URDF stand along z about their middle: ends of arms, struts and spokes."""
-    chosen, root = subject(name), ElementTree.fromstring(urdf(subject(name)).urdf)
+    chosen, root = subject(name), ElementTree.fromstring(urdf(subject(name)).text(".urdf"))
     limbs = chosen.robot.limb_geometry
     ends = {"U1": [limbs[0].upper_arm * np.eye(3)[0]], "strut2a": [limbs[1].strut * np.eye(3)[0]]}
     ends |= {"P": [limb.attachment for limb in limbs]} if name == "clavel-delta3" else {}

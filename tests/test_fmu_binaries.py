@@ -47,7 +47,7 @@ def made() -> zipfile.ZipFile:
     """A unit of the smallest kind with all libraries."""
     export = fmu(subject("linear-delta"), "unit", forward=False)
     assert export.warnings == ()
-    return zipfile.ZipFile(io.BytesIO(export.content))
+    return zipfile.ZipFile(io.BytesIO(export.parts[".fmu"]))
 
 
 @slow

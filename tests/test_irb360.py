@@ -9,9 +9,19 @@ import pytest
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.model.record import IdentifiedModel
-from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, reproduce_irb360
+from deltaid.reproduce.irb360 import (
+    BASE,
+    CHOSEN,
+    FILES,
+    GEOM,
+    QUICK,
+    RETUNED_4,
+    SIMPLE,
+    Irb360,
+    reproduce_irb360,
+    write_files,
+)
 from deltaid.reproduce.irb360_page import irb360_page
-from deltaid.reproduce.irb360_result import FILES, QUICK, Irb360, write_files
 from deltaid.reproduce.surrogate_result import REPORT
 from deltaid.reproduce.table_one import (
     DETERMINED,

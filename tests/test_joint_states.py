@@ -49,8 +49,8 @@ def test_pinocchio_closes_loops(case: str) -> None:
     """With the names of the URDF; also joint by joint the passive ones alone, and one sample."""
     chosen = the(case)
     kinematics, export = chosen.dynamics.kinematics, urdf(chosen)
-    tree = pin.buildModelFromXML(export.urdf)
-    data, loops = tree.createData(), json.loads(export.loops)
+    tree = pin.buildModelFromXML(export.text(".urdf"))
+    data, loops = tree.createData(), json.loads(export.text(".loops.json"))
     z, q, qd, _ = states(chosen, 1)
     found, passive = kinematics.joint_states(q[0]), kinematics.passive_joints(z[0], qd[0])
     assert found.position.shape == (len(found.names),)

@@ -10,8 +10,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from deltaid.exports.looks import Ball, BoxShape, Rod, Shape, shapes, strut_radius, thickness
-from deltaid.exports.spanning_tree import spanning_tree
-from deltaid.exports.tree import Tree
+from deltaid.exports.tree import Tree, spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
@@ -223,7 +222,7 @@ def numbers(element: ElementTree.Element, path: str, key: str) -> list[float]:
 def test_urdf_has_the_same_shapes(name: str) -> None:
     """Its cylinders stand along z about their middle."""
     chosen, _, found, _, _ = shown(name)
-    root = ElementTree.fromstring(urdf(chosen).urdf)
+    root = ElementTree.fromstring(urdf(chosen).text(".urdf"))
     for shape in found.values():
         element = visuals(root, shape.body or "base")[shape.name]
         R, r = origin(element)
@@ -246,7 +245,7 @@ def test_urdf_has_the_same_shapes(name: str) -> None:
 def test_urdf_draws_each_strut_along_its_own_x_axis(name: str) -> None:
     """One of a pair on a link of its own beside the middle, a single one on the body that it is."""
     chosen = made(name)
-    root = ElementTree.fromstring(urdf(chosen).urdf)
+    root = ElementTree.fromstring(urdf(chosen).text(".urdf"))
     for n, limb in enumerate(chosen.robot.limb_geometry, 1):
         for letter, side in (("a", 0.045), ("b", -0.045)) if limb.struts == 2 else (("", 0.0),):
             link = f"strut{n}{letter}" if letter else f"S{n}"

@@ -16,9 +16,8 @@ from deltaid.online.estimates import friction_bounds
 from deltaid.online.graph import StepGraph
 from deltaid.online.instant import NOT_TOLD
 from deltaid.online.kalman import Estimate
-from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.online import CommandTorques
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.robot.load import load_robot
 from online_runs import LOAD, Running, outputs, robot, running
 

@@ -10,11 +10,10 @@ import pytest
 from deltaid.errors import RecordingError
 from deltaid.online.doubts import doubts, gripper_doubts
 from deltaid.online.events import LoadEntry, WeighedLoad
-from deltaid.online.grip_timing import GripTiming, Offset
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay, open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.suspicion import RunEvidence
+from deltaid.online.suspicion import GripTiming, Offset, RunEvidence
 from deltaid.online.watch import Watched, watch
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping

@@ -9,9 +9,8 @@ from deltaid.dynamics.parameters import stated_spreads
 from deltaid.model.model import load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.kalman import Estimate, States
-from deltaid.online.knowledge import OnlineKnowledge, knowledge
 from deltaid.online.momentum import Lowpass, build_momentum
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.robot.load import load_robot
 
 PRIOR = np.array([1.0, 0.0, 1.0, 4.0])

@@ -8,9 +8,8 @@ import deltaid
 from deltaid.errors import DeltaidError
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.graph import Field, Layout
-from deltaid.online.knowledge import knowledge
 from deltaid.online.online import CommandTorques
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineSettings, knowledge
 from online_runs import LOAD, outputs, robot, running
 from picking import picked
 

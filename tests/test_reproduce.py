@@ -16,7 +16,6 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import identify
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
-from deltaid.reproduce import irb360_result
 from deltaid.reproduce.accuracy import (
     Accuracy,
     DriveMotion,
@@ -26,6 +25,7 @@ from deltaid.reproduce.accuracy import (
     sweep,
 )
 from deltaid.reproduce.descent import WAYS, descend
+from deltaid.reproduce.irb360 import FILES as IRB360_FILES
 from deltaid.reproduce.surrogate_result import FILES, SurrogateSettings
 from deltaid.reproduce.table_one import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.robot.inertia import consistency
@@ -235,9 +235,7 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> 
     assert "taken" in message
 
 
-@pytest.mark.parametrize(
-    ("example", "names"), [("surrogate", FILES), ("irb360", irb360_result.FILES)]
-)
+@pytest.mark.parametrize(("example", "names"), [("surrogate", FILES), ("irb360", IRB360_FILES)])
 def test_a_file_that_cannot_be_written_is_told_before_any_work(
     tmp_path: Path, example: str, names: Sequence[str]
 ) -> None:

@@ -12,10 +12,8 @@ from deltaid.checks.closed_loop import checked_feedback, shaken
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.identified import identify
 from deltaid.checks.signal import checked_signals
-from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import tuned
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.controllers import ControlModel, tuned
+from deltaid.control.tracking import Drives, MotionTrajectory, track
 from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.spectra import bandwidth, density, step_of, white_noise
 from deltaid.model.model import Model

@@ -57,7 +57,7 @@ def test_a_unit_without_binary_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     made = fmu(model, "unit", forward=False)
     assert len(made.warnings) == 1
     assert "binaries for this machine are not known" in made.warnings[0]
-    with zipfile.ZipFile(io.BytesIO(made.content)) as unit:
+    with zipfile.ZipFile(io.BytesIO(made.parts[".fmu"])) as unit:
         names = unit.namelist()
     assert any(name.startswith("sources/") for name in names)
     assert not any(name.startswith("binaries/") for name in names)

@@ -8,17 +8,17 @@ import pytest
 from scipy.signal import lfilter
 
 from deltaid.control.comparison import ControllerRun, ModelCandidate, compare, gains
-from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import (
     CONTROLLERS,
     ComputedTorque,
     Controller,
+    ControlModel,
+    Desired,
     MeasuredState,
     tuned,
 )
 from deltaid.control.infeasible import of_tracking
 from deltaid.control.tracking import Drives, Tracking, track
-from deltaid.control.trajectory import Desired
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model, load

@@ -24,7 +24,7 @@ def content(chosen: Model, target: str, version: FmiVersion = "2") -> bytes:
     found = fmu(chosen, "unit", forward=target == "fmu", version=version, compiler=compiler)
     assert compiler
     assert all("runs as it is on " + compiler.systems[0].name in text for text in found.warnings)
-    return found.content
+    return found.parts[".fmu"]
 
 
 def write(chosen: Model, target: str, folder: Path, version: FmiVersion = "2") -> Path:

@@ -13,10 +13,14 @@ import numpy as np
 import polars as pl
 from scipy.signal import lfilter
 
-from deltaid.control.control_model import ControlModel
-from deltaid.control.controllers import ComputedTorque, Controller, MeasuredState
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import Desired, SampledTrajectory
+from deltaid.control.controllers import (
+    ComputedTorque,
+    Controller,
+    ControlModel,
+    Desired,
+    MeasuredState,
+)
+from deltaid.control.tracking import Drives, SampledTrajectory, track
 from deltaid.dynamics.dynamics import compiled
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model

@@ -88,15 +88,15 @@ def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bo
 
 def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
     """Reproduce Sec. VIII, and print its errors."""
-    from deltaid.reproduce import irb360_result
-    from deltaid.reproduce.irb360 import reproduce_irb360
+    from deltaid.reproduce import irb360
+    from deltaid.reproduce.irb360 import QUICK, reproduce_irb360
     from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
-    from deltaid.reproduce.irb360_result import QUICK, Irb360Settings
+    from deltaid.reproduce.surrogate_result import RecordingSettings
 
-    settings = replace(QUICK if quick else Irb360Settings(), seed=seed, starts=starts)
+    settings = replace(QUICK if quick else RecordingSettings(), seed=seed, starts=starts)
     result = _reproduced(
         lambda say: reproduce_irb360(settings, progress=say),
-        irb360_result, irb360_page, folder, as_json,
+        irb360, irb360_page, folder, as_json,
     )  # fmt: skip
     if as_json:
         return

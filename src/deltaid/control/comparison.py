@@ -6,18 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.control.control_model import ControlModel
 from deltaid.control.controllers import (
     CONTROLLERS,
     NEED_MASS_MATRIX,
     Controller,
+    ControlModel,
     tuned,
 )
 from deltaid.control.infeasible import MotionProblem, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Payload, Plant, as_plant
-from deltaid.control.tracking import Drives, Tracking, track
-from deltaid.control.trajectory import Trajectory
+from deltaid.control.tracking import Drives, Tracking, Trajectory, track
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError

@@ -10,12 +10,20 @@ import numpy as np
 import polars as pl
 
 from deltaid.control.comparison import ControllerRun, ModelCandidate, candidates, compare, gains
-from deltaid.control.control_model import ControlModel
+from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Payload, Plant
-from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, track
-from deltaid.control.trajectory import MotionTrajectory, Trajectory, open_trajectory
+from deltaid.control.tracking import (
+    ENCODER_STEP,
+    Drives,
+    MotionTrajectory,
+    Tracking,
+    TrackingError,
+    Trajectory,
+    open_trajectory,
+    track,
+)
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, positive
 from deltaid.model.model import Model, ModelLike, load
@@ -322,7 +330,6 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
 
 
 def _require_alike(plant: RobotDescription, robot: RobotDescription, source: object) -> None:
-    """Refuse a plant whose drives are not those of the model."""
     kinds = [[r.is_linear(drive) for drive in r.drives] for r in (plant, robot)]
     if kinds[0] != kinds[1]:
         words = [f"{k.count(False)} rotary and {k.count(True)} linear drives" for k in kinds]

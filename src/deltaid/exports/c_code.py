@@ -6,7 +6,6 @@ allocate nothing and return within a bounded number of operations.
 
 import re
 import textwrap
-from dataclasses import dataclass
 
 import casadi as ca
 
@@ -20,12 +19,17 @@ from deltaid.exports.functions import (
     ParameterTable,
     parameter_table,
 )
-from deltaid.exports.further_functions import further_cycles, further_functions
-from deltaid.exports.model_functions import acceleration, model_functions
+from deltaid.exports.model_functions import (
+    acceleration,
+    further_cycles,
+    further_functions,
+    model_functions,
+)
 from deltaid.exports.straight_line import SIGN, Array, straight_line, wrapped
 from deltaid.exports.text import (
     DOUBLE,
     SINGLE,
+    Export,
     Precision,
     c_comment,
     pairs_of_c,
@@ -143,27 +147,12 @@ def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
 
 
 def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
-    """Name, size, place and comment."""
     return [(f.name, f.size, layout.places[f.name].start, _note(f)) for f in layout.fields]
 
 
 def _note(field: Field) -> str:
     text = f"{field.doc} [{field.unit}]" if field.unit else field.doc
     return "\n     * ".join(textwrap.wrap(plain_letters(text), 88))
-
-
-@dataclass(frozen=True)
-class CCode:
-    """A pair of C files.
-
-    Attributes:
-        prefix: what all names begin with.
-        header, source: the text of PREFIX.h and PREFIX.c.
-    """
-
-    prefix: str
-    header: str
-    source: str
 
 
 DEFAULT = OnlineSettings()
@@ -184,8 +173,8 @@ def c_code(
     precision: Precision = DOUBLE,
     further: tuple[str, ...] = (),
     online: OnlineSettings = DEFAULT,
-) -> CCode:
-    """The C code of a model; its functions are named PREFIX_….
+) -> Export:
+    """The C code of a model, source and header; its functions are named PREFIX_….
 
     Args:
         further: names of functions beside those that every export has (`options.FURTHER`).
@@ -223,7 +212,8 @@ def c_code(
         "pairs": pairs_of_c(str([entry["texts"] for entry in texts])),
         "cycles": [cycle_texts(c, precision) for c in cycles],
     }
-    return CCode(prefix, rendered("model.h.jinja", **values), rendered("model.c.jinja", **values))
+    source, header = (rendered(f"model.{kind}.jinja", **values) for kind in "ch")
+    return Export({".c": source, ".h": header})
 
 
 def _require_name(prefix: str) -> None:

@@ -200,7 +200,6 @@ class _Judged:
         return own, read
 
     def _unit(self, k: int) -> np.ndarray:
-        """What rounding moves a result by."""
         op, value = self._operations[k], self._value[k]
         if op == ca.OP_CONST:
             return value - value.astype(np.float32)

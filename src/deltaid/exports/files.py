@@ -10,18 +10,17 @@ from typing import Literal, get_args
 
 from deltaid.control.plant import point_mass
 from deltaid.errors import DeltaidError, positive, unknown
-from deltaid.exports.arrays import npz_file
 from deltaid.exports.c_code import c_code
-from deltaid.exports.casadi_function import casadi_file
+from deltaid.exports.data_files import casadi_file, npz_file
 from deltaid.exports.fmu import fmu
-from deltaid.exports.further_functions import NO_CONTACT
 from deltaid.exports.handover import handover
 from deltaid.exports.mjcf import mjcf
+from deltaid.exports.model_functions import NO_CONTACT
 from deltaid.exports.options import FmiVersion, TargetName
 from deltaid.exports.plain_friction import PlainFriction
 from deltaid.exports.plain_friction import plain_friction as nearest_plain
 from deltaid.exports.structured_text import plc_program
-from deltaid.exports.text import DOUBLE, SINGLE, Precision
+from deltaid.exports.text import DOUBLE, SINGLE, Export, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.joint_forces.constraint_forces import ConstraintForces
@@ -32,19 +31,6 @@ from deltaid.robot.inertia import RigidBody
 
 # Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
 _LOADS = (1e-6, 1e3)
-
-
-@dataclass(frozen=True)
-class Export:
-    """A model in some target's form.
-
-    Attributes:
-        parts: content by the end of the file's name; the first one is what is asked for.
-        warnings: what the target takes differently.
-    """
-
-    parts: Mapping[str, str | bytes]
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,28 +117,21 @@ class ExportTarget:
 
 
 def _c(subject: Model, stem: str, choices: Choices) -> Export:
-    found = c_code(subject, stem, choices.precision, choices.functions, choices.online)
-    return Export({".c": found.source, ".h": found.header}, choices.warnings(subject))
+    return c_code(subject, stem, choices.precision, choices.functions, choices.online)
 
 
 def _st(subject: Model, stem: str, choices: Choices) -> Export:
     program = plc_program(subject, stem, choices.precision, choices.functions, choices.online)
-    return Export({".st": program.text, ".plcopen.xml": program.xml}, choices.warnings(subject))
+    return Export({".st": program.text, ".plcopen.xml": program.xml})
 
 
 def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Export:
-    unit = fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
-    return Export({".fmu": unit.content}, unit.warnings)
+    return fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
 
 
 def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarget:
     """A target of one file that leaves no choice."""
     return ExportTarget((suffix,), lambda subject, *_: Export({suffix: content(subject)}))
-
-
-def _urdf(subject: Model, stem: str, choices: Choices) -> Export:
-    found = urdf(subject)
-    return Export({".urdf": found.urdf, ".loops.json": found.loops}, found.warnings)
 
 
 TARGETS: Mapping[TargetName, ExportTarget] = {
@@ -162,7 +141,7 @@ TARGETS: Mapping[TargetName, ExportTarget] = {
     "fmu-inverse": ExportTarget((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
     "casadi": _single(".casadi", casadi_file),
     "mjcf": _single(".xml", mjcf),
-    "urdf": ExportTarget((".urdf", ".loops.json"), _urdf),
+    "urdf": ExportTarget((".urdf", ".loops.json"), lambda subject, *_: urdf(subject)),
     "npz": _single(".npz", npz_file),
 }
 
@@ -273,7 +252,7 @@ def export(
         contents = (*made.parts.values(), *beside.values())
         for part, content in zip(paths, contents, strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    return Written(paths, (*nearest.warnings, *made.warnings))
+    return Written(paths, (*nearest.warnings, *made.warnings, *choices.warnings(subject)))
 
 
 def _holding(model: Model, payload: str | float) -> Model:

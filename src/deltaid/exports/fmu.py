@@ -13,7 +13,7 @@ of a speed v in friction is tanh(v / friction_speed), for integrators that take 
 import io
 import uuid
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 
@@ -32,19 +32,11 @@ from deltaid.exports.fmu_description import (
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.straight_line import Array, straight_line
 from deltaid.exports.structured_text import quantities
-from deltaid.exports.text import DOUBLE, c_comment, rendered
+from deltaid.exports.text import DOUBLE, Export, c_comment, rendered
 from deltaid.model.model import Model
 from deltaid.progress import Progress
 
 _NAMESPACE = uuid.UUID("7d0d8b4e-5f0e-4c43-9e0e-0d1b6a3a5c11")
-
-
-@dataclass(frozen=True)
-class FmuExport:
-    """A unit as the bytes of its file, and what was not possible."""
-
-    content: bytes
-    warnings: tuple[str, ...]
 
 
 def fmu(
@@ -55,8 +47,8 @@ def fmu(
     version: FmiVersion = "2",
     compiler: Compiler | None = None,
     progress: Progress = lambda _: None,
-) -> FmuExport:
-    """A model as a unit; its model identifier is `name`.
+) -> Export:
+    """A model as a unit, with a warning of what was not possible; its model identifier is `name`.
 
     Args:
         compiler: what makes its libraries; default: what `found_compiler` finds.
@@ -80,7 +72,7 @@ def fmu(
     if version == "3":
         texts["sources/buildDescription.xml"] = build_description(unit)
     content = _zipped({path: text.encode() for path, text in texts.items()} | made)
-    return FmuExport(content, (warning,) if warning else ())
+    return Export({".fmu": content}, (warning,) if warning else ())
 
 
 def _sources(
@@ -106,10 +98,10 @@ def _sources(
         **(_functions(subject, table) if forward else {}),
     }
     unsigned = rendered("unit.c.jinja", guid="", **values)
-    token = str(uuid.uuid5(_NAMESPACE, "\n".join((code.source, unsigned))))
+    token = str(uuid.uuid5(_NAMESPACE, "\n".join((code.text(".c"), unsigned))))
     return {
-        f"{name}.h": code.header,
-        f"{name}.c": code.source,
+        f"{name}.h": code.text(".h"),
+        f"{name}.c": code.text(".c"),
         f"fmi{version}.c": rendered("unit.c.jinja", guid=token, **values),
     }, token
 

@@ -1,7 +1,8 @@
 """The variables of a functional mock-up unit, its modelDescription.xml, and how its sources are
 built: FMI 2 and 3."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from importlib.metadata import version as released
 from xml.etree import ElementTree as ET
 
@@ -31,8 +32,8 @@ class FmuVariable:
     Attributes:
         causality: 'input', 'output', 'parameter', 'local', or 'independent' for the time.
         start: value before the first step; None for what is calculated.
-        derivative_of: place of the variable that it is the derivative of.
-        needs: places of the inputs and states that it follows from without delay; None for all.
+        derivative_of: name of the variable that it is the derivative of.
+        needs: names of the inputs and states that it follows from without delay; None for all.
     """
 
     name: str
@@ -40,8 +41,8 @@ class FmuVariable:
     unit: str
     description: str
     start: float | None = None
-    derivative_of: int | None = None
-    needs: tuple[int, ...] | None = None
+    derivative_of: str = ""
+    needs: tuple[str, ...] | None = None
 
     @property
     def settable(self) -> bool:
@@ -54,35 +55,28 @@ class Variables:
     """All variables of a unit.
 
     Attributes:
-        places: where groups begin, by the name that the C code gives them.
+        groups: in their order, by the names that the C code gives them.
         states: number of continuous states.
     """
 
-    all: tuple[FmuVariable, ...]
-    places: dict[str, int]
-    states: int
+    groups: Mapping[str, tuple[FmuVariable, ...]]
+    states: int = 0
+
+    @property
+    def all(self) -> tuple[FmuVariable, ...]:
+        """One behind the other."""
+        return tuple(variable for group in self.groups.values() for variable in group)
+
+    @property
+    def places(self) -> dict[str, int]:
+        """Where groups begin."""
+        ends = np.cumsum([len(group) for group in self.groups.values()]).tolist()
+        return {n: end - len(g) for (n, g), end in zip(self.groups.items(), ends, strict=True)}
 
     def with_time(self) -> "Variables":
         """These and the time, which is a variable in FMI 3."""
         time = FmuVariable("time", "independent", "s", "simulation time")
-        return Variables((*self.all, time), self.places | {"TIME": len(self.all)}, self.states)
-
-
-class _List:
-    """Variables in the order in which they are added."""
-
-    def __init__(self, subject: Model) -> None:
-        linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
-        self.drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
-        self.task = [(name, UNITS[name]) for name in subject.robot.task.names]
-        self.all: list[FmuVariable] = []
-        self.places: dict[str, int] = {}
-
-    def add(self, place: str, variables: list[FmuVariable]) -> range:
-        """Append a group; returns its places."""
-        self.places[place] = len(self.all)
-        self.all += variables
-        return range(self.places[place], len(self.all))
+        return replace(self, groups={**self.groups, "TIME": (time,)})
 
 
 def carrier(subject: Model) -> str:
@@ -90,68 +84,77 @@ def carrier(subject: Model) -> str:
     return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
 
 
+def _units_of(subject: Model) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Units of each drive's coordinate and torque; name and unit of each task coordinate."""
+    linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
+    drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
+    return drives, [(name, UNITS[name]) for name in subject.robot.task.names]
+
+
 def forward_variables(subject: Model) -> Variables:
     """The robot: torques and payload in, motion out; z and then q̇ are the states."""
-    found, home = _List(subject), subject.home
-    found.add("SPEED", [FmuVariable(
+    drives, task = _units_of(subject)
+    speed = FmuVariable(
         "friction_speed", "parameter", "",
         "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
         FRICTION_SPEED,
-    )])  # fmt: skip
-    found.add("TAU", [
+    )  # fmt: skip
+    payload = FmuVariable("payload", "input", "kg",
+        "mass that the tool holds; it comes and goes with the platform's velocity", 0.0,
+    )  # fmt: skip
+    tau = tuple(
         FmuVariable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
-        for i, (_, force) in enumerate(found.drives, 1)
-    ])  # fmt: skip
-    if carrier(subject):
-        held = "mass that the tool holds; it comes and goes with the platform's velocity"
-        found.add("PAYLOAD", [FmuVariable("payload", "input", "kg", held, 0.0)])
-    z = found.add("Z", [
+        for i, (_, force) in enumerate(drives, 1)
+    )
+    z = tuple(
         FmuVariable(name, "output", unit, _TASK[name], float(start))
-        for (name, unit), start in zip(found.task, home, strict=True)
-    ])  # fmt: skip
-    qd = found.add("QD", [
+        for (name, unit), start in zip(task, subject.home, strict=True)
+    )
+    qd = tuple(
         FmuVariable(f"qd{i}", "output", f"{unit}/s", f"speed of drive {i}", 0.0)
-        for i, (unit, _) in enumerate(found.drives, 1)
-    ])  # fmt: skip
-    found.add("DZ", [
-        FmuVariable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}/s", "",
-                 derivative_of=k, needs=(*z, *qd))
-        for k in z
-    ])  # fmt: skip
-    found.add("DQD", [
-        FmuVariable(f"der({found.all[k].name})", "local", f"{found.all[k].unit}2", "",
-                 derivative_of=k)
-        for k in qd
-    ])  # fmt: skip
-    found.add("Q", [
-        FmuVariable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=tuple(z))
-        for i, (unit, _) in enumerate(found.drives, 1)
-    ])  # fmt: skip
-    return Variables(tuple(found.all), found.places, 2 * len(home))
+        for i, (unit, _) in enumerate(drives, 1)
+    )
+    needs = tuple(variable.name for variable in (*z, *qd))
+    dz = tuple(
+        FmuVariable(f"der({v.name})", "local", f"{v.unit}/s", "", derivative_of=v.name, needs=needs)
+        for v in z
+    )
+    dqd = tuple(
+        FmuVariable(f"der({v.name})", "local", f"{v.unit}2", "", derivative_of=v.name) for v in qd
+    )
+    q = tuple(
+        FmuVariable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=needs[: len(z)])
+        for i, (unit, _) in enumerate(drives, 1)
+    )
+    held = {"PAYLOAD": (payload,)} if carrier(subject) else {}
+    of_motion = {"Z": z, "QD": qd, "DZ": dz, "DQD": dqd, "Q": q}
+    return Variables({"SPEED": (speed,), "TAU": tau, **held, **of_motion}, 2 * len(z))
 
 
 def inverse_variables(subject: Model) -> Variables:
     """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
-    found = _List(subject)
+    drives, task = _units_of(subject)
     home = np.asarray(subject.dynamics.kinematics.inverse(subject.home[None])[0])
-    groups = (("Q", "q", "", "coordinate", home), ("QD", "qd", "/s", "speed", 0 * home),
-              ("QDD", "qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
-    for place, name, per, words, starts in groups:
-        found.add(place, [
+    kinds = (("q", "", "coordinate", home), ("qd", "/s", "speed", 0 * home),
+             ("qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
+    groups = {
+        name.upper(): tuple(
             FmuVariable(
                 f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start)
             )
-            for i, ((unit, _), start) in enumerate(zip(found.drives, starts, strict=True), 1)
-        ])  # fmt: skip
-    q = tuple(range(len(home)))
-    found.add("TAU", [
+            for i, ((unit, _), start) in enumerate(zip(drives, starts, strict=True), 1)
+        )
+        for name, per, words, starts in kinds
+    }
+    groups["TAU"] = tuple(
         FmuVariable(f"tau{i}", "output", force, f"torque or force of drive {i} at the joint")
-        for i, (_, force) in enumerate(found.drives, 1)
-    ])  # fmt: skip
-    found.add("Z", [
-        FmuVariable(name, "output", unit, _TASK[name], needs=q) for name, unit in found.task
-    ])  # fmt: skip
-    return Variables(tuple(found.all), found.places, 0)
+        for i, (_, force) in enumerate(drives, 1)
+    )
+    q = tuple(variable.name for variable in groups["Q"])
+    groups["Z"] = tuple(
+        FmuVariable(name, "output", unit, _TASK[name], needs=q) for name, unit in task
+    )
+    return Variables(groups)
 
 
 # Units by name, as powers of SI base units.
@@ -196,11 +199,13 @@ def model_description(unit: Described, variables: Variables, version: FmiVersion
     step = {"canHandleVariableCommunicationStepSize": "true"}
     files = [element("SourceFiles", *(element("File", name=file) for file in unit.sources))]
     structure = element("ModelStructure")
+    places = {variable.name: k for k, variable in enumerate(variables.all)}
     for group, (name, members) in _groups(variables).items():
         inside = ET.SubElement(structure, group) if second and members else structure
-        for k, needs in members:
-            place = {"index" if second else "valueReference": str(k + first)}
-            known = None if needs is None else " ".join(str(i + first) for i in needs)
+        for v in members:
+            needs = (v.name,) if v.settable else v.needs  # a state as output is its own
+            place = {"index" if second else "valueReference": str(places[v.name] + first)}
+            known = None if needs is None else " ".join(str(places[n] + first) for n in needs)
             inside.append(element("Unknown" if second else name, **place, dependencies=known))
     return _text(
         element(
@@ -213,7 +218,7 @@ def model_description(unit: Described, variables: Variables, version: FmiVersion
             element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
             element(
                 "ModelVariables",
-                *(_variable(k, v, version) for k, v in enumerate(variables.all)),
+                *(_variable(v, places, version) for v in variables.all),
             ),
             structure,
             fmiVersion=f"{version}.0",
@@ -242,12 +247,12 @@ def build_description(unit: Described) -> str:
     return _text(element("fmiBuildDescription", build, fmiVersion="3.0"))
 
 
-def _variable(k: int, variable: FmuVariable, version: FmiVersion) -> ET.Element:
+def _variable(variable: FmuVariable, places: Mapping[str, int], version: FmiVersion) -> ET.Element:
     """A variable; FMI 2 has its values in an element within."""
     initial = "calculated" if variable.start is None else "exact"
     common = {
         "name": variable.name,
-        "valueReference": str(k),
+        "valueReference": str(places[variable.name]),
         "causality": variable.causality,
         "variability": "tunable" if variable.causality == "parameter" else "continuous",
         "description": variable.description or None,
@@ -257,11 +262,11 @@ def _variable(k: int, variable: FmuVariable, version: FmiVersion) -> ET.Element:
         "start": None if variable.start is None else repr(variable.start),
     }
     last = {"initial": None if variable.causality in ("input", "independent") else initial}
-    place = variable.derivative_of
+    slope = None
+    if variable.derivative_of:
+        slope = str(places[variable.derivative_of] + (version == "2"))
     if version == "3":
-        slope = None if place is None else str(place)
         return element("Float64", **common, **values, **last, derivative=slope)
-    slope = None if place is None else str(place + 1)
     return element("ScalarVariable", element("Real", **values, derivative=slope), **common, **last)
 
 
@@ -271,24 +276,15 @@ def _units(variables: Variables) -> ET.Element:
     return element("UnitDefinitions", *units)
 
 
-_Members = list[tuple[int, tuple[int, ...] | None]]
-
-
-def _groups(variables: Variables) -> dict[str, tuple[str, _Members]]:
-    """What follows from what, by place: the group in FMI 2 with the element in FMI 3. A state as
-    output follows from itself."""
-    listed = list(enumerate(variables.all))
-    outputs = [(k, v) for k, v in listed if v.causality == "output"]
-    slopes = [(k, v) for k, v in listed if v.derivative_of is not None]
-    initial = [(k, v) for k, v in listed if (k, v) in outputs + slopes and v.start is None]
-    members = {
+def _groups(variables: Variables) -> dict[str, tuple[str, list[FmuVariable]]]:
+    """What follows from what: the group in FMI 2 with the element in FMI 3."""
+    outputs = [v for v in variables.all if v.causality == "output"]
+    slopes = [v for v in variables.all if v.derivative_of]
+    initial = [v for v in variables.all if v in outputs + slopes and v.start is None]
+    return {
         "Outputs": ("Output", outputs),
         "Derivatives": ("ContinuousStateDerivative", slopes),
         "InitialUnknowns": ("InitialUnknown", initial),
-    }
-    return {
-        group: (name, [(k, (k,) if v.settable else v.needs) for k, v in found])
-        for group, (name, found) in members.items()
     }
 
 

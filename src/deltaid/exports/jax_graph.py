@@ -129,7 +129,6 @@ def _require_shapes(given: list[jax.Array], sizes: list[int]) -> None:
 
 
 def _step(graph: ca.Function, k: int) -> Step:
-    """An instruction: its operation, the slots that it reads and writes, and its constant."""
     op = graph.instruction_id(k)
     if op not in (*_OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
         raise NotImplementedError(f"CasADi's {operation_name(op)} has no JAX form here")

@@ -139,7 +139,6 @@ def _call(prefix: str, name: str, given: tuple[str, ...], to: str, rest: str) ->
 
 
 def _sum_of(prefix: str, series: TaylorSeries) -> list[str]:
-    """y of z."""
     *others, last = series.tail
     lines = [f"y := {_n(last)}; dy := 0.0;"]
     lines += [f"y := y * z; y := {_n(c)} + y;" for c in reversed(others)]

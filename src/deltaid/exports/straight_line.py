@@ -210,8 +210,6 @@ def straight_line(
 
 @dataclass(frozen=True)
 class _C(Dialect):
-    """How C99 writes statements."""
-
     precision: Precision
     sign: str
 
@@ -245,7 +243,6 @@ class _C(Dialect):
         return [*self.set(rest, both[1]), *self.set(target, both[0])]
 
     def _expression(self, op: int, args: list[str]) -> str:
-        """One scalar operation of the graph."""
         a, b, f, real = args[0], args[-1], self.precision.suffix, self.precision.c_type
         if op in _INFIX:
             return f"{a} {_INFIX[op]} {b}"

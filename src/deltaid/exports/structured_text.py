@@ -14,8 +14,7 @@ import casadi as ca
 from deltaid.errors import DeltaidError
 from deltaid.exports.digits import care_for
 from deltaid.exports.functions import ExportedCycle, parameter_table
-from deltaid.exports.further_functions import further_cycles, further_functions
-from deltaid.exports.model_functions import model_functions
+from deltaid.exports.model_functions import further_cycles, further_functions, model_functions
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT, helpers, pair_functions
 from deltaid.exports.st_units import (
     ArrayType,

@@ -2,7 +2,7 @@
 comments, and the text files that are filled in, which lie beside this module."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import factorial
 from typing import Any
@@ -39,6 +39,24 @@ def element(
     made.text = text
     made.extend(children)
     return made
+
+
+@dataclass(frozen=True)
+class Export:
+    """A model in some target's form.
+
+    Attributes:
+        parts: content by the end of the file's name; the first one is what is asked for.
+        warnings: what the target takes differently.
+    """
+
+    parts: Mapping[str, str | bytes]
+    warnings: tuple[str, ...] = ()
+
+    def text(self, end: str) -> str:
+        """A part that is text."""
+        part = self.parts[end]
+        return part if isinstance(part, str) else part.decode()
 
 
 def c_comment(text: str) -> str:
@@ -163,6 +181,5 @@ def pairs_of_c(text: str) -> dict[str, object]:
 
 
 def _tail(c: tuple[float, ...]) -> str:
-    """A polynomial in z."""
     number, rest = SINGLE.c_number(c[0]), c[1:]
     return f"{number} + z * ({_tail(rest)})" if rest else number

@@ -12,7 +12,6 @@ Fixed frames have none: they are part of the link that they stand on.
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,9 +19,16 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt
 from deltaid.exports.looks import Rod, Shape, shapes, strut_radius, tool_body
-from deltaid.exports.spanning_tree import spanning_tree
-from deltaid.exports.text import element, numbers, xml_comment
-from deltaid.exports.tree import JointForces, Tree, TreeBody, TreeJoint, TreeStrut, joint_forces
+from deltaid.exports.text import Export, element, numbers, xml_comment
+from deltaid.exports.tree import (
+    JointForces,
+    Tree,
+    TreeBody,
+    TreeJoint,
+    TreeStrut,
+    joint_forces,
+    spanning_tree,
+)
 from deltaid.exports.urdf_parts import colours, control, visual
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
@@ -36,23 +42,8 @@ PLACEHOLDER = (2e-6, 1e-10)
 _FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
 
 
-@dataclass(frozen=True)
-class UrdfExport:
-    """A URDF file and what belongs to it.
-
-    Attributes:
-        urdf: XML text.
-        loops: JSON text.
-        warnings: what stands only in the second one.
-    """
-
-    urdf: str
-    loops: str
-    warnings: tuple[str, ...]
-
-
-def urdf(subject: Model) -> UrdfExport:
-    """A model as URDF with its loops beside it.
+def urdf(subject: Model) -> Export:
+    """A model as URDF, XML, with its loops beside it, JSON; warnings say what stands only there.
 
     Raises:
         DeltaidError: the mechanism is the user's own, or its friction has terms that URDF lacks.
@@ -95,7 +86,8 @@ def urdf(subject: Model) -> UrdfExport:
     root.insert(0, ET.Comment(xml_comment(subject.provenance)))
     ET.indent(root)
     text = '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-    return UrdfExport(text, _loops(subject, tree, forces, _placeholders(root)), _warnings(forces))
+    loops = _loops(subject, tree, forces, _placeholders(root))
+    return Export({".urdf": text, ".loops.json": loops}, _warnings(forces))
 
 
 def _link_and_joints(
@@ -186,7 +178,6 @@ def _placeholder() -> ET.Element:
 
 
 def _placeholders(root: ET.Element) -> list[str]:
-    """Names of links whose inertia is a placeholder."""
     mass = numbers(PLACEHOLDER[:1])
     found = {link.get("name", ""): link.find("inertial/mass") for link in root.iter("link")}
     return [name for name, of in found.items() if of is not None and of.get("value") == mass]

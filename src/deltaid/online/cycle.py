@@ -12,8 +12,7 @@ from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
 from deltaid.online.graph import CycleFields, Field, StepGraph
 from deltaid.online.grips import chosen_estimate
-from deltaid.online.knowledge import OnlineKnowledge, knowledge
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.online.signals import Signals, signals
 
 

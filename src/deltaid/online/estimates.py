@@ -30,9 +30,8 @@ from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judg
 from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before, keep_grip
 from deltaid.online.kalman import Estimate, keep_levels, learn_levels, states
-from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.momentum import Lowpass
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 from deltaid.online.signals import Signals
 
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]

@@ -133,7 +133,6 @@ class Loads:
         self._hold(time[begin:], found, slice(begin, len(time)))
 
     def _hold(self, time: Times, found: OnlineEstimate, rows: slice) -> None:
-        """The load that is held, over some cycles."""
         if self._held is None or not len(time):
             return
         now = np.column_stack([time, found.load[rows], found.load_std[rows]])

@@ -18,8 +18,7 @@ from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
 from deltaid.online.grips import UNKNOWN
 from deltaid.online.instant import NOT_TOLD
-from deltaid.online.knowledge import OnlineKnowledge, knowledge
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.shown import Named
 
 Rows = Float[np.ndarray, "samples dof"]

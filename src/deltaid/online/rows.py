@@ -24,8 +24,7 @@ from jaxtyping import Float
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.instant import NOT_TOLD
-from deltaid.online.knowledge import OnlineKnowledge
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
 # Torques that no drive has, in units of its largest, and for how long rows are skipped at most [s].
 _BEYOND, _LONGEST = 10.0, 0.02

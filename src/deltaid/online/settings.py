@@ -1,12 +1,27 @@
-"""What a user may say about a robot that runs, and what holds where nothing is said."""
+"""What a user may say about a robot that runs, and what holds where nothing is said; and what a
+model knows of itself, in the few directions that matter while the robot runs.
+
+What may be off, and by how much: coefficients of the drives' friction, each by itself, because they
+change; and of all else the few directions of p that make most of the torque's uncertainty along the
+robot's motions. With p's covariance R Rᵀ and torques Y p along a typical motion, weighed by the
+noise, these are the leading singular vectors of Y R; and the mass of what carries the load, a tare.
+So a model's error is a constant that is estimated beside the load, and does not average out as
+noise would.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
+from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError
+from deltaid.estimation.posterior_density import density
+from deltaid.model.model import Model
+from deltaid.motion.random_motion import random_motion
 from deltaid.online.contact import threshold
+from deltaid.online.entries import LoadEntries, load_entries
 
 # From the gripper's signal to the load [s], at most.
 LONGEST_GRIP = 10.0
@@ -114,3 +129,157 @@ class OnlineSettings:
     def period(self) -> float:
         """Seconds that a cycle takes."""
         return 1 / self.rate
+
+
+# Directions beside friction, at most, and how large their torque must be, as a share of the noise.
+_DIRECTIONS, _SMALLEST = 3, 0.1
+# Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
+_NOISE, _UNMODELLED = 0.02, 0.01
+# Torques that a model has not, as a share of what the fit left; and of slow drives also as a share
+# of their dry friction, slow as a share of their largest speed.
+_OF_FIT, _OF_FRICTION, _SLOW = 1.0, 0.25, 0.05
+# Friction that is followed.
+_FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
+# Typical motion: seconds and samples.
+_PERIOD, _SAMPLES = 8.0, 800
+# Largest load where nothing is said of it, in masses of what carries it.
+_LOAD_SHARE = 3.0
+# What carries a load may be heavier or lighter than identified, beside what the intervals say, by
+# this share of the largest load: nothing that a model lacks is wholly without a mean.
+_TARE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineKnowledge:
+    """Numbers that a cycle is made with.
+
+    Attributes:
+        entries: what torques show of a load, with
+        load_scales: the sizes of its entries for the largest mass, and
+        least_mass: the least that is looked for [kg].
+        directions: of p beside friction, by which the model may be off; columns, one deviation.
+        followed: places in p of the friction that is followed.
+        friction_std: of each.
+        noise: of one cycle's torque, drive by drive.
+        unmodelled: torques that the model has not, drive by drive, and
+        unmodelled_slow: further ones of drives that are slow, that is near or below
+        slow_speed: of each drive [rad/s or m/s].
+        largest: torque along a typical motion, drive by drive.
+    """
+
+    entries: LoadEntries
+    load_scales: tuple[float, ...]
+    least_mass: float
+    directions: Float[np.ndarray, "parameters directions"]
+    followed: tuple[int, ...]
+    friction_std: tuple[float, ...]
+    noise: Float[np.ndarray, " drives"]
+    unmodelled: Float[np.ndarray, " drives"]
+    unmodelled_slow: Float[np.ndarray, " drives"]
+    slow_speed: Float[np.ndarray, " drives"]
+    largest: Float[np.ndarray, " drives"]
+
+
+def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
+    """What is known of a model.
+
+    Raises:
+        DescriptionError: no such body to carry a load.
+        DeltaidError: noise is not given for each drive.
+    """
+    dynamics, layout = model.dynamics, model.layout
+    entries = load_entries(dynamics, settings.body)
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0), period=_PERIOD)
+    z, zd, zdd = motion.evaluate(np.linspace(0, _PERIOD, _SAMPLES, endpoint=False))
+    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
+    largest = np.abs(Y @ model.p).max(axis=0)
+    found = model.identified
+    noise = _each(
+        settings.noise,
+        "noise",
+        model,
+        largest * _NOISE if found is None else np.array(found.fit.rms_unfiltered) * model.gains,
+    )
+    unmodelled = _each(
+        settings.unmodelled,
+        "unmodelled",
+        model,
+        largest * _UNMODELLED if found is None else _OF_FIT * np.array(found.fit.rms) * model.gains,
+    )
+    root = _root(model)
+    followed = tuple(
+        k
+        for k, parameter in enumerate(layout.parameters)
+        if parameter.kind == "friction"
+        and parameter.symbol in _FOLLOWED
+        and parameter.owner in model.robot.drives
+    )
+    std = np.sqrt(np.sum(root[list(followed)] ** 2, axis=1))
+    std = np.maximum(std, settings.friction_range / 2 * np.abs(model.p[list(followed)]))
+    rest = root.copy()
+    rest[list(followed)] = 0.0
+    seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
+    _, sizes, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
+    count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
+    left_out = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))
+    mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
+    tare = np.zeros((len(model.p), 1))
+    tare[layout.body(entries.body).start] = _TARE * mass
+    return OnlineKnowledge(
+        entries=entries,
+        load_scales=entries.scales(mass, settings.extent),
+        least_mass=settings.least_mass or 0.01 * mass,
+        directions=np.hstack([rest @ V[:count].T, tare]),
+        followed=followed,
+        friction_std=tuple(std.tolist()),
+        noise=noise,
+        unmodelled=unmodelled if settings.unmodelled else np.hypot(unmodelled, left_out),
+        unmodelled_slow=np.maximum(_OF_FRICTION * _dry(model), 1e-9),
+        slow_speed=_SLOW * np.abs(qd).max(axis=0),
+        largest=largest,
+    )
+
+
+def _dry(model: Model) -> Float[np.ndarray, " drives"]:
+    """Friction of each drive that jumps at rest."""
+    found = np.zeros(len(model.robot.drives))
+    for k, term in enumerate(model.robot.friction_terms, start=model.layout.friction.start):
+        if term.joint in model.robot.drives and not term.continuous and not term.of_load:
+            found[model.robot.drives.index(term.joint)] += abs(model.p[k])
+    return found
+
+
+def _each(
+    given: tuple[float, ...] | None, name: str, model: Model, else_: Float[np.ndarray, " drives"]
+) -> Float[np.ndarray, " drives"]:
+    """What was given for each drive, or what holds else.
+
+    Raises:
+        DeltaidError: it has another number than there are drives.
+    """
+    if given is None:
+        return np.maximum(else_, 1e-9)
+    if len(given) != len(model.robot.drives):
+        raise DeltaidError(
+            f"has {len(given)} numbers, and the robot has {len(model.robot.drives)} drives",
+            where=name,
+            cure="give one for each drive",
+        )
+    return np.array(given)
+
+
+def _root(model: Model) -> Float[np.ndarray, "parameters n"]:
+    """R with p's covariance R Rᵀ: of the posterior, else of the priors, each by itself."""
+    found, layout = model.identified, model.layout
+    if found is not None and found.posterior is not None:
+        posterior = density(found, model.source)
+        return posterior.reduction.A @ posterior.root
+    if found is not None:
+        return np.diag([parameter.std for parameter in found.parameters])
+    spreads = stated_spreads(model.robot)
+    sizes = [
+        spreads.get(parameter.name, model.prior_spread) * parameter.scale
+        for parameter in layout.parameters
+    ]
+    return np.diag(sizes)

@@ -9,10 +9,9 @@ from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, all_finite, chosen, only_if
 from deltaid.online.instant import inputs_of, instant, line, pose, settling, waits
-from deltaid.online.knowledge import OnlineKnowledge
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.rows import even_rows
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
 # Friction by what gears carry that a model may lack, as a share of that.
 _CARRIED = 0.03

@@ -10,15 +10,16 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.identification.identify import identify
+from deltaid.identification.identify import Identification, identify
 from deltaid.identification.torque_error import predict
-from deltaid.mechanism.kinematics import Samples
 from deltaid.model.record import Settings
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
@@ -26,23 +27,181 @@ from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.reproduce.irb360_result import (
-    Candidate,
-    Irb360,
-    Irb360Settings,
-    Track,
-    Verified,
-)
+from deltaid.reproduce.surrogate_result import REPORT, RESULTS, RecordingSettings, write_results
 from deltaid.reproduce.table_one import (
+    COLUMNS,
+    DETERMINED,
     RETUNED,
+    RMS_BASE,
+    RMS_IDENTIFIED,
+    RMS_RETUNED,
     ROBOT,
+    TABLE,
     Drive4Friction,
     prior_robot,
     slow,
     stand_in,
 )
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import load_robot
+from deltaid.robot.load import load_robot, save_yaml
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Parameters to compare on the verification motions.
+
+    Attributes:
+        robot: whose friction laws they belong to.
+        p: the parameters.
+        identification: where they come from; None for what is derived from another one.
+    """
+
+    robot: RobotDescription
+    p: Parameters
+    identification: Identification | None
+
+
+@dataclass(frozen=True)
+class Verified:
+    """One candidate on one verification motion.
+
+    Attributes:
+        rms: root mean square of measured minus predicted torque, through the filter [N m].
+        predicted: torques through the filter at the times of the motion's `Track` [N m].
+    """
+
+    rms: Float[np.ndarray, " dof"]
+    predicted: Float[np.ndarray, "samples dof"]
+
+
+@dataclass(frozen=True)
+class Track:
+    """One verification motion as measured, through the filter, thinned to the rate it allows.
+
+    Attributes:
+        time [s], speed [rad/s], measured [N m].
+        noise: what the true model leaves of the measured torques, root mean square [N m].
+        speed_max, acceleration_max: of drive 4 [rad/s, rad/s²].
+    """
+
+    time: Float[np.ndarray, " samples"]
+    speed: Float[np.ndarray, "samples dof"]
+    measured: Float[np.ndarray, "samples dof"]
+    noise: Float[np.ndarray, " dof"]
+    speed_max: float
+    acceleration_max: float
+
+
+@dataclass(frozen=True)
+class Irb360:
+    """Sec. VIII with a stand-in for the machine.
+
+    Attributes:
+        settings: what was asked.
+        dynamics, truth: of the stand-in; `friction` is what drive 4 really has.
+        priors: by column of Table I.
+        runs: the motions by name: identify, slow, fast.
+        recordings: by file name.
+        candidates: what is compared, by name.
+        tracks: the verification motions: 'slow', as in Sec. VIII C, and 'fast', as fast as the
+            identification.
+        verified: every candidate on each of them, by both names.
+        seconds: for all of it.
+    """
+
+    settings: RecordingSettings
+    dynamics: Dynamics
+    truth: Parameters
+    friction: Drive4Friction
+    priors: dict[str, RobotDescription]
+    runs: dict[str, Run]
+    recordings: dict[str, pl.DataFrame]
+    candidates: dict[str, Candidate]
+    tracks: dict[str, Track]
+    verified: dict[tuple[str, str], Verified]
+    seconds: float
+
+
+QUICK = RecordingSettings(harmonics=5, duration=10.0, repeats=1)
+
+
+# Everything in the folder.
+FILES = (
+    REPORT, RESULTS, "rg-simple.yaml", "rg-geom.yaml", "identify.csv", "slow.csv", "fast.csv",
+    "id-simple.yaml", "id-geom.yaml", "id-geom-law-chosen.yaml",
+)  # fmt: skip
+
+
+def write_files(result: Irb360, folder: Path) -> tuple[Path, ...]:
+    """Write results.json, priors, recordings and models.
+
+    Raises:
+        DeltaidError: a file cannot be written.
+    """
+    written = []
+    for robot in result.priors.values():
+        written.append(folder / f"{robot.name}.yaml")
+        save_yaml(robot, written[-1])
+    for name, recording in result.recordings.items():
+        written.append(folder / name)
+        write_recording(recording, written[-1])
+    for name, candidate in result.candidates.items():
+        if candidate.identification is not None:
+            file = name.lower().replace(",", "").replace(" ", "-")
+            written.append(folder / f"{file}.yaml")
+            candidate.identification.model.save(written[-1])
+    return (*written, write_results(as_dictionary(result), folder))
+
+
+def as_dictionary(result: Irb360) -> dict[str, Any]:
+    """All numbers in SI units. The keys are explained in docs/results.md."""
+    names, truth = result.dynamics.layout.names, result.truth
+    models = {
+        name: candidate.identification.model
+        for name, candidate in result.candidates.items()
+        if candidate.identification
+    }
+    return {
+        "seed": result.settings.seed,
+        "torque_noise": result.settings.torque_noise,
+        "seconds": result.seconds,
+        "paper": {
+            "columns": list(COLUMNS),
+            "table": {name: list(values) for name, values in TABLE.items()},
+            "determined": list(DETERMINED),
+            "rms_base": list(RMS_BASE),
+            "rms_identified": list(RMS_IDENTIFIED),
+            "rms_retuned": RMS_RETUNED,
+        },
+        "truth": {
+            name: float(value) for name, value in zip(names, truth, strict=True) if value != 0
+        },
+        "models": {
+            name: {
+                "parameters": [
+                    p.model_dump() for p in model.parameters if p.determined_by != "structure"
+                ],
+                "friction": {
+                    joint: law.model_dump(exclude_none=True)
+                    for joint, law in model.robot.friction.items()
+                },
+                "choice": model.friction_choice and model.friction_choice.model_dump(),
+            }
+            for name, model in models.items()
+        },
+        "motions": {
+            motion: {
+                "speed_deg_s": float(np.rad2deg(track.speed_max)),
+                "acceleration_deg_s2": float(np.rad2deg(track.acceleration_max)),
+                "noise": track.noise.tolist(),
+                "rms": {
+                    name: result.verified[name, motion].rms.tolist() for name in result.candidates
+                },
+            }
+            for motion, track in result.tracks.items()
+        },
+    }
+
 
 # Names of what is compared; the law is chosen with 'RG geom' as prior.
 BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
@@ -51,54 +210,35 @@ BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
 _PRIORS = {SIMPLE: "RG simple", GEOM: "RG geom"}
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """The stand-in and its motions."""
-
-    dynamics: Dynamics
-    truth: Parameters
-    friction: Drive4Friction
-    runs: dict[str, Run]
-
-    def unmodelled(self, qd: Samples) -> Samples:
-        """What drive 4 has and no model."""
-        tau = np.zeros_like(qd)
-        tau[:, 3] = self.friction.torque(qd[:, 3])
-        return tau
-
-    def record(
-        self, motion: str, settings: Irb360Settings, rng: np.random.Generator
-    ) -> pl.DataFrame:
-        """A motion as the drives would log it."""
-        return simulate_recording(
-            self.dynamics,
-            self.truth,
-            self.runs[motion],
-            rng,
-            duration=self.runs[motion].duration,
-            rate=settings.rate,
-            noise=SensorNoise(settings.torque_noise),
-            unmodelled=self.unmodelled,
-        )
-
-
 def reproduce_irb360(
-    settings: Irb360Settings | None = None, progress: Progress = lambda _: None
+    settings: RecordingSettings | None = None, progress: Progress = lambda _: None
 ) -> Irb360:
     """Do Sec. VIII with a stand-in.
 
     Raises:
         DeltaidError: no motion was found, or a fit did not converge.
     """
-    settings, began = settings or Irb360Settings(), time.perf_counter()
+    settings, began = settings or RecordingSettings(), time.perf_counter()
     rng, friction = np.random.default_rng(settings.seed), Drive4Friction()
     robot = load_robot(ROBOT)
     priors = {column: prior_robot(robot, column) for column in _PRIORS.values()}
     dynamics = compiled(stand_in(robot))
     truth = prior_parameters(dynamics.robot)
-    scene = _Scene(dynamics, truth, friction, _motions(priors["RG geom"], settings, progress))
+    runs = _motions(priors["RG geom"], settings, progress)
     progress("recording")
-    recordings = {f"{name}.csv": scene.record(name, settings, rng) for name in scene.runs}
+    recordings = {
+        f"{name}.csv": simulate_recording(
+            dynamics,
+            truth,
+            run,
+            rng,
+            duration=run.duration,
+            rate=settings.rate,
+            noise=SensorNoise(settings.torque_noise),
+            unmodelled=friction.unmodelled,
+        )
+        for name, run in runs.items()
+    }
     with TemporaryDirectory() as folder:
         for name, recording in recordings.items():
             write_recording(recording, Path(folder) / name)
@@ -108,7 +248,7 @@ def reproduce_irb360(
             progress(f"verifying on the {motion} motion")
             log = Path(folder) / f"{motion}.csv"
             (recording,) = open_recordings([log], dynamics.kinematics, keep_all=True)
-            tracks[motion] = _track(scene.runs[motion], settings, scene, recording)
+            tracks[motion] = _track(runs[motion], settings, dynamics, truth, friction, recording)
             for name, candidate in candidates.items():
                 verified[name, motion] = _verify(candidate, recording)
     return Irb360(
@@ -117,7 +257,7 @@ def reproduce_irb360(
         truth=truth,
         friction=friction,
         priors=priors,
-        runs=scene.runs,
+        runs=runs,
         recordings=recordings,
         candidates=candidates,
         tracks=tracks,
@@ -127,7 +267,7 @@ def reproduce_irb360(
 
 
 def _motions(
-    robot: RobotDescription, settings: Irb360Settings, progress: Progress
+    robot: RobotDescription, settings: RecordingSettings, progress: Progress
 ) -> dict[str, Run]:
     """Optimised motions: fast ones from two sets of start values, and one with drive 4 slow."""
     progress("preparing the excitation")
@@ -144,7 +284,6 @@ def _motions(
 def _candidates(
     priors: dict[str, RobotDescription], log: Path, progress: Progress
 ) -> dict[str, Candidate]:
-    """Everything that the fast recording gives."""
     found = {}
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
@@ -181,13 +320,18 @@ def _verify(candidate: Candidate, recording: PreparedRecording) -> Verified:
 
 
 def _track(
-    run: Run, settings: Irb360Settings, scene: _Scene, recording: PreparedRecording
+    run: Run,
+    settings: RecordingSettings,
+    dynamics: Dynamics,
+    truth: Parameters,
+    friction: Drive4Friction,
+    recording: PreparedRecording,
 ) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
-    parts, thinned = list(predict(scene.dynamics, scene.truth, recording)), recording.thinned
+    parts, thinned = list(predict(dynamics, truth, recording)), recording.thinned
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
-    _, qd, qdd = scene.dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = scene.dynamics.torque(z, qd, qdd, scene.truth) + scene.unmodelled(qd)
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    tau = dynamics.torque(z, qd, qdd, truth) + friction.unmodelled(qd)
     noise = settings.torque_noise * np.abs(tau).max(axis=0)
     return Track(
         time=np.concatenate([part.time for part in parts])[::thinned],

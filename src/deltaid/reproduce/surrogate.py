@@ -7,19 +7,17 @@ objective stop; and how all of it depends on γ.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import polars as pl
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.reduction import Reduction
 from deltaid.identification.identify import identify
-from deltaid.model.options import Method
 from deltaid.model.record import Settings
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
@@ -28,7 +26,6 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_reco
 from deltaid.progress import Progress
 from deltaid.reproduce.accuracy import (
     Accuracy,
-    DriveMotion,
     accuracy,
     drive_motion,
     motion_terms,
@@ -39,17 +36,6 @@ from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit, Surro
 from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-
-
-@dataclass(frozen=True)
-class _SharedScene:
-    """What all fits share."""
-
-    dynamics: Dynamics
-    truth: Parameters
-    identification: DriveMotion
-    verification: DriveMotion
-    period: DriveMotion
 
 
 def reproduce_surrogate(
@@ -80,15 +66,11 @@ def reproduce_surrogate(
                 rate=settings.rate,
                 noise=SensorNoise(settings.torque_noise) if noisy else None,
             )
-    scene = _SharedScene(
-        dynamics=dynamics,
-        truth=truth,
-        identification=drive_motion(dynamics, run, _times(run, settings)),
-        verification=drive_motion(dynamics, verification, _times(verification, settings)),
-        period=_period(dynamics, run, settings.points),
+    along = drive_motion(
+        dynamics, run, run.ramp + np.linspace(0, run.motion.period, settings.points)
     )
-    fits = _fits(scene, priors, recordings, settings, progress)
-    return Reproduction(
+    period = replace(along, time=along.time - run.ramp)  # the first whole one
+    result = Reproduction(
         settings=settings,
         dynamics=dynamics,
         nominal=nominal,
@@ -96,14 +78,14 @@ def reproduce_surrogate(
         priors=priors,
         run=run,
         verification=verification,
-        period=scene.period,
-        terms=motion_terms(dynamics, scene.period, truth),
+        period=period,
+        terms=motion_terms(dynamics, period, truth),
         recordings=recordings,
-        fits=fits,
-        descents=_descents(scene, fits, settings, progress),
-        sweeps=_sweeps(scene, fits, settings, progress),
-        seconds=time.perf_counter() - began,
     )
+    result = replace(result, fits=_fits(result, progress))
+    descents, sweeps = _descents(result, progress), _sweeps(result, progress)
+    seconds = time.perf_counter() - began
+    return replace(result, descents=descents, sweeps=sweeps, seconds=seconds)
 
 
 def recording_name(kind: str, *, noisy: bool) -> str:
@@ -124,97 +106,57 @@ def _motions(
     return first.run, exciter.optimise(offset=VERIFICATION_OFFSET).run
 
 
-def _times(run: Run, settings: SurrogateSettings) -> np.ndarray:
-    return np.arange(round(run.duration * settings.rate)) / settings.rate
-
-
-def _period(dynamics: Dynamics, run: Run, points: int) -> DriveMotion:
-    """The first whole period after the ramp."""
-    along = drive_motion(dynamics, run, run.ramp + np.linspace(0, run.motion.period, points))
-    return DriveMotion(along.time - run.ramp, along.q, along.qd, along.qdd)
-
-
-def _fits(
-    scene: _SharedScene,
-    priors: dict[str, RobotDescription],
-    recordings: dict[str, pl.DataFrame],
-    settings: SurrogateSettings,
-    progress: Progress,
-) -> tuple[SurrogateFit, ...]:
-    fits = []
+def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
+    settings, dynamics, fits = result.settings, result.dynamics, list[SurrogateFit]()
+    motions = [
+        drive_motion(dynamics, run, np.arange(round(run.duration * settings.rate)) / settings.rate)
+        for run in (result.run, result.verification)
+    ]
+    asked = [
+        (noisy, prior, method)
+        for noisy in (False, True)
+        for prior in result.priors
+        for method in settings.methods
+    ]
     with TemporaryDirectory() as folder:
-        for noisy in (False, True):
+        for noisy, prior, method in asked:
             name = recording_name("identify", noisy=noisy)
             log = Path(folder) / name
-            write_recording(recordings[name], log)
-            for prior, robot in priors.items():
-                for method in settings.methods:
-                    progress(f"fitting {name} from {prior}, {method}")
-                    fits.append(_fit(scene, prior, robot, log, noisy=noisy, method=method))
+            if not log.exists():
+                write_recording(result.recordings[name], log)
+            progress(f"fitting {name} from {prior}, {method}")
+            began = time.perf_counter()
+            chosen = Settings(method=method, friction="described", effects="none")
+            found = identify(result.priors[prior], [log], settings=chosen)
+            seconds, p = time.perf_counter() - began, found.model.p
+            errors = (accuracy(dynamics, along, result.truth, p) for along in motions)
+            terms = motion_terms(dynamics, result.period, p)
+            fits.append(SurrogateFit(prior, noisy, method, found, seconds, *errors, terms))
     return tuple(fits)
 
 
-def _fit(
-    scene: _SharedScene,
-    prior: str,
-    robot: RobotDescription,
-    log: Path,
-    *,
-    noisy: bool,
-    method: Method,
-) -> SurrogateFit:
-    began = time.perf_counter()
-    result = identify(
-        robot, [log], settings=Settings(method=method, friction="described", effects="none")
-    )
-    seconds = time.perf_counter() - began
-    p = result.model.p
-    return SurrogateFit(
-        prior=prior,
-        noisy=noisy,
-        method=method,
-        identification=result,
-        seconds=seconds,
-        accuracy=accuracy(scene.dynamics, scene.identification, scene.truth, p),
-        verified=accuracy(scene.dynamics, scene.verification, scene.truth, p),
-        terms=motion_terms(scene.dynamics, scene.period, p),
-    )
-
-
-def _descents(
-    scene: _SharedScene,
-    fits: tuple[SurrogateFit, ...],
-    settings: SurrogateSettings,
-    progress: Progress,
-) -> dict[str, Descents]:
+def _descents(result: Reproduction, progress: Progress) -> dict[str, Descents]:
     """All minimisers on the recording without noise, from either prior."""
-    descents = {}
-    for fit in fits:
-        if fit.noisy or not fit.certified:
-            continue
-        progress(f"watching other minimisers from {fit.prior}")
-        objective = replace(fit.identification.problem.objective, gamma=settings.descent_gamma)
-        judge = partial(_judged, scene, objective.reduction)
-        descents[fit.prior] = descend(objective, judge, settings.iterations)
+    descents, settings = dict[str, Descents](), result.settings
+    for fit in result.fits:
+        if fit.certified and not fit.noisy:
+            progress(f"watching other minimisers from {fit.prior}")
+            objective = fit.identification.problem.objective
+            objective = replace(objective, gamma=settings.descent_gamma)
+            judge = partial(_judged, result, objective.reduction)
+            descents[fit.prior] = descend(objective, judge, settings.iterations)
     return descents
 
 
-def _judged(scene: _SharedScene, reduction: Reduction, x: np.ndarray) -> Accuracy:
-    return accuracy(scene.dynamics, scene.period, scene.truth, reduction.parameters(x))
+def _judged(result: Reproduction, reduction: Reduction, x: np.ndarray) -> Accuracy:
+    return accuracy(result.dynamics, result.period, result.truth, reduction.parameters(x))
 
 
-def _sweeps(
-    scene: _SharedScene,
-    fits: tuple[SurrogateFit, ...],
-    settings: SurrogateSettings,
-    progress: Progress,
-) -> tuple[Sweep, ...]:
-    sweeps = []
-    for fit in fits:
-        if not fit.certified:
-            continue
-        progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
-        gammas, problem = np.array(settings.gammas), fit.identification
-        points = sweep(scene.dynamics, problem, scene.period, scene.truth, gammas)
-        sweeps.append(Sweep(fit.prior, fit.noisy, points))
+def _sweeps(result: Reproduction, progress: Progress) -> tuple[Sweep, ...]:
+    sweeps, gammas = list[Sweep](), np.array(result.settings.gammas)
+    for fit in result.fits:
+        if fit.certified:
+            progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
+            points = sweep(result.dynamics, fit.identification, result.period, result.truth, gammas)
+            sweeps.append(Sweep(fit.prior, fit.noisy, points))
     return tuple(sweeps)

@@ -185,7 +185,6 @@ def sweep_figure(result: Reproduction) -> Figure:
 
 
 def _pictured(result: Reproduction) -> tuple[SurrogateFit, ...]:
-    """The certified fits, those without noise first."""
     return tuple(fit for fit in result.fits if fit.certified)
 
 

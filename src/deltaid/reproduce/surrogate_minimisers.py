@@ -91,7 +91,6 @@ def _effort_of(way: Descent) -> tuple[str, ...]:
 
 
 def _judged(a: Accuracy | None) -> tuple[str, ...]:
-    """M on and off the diagonal, and friction."""
     if a is None:
         return ("—",) * 3
     errors = (a.mass_diagonal, a.mass_off_diagonal, a.friction_coefficients)

@@ -3,7 +3,7 @@ with."""
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -149,10 +149,10 @@ class Reproduction:
     period: DriveMotion
     terms: MotionTerms
     recordings: dict[str, pl.DataFrame]
-    fits: tuple[SurrogateFit, ...]
-    descents: dict[str, Descents]
-    sweeps: tuple[Sweep, ...]
-    seconds: float
+    fits: tuple[SurrogateFit, ...] = ()
+    descents: dict[str, Descents] = field(default_factory=dict[str, Descents])
+    sweeps: tuple[Sweep, ...] = ()
+    seconds: float = 0.0
 
     def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> SurrogateFit:
         """One of the fits."""

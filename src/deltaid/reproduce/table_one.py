@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.body import Body, ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
@@ -99,6 +100,12 @@ class Drive4Friction:
     def torque(self, v: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
         """Friction at speeds v [rad/s]."""
         return np.sign(v) * (self.rest + self.rise * np.arcsinh(np.abs(v) / self.speed))
+
+    def unmodelled(self, qd: Samples) -> Samples:
+        """What drive 4 has and no model, of all drives."""
+        tau = np.zeros_like(qd)
+        tau[:, 3] = self.torque(qd[:, 3])
+        return tau
 
 
 def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:

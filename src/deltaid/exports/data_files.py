@@ -1,12 +1,25 @@
-"""A model as numpy arrays in one .npz file, that `numpy.load` opens without pickle.
+"""A model for Python: numpy arrays in one .npz file, and one CasADi function in a file.
 
-Everything is in SI units: rad or m, N m or N. Rows of `bodies`, `mass`, `com` and the tensors
-belong together; they are those of one body where several share its parameters.
+`numpy.load` opens the arrays without pickle. Everything is in SI units: rad or m, N m or N. Rows of
+`bodies`, `mass`, `com` and the tensors belong together; they are those of one body where several
+share its parameters.
+
+The function is for optimisation and control in CasADi:
+
+    f = casadi.Function.load("delta.casadi")
+    tau = f(z=z, qd=qd, qdd=qdd)["tau"]
+
+Called with SX symbols, it is expanded and only what is used stays in the graph. Inputs are task
+coordinates z, drive velocities and accelerations, so it has no loops to close and derivatives of
+any order.
 """
 
 import io
+import tempfile
+from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.limits import effort_limits
@@ -65,3 +78,26 @@ def npz_file(subject: Model) -> bytes:
     arrays: dict[str, Any] = dict(model_arrays(subject))
     np.savez(file, **arrays)
     return file.getvalue()
+
+
+INPUTS = ("z", "qd", "qdd")
+OUTPUTS = ("q", "tau", "M", "C", "g", "f", "J")
+
+
+def casadi_function(subject: Model) -> ca.Function:
+    """(z, q̇, q̈) to q, τ and the terms of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
+
+    The parameters are numbers in the graph. Friction that depends on load is in τ and not in f.
+    """
+    e, q = subject.dynamics.equations, subject.dynamics.kinematics.mechanism.q
+    terms = [ca.densify(term) for term in (q, e.torque, e.M, e.C, e.g, e.f, e.J)]
+    outputs = ca.cse(ca.substitute(terms, [e.p], [ca.SX(ca.DM(subject.p))]))
+    return ca.Function("deltaid", [e.z, e.qd, e.qdd], outputs, list(INPUTS), list(OUTPUTS))
+
+
+def casadi_file(subject: Model) -> bytes:
+    """The same as the bytes of a file for `casadi.Function.load`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "function.casadi"
+        casadi_function(subject).save(str(path))
+        return path.read_bytes()
