@@ -9,6 +9,7 @@ objective stop; and how all of it depends on γ.
 import time
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -112,14 +113,8 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
         drive_motion(dynamics, run, np.arange(round(run.duration * settings.rate)) / settings.rate)
         for run in (result.run, result.verification)
     ]
-    asked = [
-        (noisy, prior, method)
-        for noisy in (False, True)
-        for prior in result.priors
-        for method in settings.methods
-    ]
     with TemporaryDirectory() as folder:
-        for noisy, prior, method in asked:
+        for noisy, prior, method in product((False, True), result.priors, settings.methods):
             name = recording_name("identify", noisy=noisy)
             log = Path(folder) / name
             if not log.exists():
@@ -129,9 +124,9 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
             chosen = Settings(method=method, friction="described", effects="none")
             found = identify(result.priors[prior], [log], settings=chosen)
             seconds, p = time.perf_counter() - began, found.model.p
-            errors = (accuracy(dynamics, along, result.truth, p) for along in motions)
+            fast, other = (accuracy(dynamics, along, result.truth, p) for along in motions)
             terms = motion_terms(dynamics, result.period, p)
-            fits.append(SurrogateFit(prior, noisy, method, found, seconds, *errors, terms))
+            fits.append(SurrogateFit(prior, noisy, method, found, seconds, fast, other, terms))
     return tuple(fits)
 
 
