@@ -9,7 +9,7 @@ import pytest
 from rich.cells import cell_len
 
 from command import run
-from deltaid.cli.screen import print_found
+from deltaid.cli.output import print_found
 from deltaid.view.page import Table
 from drifting import write_months
 from identified import identified

@@ -176,7 +176,7 @@ def test_names_on_the_command_line_are_printed_in_messages() -> None:
 def test_any_text_is_printed_as_it_stands(text: str) -> None:
     with console.capture() as captured:
         console.print(text)
-        console.print(table(text, [text, "unit"], [[text, text]]))
+        console.print(table(Table((text, "unit"), ((text, text),), title=text)))
     shown = captured.get()
     assert shown.startswith(visible(text))
     assert not COMMANDS.search(shown)

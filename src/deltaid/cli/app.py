@@ -1,46 +1,40 @@
 """The `deltaid` command: its subcommands and what happens to errors."""
 
-import io
 import signal
 import sys
-import threading
-from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from deltaid.cli import (
-    base,
-    calibrate,
-    check,
-    columns,
-    compare_controllers,
-    demo,
-    drift,
-    excite,
-    export,
-    fleet,
-    forces,
-    gather,
-    identify,
-    new,
-    online,
-    reproduce,
-    robots,
-    sample,
-    schema,
-    sensors,
-    show,
-    simulate,
-    studio,
-    torque,
-    validate,
-)
-from deltaid.cli.address_space import limited_address_space
+import deltaid
+from deltaid.cli.calibrate import calibrate
+from deltaid.cli.check import check
+from deltaid.cli.columns import columns
+from deltaid.cli.control import compare_controllers, simulate
+from deltaid.cli.drift import drift
+from deltaid.cli.excite import excite
+from deltaid.cli.export import export
+from deltaid.cli.fleet import fleet
+from deltaid.cli.gather import gather
+from deltaid.cli.identify import identify
+from deltaid.cli.look import base, schema, show
+from deltaid.cli.new import new
+from deltaid.cli.online import online
 from deltaid.cli.output import print_error, print_note
-from deltaid.cli.streams import open_closed_streams, written_output
+from deltaid.cli.process import (
+    EndedError,
+    cleaning_up,
+    limited_address_space,
+    open_streams,
+    written_output,
+)
+from deltaid.cli.reproduce import reproduce
+from deltaid.cli.sensors import sensors
+from deltaid.cli.start import demo, robots, studio
+from deltaid.cli.use import forces, sample, torque
+from deltaid.cli.validate import validate
 from deltaid.errors import DeltaidError
 
 app = typer.Typer(
@@ -52,7 +46,7 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-# In the order of `--help`; each module has a function of its own name.
+# In the order of `--help`.
 COMMANDS = {
     "Start": (demo, studio, robots, new, columns, check),
     "Identify": (excite, sensors, calibrate, identify, validate, sample),
@@ -60,10 +54,9 @@ COMMANDS = {
     "Look": (show, base, schema, reproduce),
     "Fleet": (gather, fleet, drift),
 }
-for group, modules in COMMANDS.items():
-    for module in modules:
-        name = module.__name__.rpartition(".")[2]
-        app.command(name.replace("_", "-"), rich_help_panel=group)(getattr(module, name))
+for group, commands in COMMANDS.items():
+    for command in commands:
+        app.command(command.__name__.replace("_", "-"), rich_help_panel=group)(command)
 
 
 @app.callback(invoke_without_command=True)
@@ -82,66 +75,25 @@ def _options(
 
         switch_off()
     if mechanism is not None:
-        from deltaid.mechanism.user_code import use_mechanism
-
-        use_mechanism(mechanism)
+        deltaid.use_mechanism(mechanism)
     if version:
-        from importlib.metadata import version as installed
-
-        typer.echo(f"deltaid {installed('deltaid')}")
+        typer.echo(f"deltaid {deltaid.__version__}")
         raise typer.Exit
 
 
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
-    open_closed_streams()
-    _speak_unicode()
+    open_streams()
     try:
-        with limited_address_space(), _cleaning_up(), written_output():
+        with limited_address_space(), cleaning_up(), written_output():
             app(prog_name="deltaid")
     except DeltaidError as error:
         with suppress(OSError):  # the code says it too
             print_error(error)
         sys.exit(2)
-    except _EndedError as ended:
+    except EndedError as ended:
         with suppress(OSError):  # the terminal may be gone
             print_note(f"ended by {signal.Signals(ended.number).name}; no file is half-written")
         sys.exit(128 + ended.number)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.exit(0)
-
-
-class _EndedError(BaseException):
-    """A signal asks the process to end."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
-
-
-@contextmanager
-def _cleaning_up() -> Generator[None, None, None]:
-    """Leave by the way of errors when told to end, so that no half-written file stays."""
-
-    def on_end(number: int, frame: object) -> None:
-        raise _EndedError(number)
-
-    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
-    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, on_end) for number in signals}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _speak_unicode() -> None:
-    """Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter.
-
-    Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            encoding = stream.encoding if stream.isatty() else "utf-8"
-            stream.reconfigure(encoding=encoding, errors="replace")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Report, Robot, bounded, output_file
+import deltaid
+from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_file
 from deltaid.cli.output import (
     console,
     print_json,
@@ -15,11 +16,12 @@ from deltaid.cli.output import (
     print_written,
     progress,
     require_outputs,
-    shown,
+    table,
+    write_files,
 )
+from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.calibration.calibrate import Calibration
     from deltaid.calibration.next_readings import NextReadings
 
 # Lines of a screen; directions that readings do not know get those that are left.
@@ -107,20 +109,9 @@ def calibrate(
 
     Tracker, bed probe, gauge blocks, calliper and ballbar, in any mixture.
     """
-    from deltaid.calibration.calibrate import calibrate as run
-    from deltaid.calibration.next_readings import next_readings
-    from deltaid.errors import DeltaidError
     from deltaid.exports.firmware import firmware_text
-    from deltaid.files import together, write_bytes
-    from deltaid.sensors.planning.offers import load_offers, shipped_offers
-    from deltaid.view.calibration import (
-        calibration_page,
-        next_line,
-        next_table,
-        number_table,
-        session_lines,
-    )
-    from deltaid.view.html import write_page
+    from deltaid.sensors.planning.offers import shipped_offers
+    from deltaid.view.calibration import next_line, next_table, number_table, session_lines
 
     configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
     files = [*(points or ()), *(probe or ()), *(distances or ()), *(torques or ()), columns, offers]
@@ -131,10 +122,10 @@ def calibrate(
         raise DeltaidError(
             f"must be three numbers such as 0,0,-0.05, not {tool!r}", where="--tool"
         ) from None
-    shop = shipped_offers() if offers is None else load_offers(offers)
+    shop = shipped_offers() if offers is None else deltaid.load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")
-        found = run(
+        found = deltaid.calibrate(
             robot,
             points=points,
             probe=probe,
@@ -143,29 +134,29 @@ def calibrate(
             columns=columns,
             lengths=lengths,
             angles=angles,
-            shared=_names(shared),
-            hold=_names(hold),
+            shared=names(shared),
+            hold=names(hold),
             struts_apart=struts_apart,
             tool=(x, y, z),
             progress=say,
         )
-    plans = next_readings(found, following, offers=shop, budget=budget) if following else ()
+    plans = deltaid.next_readings(found, following, offers=shop, budget=budget) if following else ()
     texts = {
         path: firmware_text(found, option.strip("-")) for option, path in configs.items() if path
     }
-    with together():
-        for path, (text, _) in texts.items():
-            write_bytes(path, text.encode())
-        if output is not None:
-            found.save(output)
-        if report is not None:
-            write_page(calibration_page(found), report)
+    write_files(
+        *((path, text) for path, (text, _) in texts.items()),
+        (output, found.save),
+        (report, found.report),
+    )
     if as_json:
         print_json(as_dictionary(found, plans, shop.currency))
         return
     print_verdict(found.verdict)
-    table = next_table(found, plans, shop.currency) if plans else number_table(found)
+    shown = next_table(found, plans, shop.currency) if plans else number_table(found)
     first = wrapped(session_lines(found))
+    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
+    zeros = f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
     last = wrapped(
         [
             *(next_line(plan, shop.currency) for plan in plans[:1]),
@@ -174,16 +165,13 @@ def calibrate(
                 f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm"
                 for path, (_, left) in texts.items()
             ),
-            *([zeros_line(found, output)] if output and found.zeros else []),
+            *([zeros] if output and found.zeros else []),
         ]
     )
     files_written = sum(path is not None for path in (output, report))
-    room = _LINES - 2 - len(first) - len(table.rows) - len(last) - files_written
-    for lines in (first, open_lines(found, room)):
-        console.print("\n".join(lines)) if lines else None
-    console.print(shown(table))
-    if last:
-        console.print("\n".join(last))
+    room = _LINES - 2 - len(first) - len(shown.rows) - len(last) - files_written
+    for part in (*first, *open_lines(found, room), table(shown), *last):
+        console.print(part)
     print_written(output, report)
 
 
@@ -199,7 +187,7 @@ def wrapped(sentences: "Sequence[str]") -> list[str]:
     ]  # fmt: skip
 
 
-def open_lines(found: "Calibration", room: int) -> list[str]:
+def open_lines(found: "deltaid.Calibration", room: int) -> list[str]:
     """What readings do not know, the worst first, as far as there is room; one at least."""
     lines: list[str] = []
     for k, part in enumerate(found.open):
@@ -210,18 +198,8 @@ def open_lines(found: "Calibration", room: int) -> list[str]:
     return lines
 
 
-def zeros_line(found: "Calibration", output: Path) -> str:
-    """Corrections of rotary drives, which no robot file holds."""
-    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
-    return f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
 def as_dictionary(
-    found: "Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
+    found: "deltaid.Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
 ) -> dict[str, Any]:
     """The calibration as one JSON object, in m and rad."""
     return {

@@ -2,16 +2,17 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import deltaid
 from deltaid.cli.options import AsJson, bounded, output_file
 from deltaid.cli.output import console, print_json, require_outputs, styled
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.recording.mapping_proposal import FoundColumns, MappingProposal
+    from deltaid.recording.mapping_proposal import FoundColumns
 
 # Exit code where something is in doubt or missing; 1 and 2 mean what they mean everywhere.
 DOUBTFUL = 3
@@ -43,15 +44,26 @@ def columns(
 
     Exit code 0: it is certain; 3: something is in doubt or missing.
     """
-    from deltaid.recording.contents import columns as propose
-
     require_outputs([log, robot], {"--output": output})
     given = dict(_unit(text) for text in unit or ())
-    found = propose(log, robot, units=given, gear=gear, torque_constant=torque_constant)
+    found = deltaid.columns(log, robot, units=given, gear=gear, torque_constant=torque_constant)
     if output is not None:
         found.save(output)
     if as_json:
-        print_json(as_dictionary(found))
+        parts = [
+            {
+                "quantity": part.quantity,
+                "columns": list(part.columns),
+                "units": list(part.units),
+                "reasons": list(part.reasons),
+                "doubts": list(part.open_questions),
+            }
+            for part in found.found
+        ]
+        missing = list(found.missing)
+        print_json(
+            {"certain": found.certain, "missing": missing, "mapping": found.data, "found": parts}
+        )
     else:
         _print(found, log)
         if output is not None:
@@ -85,34 +97,11 @@ def _unit(text: str) -> tuple[str, str]:
     return quantity, unit
 
 
-def as_dictionary(found: "MappingProposal") -> dict[str, Any]:
-    """The proposal as one JSON object."""
-    return {
-        "certain": found.certain,
-        "missing": list(found.missing),
-        "mapping": found.data,
-        "found": [
-            {
-                "quantity": part.quantity,
-                "columns": list(part.columns),
-                "units": list(part.units),
-                "reasons": list(part.reasons),
-                "doubts": list(part.open_questions),
-            }
-            for part in found.found
-        ],
-    }
-
-
-def _print(found: "MappingProposal", log: Path) -> None:
+def _print(found: "deltaid.MappingProposal", log: Path) -> None:
     """The verdict, each quantity with its doubts or else its reasons, and what to do next."""
-    if found.certain:
-        verdict = "certain"
-    else:
-        parts = [f"{len(found.doubts)} in doubt"] * bool(found.doubts)
-        parts += [f"missing: {', '.join(found.missing)}"] * bool(found.missing)
-        verdict = "; ".join(parts)
-    console.print(styled(f"{log.name}:"), verdict)
+    parts = [f"{len(found.doubts)} in doubt"] * bool(found.doubts)
+    parts += [f"missing: {', '.join(found.missing)}"] * bool(found.missing)
+    console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
     for part in found.found:
         console.print()
         console.print(styled(part.quantity), _listed(part))
@@ -131,7 +120,7 @@ def _listed(part: "FoundColumns") -> str:
     return f"{(' … ' if len(part.columns) > 2 else ', ').join(names)} in {unit}"
 
 
-def _next(found: "MappingProposal") -> str:
+def _next(found: "deltaid.MappingProposal") -> str:
     units = [text.removeprefix("unit of ") for text in found.missing if text.startswith("unit")]
     if units:
         return f"give the unit: --unit {units[0]}='0.0235 N*m' for a per mille of 23.5 N m"

@@ -1,28 +1,84 @@
 """`deltaid drift`: friction over weeks and months, from factor files."""
 
 import os
+import re
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
-from deltaid.cli.gathered import in_folders
+import deltaid
+from deltaid.cli.gather import in_folders
 from deltaid.cli.options import AsJson, Full, UsePoor, output_file
 from deltaid.cli.output import (
     judged,
+    print_found,
     print_json,
     print_written,
     progress,
     require_outputs,
 )
-from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
+    from deltaid.fleets.drift_inputs import DriftSettings
     from deltaid.fleets.factor_file import FactorFile
-    from deltaid.fleets.robot_drift import RobotDrift
+
+_LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
+
+Limit = Annotated[
+    str | None,
+    typer.Option(
+        help="Friction that is too much: times what it was, such as 1.5, or 12Nm, or 40N.",
+        metavar="LIMIT",
+    ),
+]
+FalseAlarms = Annotated[
+    float, typer.Option(help="False alarms of drift that a robot may have in a year, at most.")
+]
+Since = Annotated[
+    str | None,
+    typer.Option(
+        help="Exclude from drift what was recorded before this day, such as that of a repair.",
+        metavar="DATE",
+    ),
+]
+
+
+def drift_settings(limit: str | None, false_alarms: float, since: str | None) -> "DriftSettings":
+    """Settings of the search for drift, from options of a command.
+
+    Raises:
+        DeltaidError: a limit is no number, or cannot be; there is no such day.
+    """
+    from deltaid.fleets.drift_inputs import DriftSettings
+
+    parts = None if limit is None else _LIMIT.fullmatch(limit.strip())
+    if limit is not None and parts is None:
+        raise DeltaidError(
+            f"must be a number such as 1.5, or a torque or force, 12Nm or 40N, not {limit!r}",
+            where="--limit",
+        )
+    number, unit = parts.groups() if parts else (None, None)
+    try:
+        day = None if since is None else datetime.fromisoformat(since)
+    except ValueError:
+        day = None
+    if since is not None and (day is None or day.tzinfo is not None):
+        raise DeltaidError(
+            f"must be a date, not {since}", where="--since", cure="write it as 2026-01-31"
+        )
+    try:
+        return DriftSettings(
+            limit=None if number is None else float(number),
+            limit_is="torque" if unit else "share",
+            false_alarms=false_alarms,
+            since=day,
+        )
+    except DeltaidError as error:
+        option = f"--{error.where.replace('_', '-')}"
+        raise DeltaidError(error.what, where=option, cure=error.cure) from None
 
 
 def drift(
@@ -57,7 +113,6 @@ def drift(
     from deltaid.fleets.factor_file import read
     from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.fleets.robot_drift import robot_drift
-    from deltaid.model.model import load
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
@@ -71,7 +126,7 @@ def drift(
     writers = {path: table for path, table in tables if path is not None}
     for path in writers:
         drift_tables.require_table(path)
-    model = load(robot)
+    model = deltaid.load(robot)
     with judged(model, force=force), progress(as_json) as say:
         files = list["FactorFile"]()
         for k, path in enumerate(paths):
@@ -83,43 +138,21 @@ def drift(
     for path, table in writers.items():
         drift_tables.save(table([result]), path)
     if as_json:
-        print_json(as_dictionary(result))
-        return
-    print_found(drift_tables.sentences(result), [drift_tables.drift_shown(result)], full=full)
-    print_written(*writers)
-
-
-def as_dictionary(result: "RobotDrift") -> dict[str, Any]:
-    """A robot's drift as one JSON object, with times as text."""
-    from deltaid.fleets.drift_tables import drift_table
-
-    common = ("robot", "false_alarms", "tool_change", "tool_mass")
-    value = {
-        "robot": result.robot,
-        "recordings": len(result.recordings),
-        "first": result.recordings[0].time,
-        "last": result.recordings[-1].time,
-        "false_alarms": result.bound,
-        "tool_changes": [
-            {"day": result.date(tool.day), "mass": tool.mass, "std": tool.std}
-            for tool in result.tools
-        ],
-        "drives": [
-            {key: entry for key, entry in row.items() if key not in common}
-            for row in drift_table([result]).to_dicts()
-        ],
-    }
-    return _with_text(value)
-
-
-def _with_text(value: Any) -> Any:
-    """The same with times as text, at every depth."""
-    match value:
-        case datetime():
-            return value.isoformat(timespec="seconds")
-        case dict():
-            return {key: _with_text(entry) for key, entry in value.items()}
-        case list():
-            return [_with_text(entry) for entry in value]
-        case _:
-            return value
+        common = ("robot", "false_alarms", "tool_change", "tool_mass")
+        print_json(
+            {
+                "robot": result.robot,
+                "recordings": len(result.recordings),
+                "first": result.recordings[0].time,
+                "last": result.recordings[-1].time,
+                "false_alarms": result.bound,
+                "tool_changes": [
+                    {"day": result.date(tool.day), "mass": tool.mass, "std": tool.std}
+                    for tool in result.tools
+                ],
+                "drives": drift_tables.drift_table([result]).drop(common).to_dicts(),
+            }
+        )
+    else:
+        print_found(drift_tables.sentences(result), [drift_tables.drift_shown(result)], full=full)
+        print_written(*writers)

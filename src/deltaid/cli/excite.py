@@ -1,37 +1,33 @@
 """`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
 
+import signal
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
 from deltaid.cli.output import (
     judged,
     number,
+    print_found,
     print_json,
     print_note,
     print_written,
     progress,
     require_outputs,
+    write_files,
 )
-from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError, within
-from deltaid.files import together, write_bytes
-from deltaid.motion.excitation.settings import (
-    VERIFICATION_OFFSET,
-    CriterionName,
-    ExcitationSettings,
-    PurposeName,
-)
+from deltaid.files import write_bytes
+from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
 
 if TYPE_CHECKING:
-    from threading import Event
-
-    from deltaid.motion.excitation.excite import Excitation
     from deltaid.robot.parameter import JointUnits
 
 
@@ -88,8 +84,7 @@ def excite(
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """
-    from deltaid.model.model import load
-    from deltaid.motion.excitation.excite import Exciter
+    from deltaid.motion.excitation.plot import plot_run, require_matplotlib
     from deltaid.motion.excitation.run import LONGEST, MOST_ROWS
 
     within("--duration times --repeats", duration * repeats, (0.0, LONGEST))
@@ -98,10 +93,8 @@ def excite(
     if plot and picture not in ("png", "svg"):
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
     if plot:
-        from deltaid.motion.excitation.plot import require_matplotlib
-
         require_matplotlib()
-    settings = ExcitationSettings(
+    settings = deltaid.ExcitationSettings(
         criterion=criterion,
         harmonics=harmonics,
         duration=duration,
@@ -116,31 +109,26 @@ def excite(
     )
     asked = {"--output": output, "--verify-out": verify_out, "--plot": plot, "--report": report}
     require_outputs([robot], asked)
-    model = load(robot)
+    model = deltaid.load(robot)
     if model.identified is not None:
         print_note(f"{model.source} is a model: planned with its masses and friction")
     with judged(model, force=force), progress(as_json) as say, _stop_on_interrupt() as stop:
         say("preparing the robot")
-        exciter = Exciter(model, settings)
+        exciter = deltaid.Exciter(model, settings)
         say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")
         result = exciter.optimise(
             stop, lambda done: say(f"start {done.seed}: {done.before:.3f} → {done.after:.3f}")
         )
-        second = None
+        second = result  # unless another one is asked for
         if verify_out is not None:
             say("optimising the verification motion")
             second = exciter.optimise(stop, offset=VERIFICATION_OFFSET)
-    with together():
-        if output is not None:
-            result.save(output)
-        if verify_out is not None and second is not None:
-            second.save(verify_out)
-        if plot is not None:
-            from deltaid.motion.excitation.plot import plot_run
-
-            write_bytes(plot, plot_run(exciter, result.run, picture))
-        if report is not None:
-            result.report(report)
+    write_files(
+        (output, result.save),
+        (verify_out, second.save),
+        (plot, lambda path: write_bytes(path, plot_run(exciter, result.run, picture))),
+        (report, result.report),
+    )
     if as_json:
         print_json(_as_dictionary(result))
     else:
@@ -149,27 +137,23 @@ def excite(
 
 
 @contextmanager
-def _stop_on_interrupt() -> "Generator[Event, None, None]":
+def _stop_on_interrupt() -> Generator[Event, None, None]:
     """An event that Ctrl-C sets; a second Ctrl-C interrupts as usual."""
-    import signal
-    from threading import Event
-
     stop = Event()
-    before = signal.getsignal(signal.SIGINT)
 
     def on_interrupt(number: int, frame: object) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
         stop.set()
 
-    signal.signal(signal.SIGINT, on_interrupt)
+    before = signal.signal(signal.SIGINT, on_interrupt)
     try:
         yield stop
     finally:
         signal.signal(signal.SIGINT, before)
 
 
-def _as_dictionary(result: "Excitation") -> dict[str, Any]:
+def _as_dictionary(result: "deltaid.Excitation") -> dict[str, Any]:
     exciter, run, motion = result.exciter, result.run, result.run.motion
     return {
         "robot": exciter.dynamics.robot.name,
@@ -206,7 +190,7 @@ def _as_dictionary(result: "Excitation") -> dict[str, Any]:
     }
 
 
-def _print(result: "Excitation", full: bool) -> None:
+def _print(result: "deltaid.Excitation", full: bool) -> None:
     from deltaid.view.excitation import limit_table, prediction_table, start_table, verdict
 
     exciter, run = result.exciter, result.run

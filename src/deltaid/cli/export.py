@@ -1,17 +1,15 @@
 """`deltaid export`: a model in forms that other programs run."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from deltaid.cli.options import UsePoor, bounded
+import deltaid
+from deltaid.cli.options import UsePoor, bounded, names
 from deltaid.cli.output import print_warnings, print_written, progress, used
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
-
-if TYPE_CHECKING:
-    from deltaid.online.settings import OnlineSettings
 
 
 def export(
@@ -76,14 +74,11 @@ def export(
 
     docs/export.md says how to use each one, and what friction, gear, units and frames are there.
     """
-    from deltaid.exports.files import export as run
-    from deltaid.model.model import load
-
-    functions = [name.strip() for name in further.split(",") if name.strip()]
+    functions = names(further)
     online = _online(functions, rate, payload_max, false_alarms)
-    known = load(model)
+    known = deltaid.load(model)
     with used(known, force=force), progress(False) as say:
-        written = run(
+        written = deltaid.export(
             known,
             to,
             output,
@@ -102,18 +97,17 @@ def export(
 
 
 def _online(
-    functions: list[str],
+    functions: tuple[str, ...],
     rate: float | None,
     payload_max: float | None,
     false_alarms: float | None,
-) -> "OnlineSettings | None":
+) -> "deltaid.OnlineSettings | None":
     """What the function online is made for, where something is said about it.
 
     Raises:
         DeltaidError: a number is out of bounds, or is of a function that is not asked for.
     """
     from deltaid.online.contact import FALSE_ALARMS
-    from deltaid.online.settings import OnlineSettings
 
     if false_alarms is not None:
         within("--false-alarms", false_alarms, FALSE_ALARMS)
@@ -127,6 +121,8 @@ def _online(
             where=said[0],
             cure="add --with online, or leave it out",
         )
-    usual = OnlineSettings()
+    usual = deltaid.OnlineSettings()
     alarms = usual.false_alarms if false_alarms is None else false_alarms
-    return OnlineSettings(largest_mass=payload_max, false_alarms=alarms).at_rate(rate or usual.rate)
+    return deltaid.OnlineSettings(largest_mass=payload_max, false_alarms=alarms).at_rate(
+        rate or usual.rate
+    )

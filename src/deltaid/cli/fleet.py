@@ -2,11 +2,12 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from deltaid.cli.drift_options import FalseAlarms, Limit, Since, drift_settings
+import deltaid
+from deltaid.cli.drift import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.options import (
     AsJson,
     Compliance,
@@ -17,20 +18,10 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    print_error,
-    print_json,
-    print_note,
-    progress,
-)
+from deltaid.cli.output import console, print_error, print_json, print_note, progress
 from deltaid.errors import DeltaidError, quoted, shortened
 from deltaid.files import require_writable, write_bytes
 from deltaid.model.options import FrictionLaws, Period
-
-if TYPE_CHECKING:
-    from deltaid.fleets.fleet import Fleet
-    from deltaid.fleets.run import FleetRun
 
 # Lines of the quarantine that are printed; the table has all.
 _SHOWN = 10
@@ -113,8 +104,6 @@ def fleet(
     be used is put into quarantine with its reason and stops nothing else.
     """
     from deltaid.fleets.fleet import find_fleet
-    from deltaid.fleets.run import fleet as run_fleet
-    from deltaid.model.record import Settings
 
     if scheduler is not None and workers is not None:
         raise DeltaidError(
@@ -122,7 +111,7 @@ def fleet(
             where="--workers",
             cure="leave one of both out; `dask worker` says how many there are",
         )
-    settings = Settings(
+    settings = deltaid.Settings(
         cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events,
         friction=friction,
     )  # fmt: skip
@@ -133,9 +122,13 @@ def fleet(
         with progress(as_json) as say:
             say("looking for recordings")
             robots = find_fleet(manifest, period)
-            if prior_out is not None:
-                _require_one_type(robots)
-            run = run_fleet(
+            if prior_out is not None and len(robots.types) > 1:
+                raise DeltaidError(
+                    f"is one file, and the fleet has {len(robots.types)} types",
+                    where="--prior-out",
+                    cure="leave it out: the folder `types` of the fleet has a description of each",
+                )
+            run = deltaid.fleet(
                 robots, output, settings=settings, drift=drift, scheduler=scheduler,
                 workers=workers, force=force, retry=retry, drop_absent=drop_absent,
                 regather=regather, progress=say,
@@ -152,7 +145,19 @@ def fleet(
     if prior_out is not None:
         _write_prior(run, output, prior_out)
     if as_json:
-        print_json(_as_dictionary(run, output))
+        print_json(
+            {
+                "folder": output,
+                "robots": len({outcome.recorded.robot for outcome in run.outcomes}),
+                "recordings": len(run.outcomes),
+                "gathered": run.computed[0],
+                "used": sum(bool(outcome.file) for outcome in run.outcomes),
+                "fits": sum(not fit.reason for fit in run.fits),
+                "fitted": run.computed[1],
+                "site": None if not run.site else f"{output}/{run.site}",
+                "quarantine": [asdict(line) for line in run.quarantine],
+            }
+        )
     else:
         _print(run, output)
     if all(fit.reason for fit in run.fits):
@@ -163,21 +168,7 @@ def fleet(
         )
 
 
-def _require_one_type(robots: "Fleet") -> None:
-    """Refuse --prior-out for several types.
-
-    Raises:
-        DeltaidError: there are several.
-    """
-    if len(robots.types) > 1:
-        raise DeltaidError(
-            f"is one file, and the fleet has {len(robots.types)} types",
-            where="--prior-out",
-            cure="leave it out: the folder `types` of the fleet has a description of each",
-        )
-
-
-def _write_prior(run: "FleetRun", output: str, path: Path) -> None:
+def _write_prior(run: "deltaid.FleetRun", output: str, path: Path) -> None:
     """The description of the next robot under a name of the user's.
 
     Raises:
@@ -197,21 +188,7 @@ def _write_prior(run: "FleetRun", output: str, path: Path) -> None:
     write_bytes(path, data[0])
 
 
-def _as_dictionary(run: "FleetRun", output: str) -> dict[str, Any]:
-    return {
-        "folder": output,
-        "robots": len({outcome.recorded.robot for outcome in run.outcomes}),
-        "recordings": len(run.outcomes),
-        "gathered": run.computed[0],
-        "used": sum(bool(outcome.file) for outcome in run.outcomes),
-        "fits": sum(not fit.reason for fit in run.fits),
-        "fitted": run.computed[1],
-        "site": None if not run.site else f"{output}/{run.site}",
-        "quarantine": [asdict(line) for line in run.quarantine],
-    }
-
-
-def _print(run: "FleetRun", output: str) -> None:
+def _print(run: "deltaid.FleetRun", output: str) -> None:
     used = [outcome for outcome in run.outcomes if outcome.file]
     robots = len({outcome.recorded.robot for outcome in used})
     console.print(
@@ -222,9 +199,8 @@ def _print(run: "FleetRun", output: str) -> None:
     )
     if run.site:
         console.print(f"pages: {output}/{run.site}")
-    if not run.quarantine:
-        return
-    print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
+    if run.quarantine:
+        print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
     for line in run.quarantine[:_SHOWN]:
         which = quoted(line.which)
         reason = line.reason.replace(line.which, which)

@@ -1,10 +1,14 @@
-"""`deltaid gather`: recordings as small files that everything else can be made from."""
+"""`deltaid gather`: recordings as small files that everything else can be made from; and such files
+in the place of recordings."""
 
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import deltaid
 from deltaid.cli.options import (
     AsJson,
     ColumnFiles,
@@ -15,9 +19,14 @@ from deltaid.cli.options import (
     KeepAll,
     Lag,
     Robot,
-    mappings,
 )
 from deltaid.cli.output import console, print_error, print_json, progress
+from deltaid.errors import DeltaidError
+
+if TYPE_CHECKING:
+    from deltaid.fleets.factor_record import FactorRecord
+    from deltaid.identification.torque_error import TorqueError
+    from deltaid.recording.mapping import MappingLike
 
 
 def gather(
@@ -43,10 +52,9 @@ def gather(
     cost: a recording that has been gathered before is not read again.
     """
     from deltaid.fleets.gather import gather_into
-    from deltaid.model.record import Settings
     from deltaid.robot.load import described
 
-    settings = Settings(
+    settings = deltaid.Settings(
         cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events
     )
     description = described(robot)
@@ -54,7 +62,7 @@ def gather(
     with progress(as_json) as say:
         for recording in gather_into(
             output, description, logs,
-            columns=mappings(columns), settings=settings, force=force, progress=say,
+            columns=columns, settings=settings, force=force, progress=say,
         ):  # fmt: skip
             gathered.append(recording)
             if recording.error is not None:
@@ -80,3 +88,68 @@ def gather(
         )
     if counts["refused"]:
         raise typer.Exit(2)
+
+
+def in_folders(logs: Sequence[Path]) -> list[Path]:
+    """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
+    from deltaid.fleets.factor_file import ENDING
+
+    files = list[Path]()
+    for log in logs:
+        files += (sorted(log.glob(f"*{ENDING}")) if os.path.isdir(log) else []) or [log]
+    return files
+
+
+def are_factor_files(logs: Sequence[Path]) -> bool:
+    """Whether what is given for recordings are factor files.
+
+    Raises:
+        DeltaidError: some are and some are not.
+    """
+    from deltaid.fleets.factor_file import is_factor_file
+
+    given = [is_factor_file(log) for log in logs]
+    if any(given) and not all(given):
+        raise DeltaidError(
+            "is a recording, and others are factor files",
+            where=str(logs[given.index(False)]),
+            cure="gather it as well, with `deltaid gather`",
+        )
+    return any(given)
+
+
+def require_open(given: Mapping[str, bool], report: Path | None) -> None:
+    """Refuse options that were decided as recordings were gathered, and a page with samples.
+
+    Args:
+        given: options, and whether each is another one than by default.
+
+    Raises:
+        DeltaidError: one is given.
+    """
+    for option, is_given in given.items():
+        if is_given:
+            raise DeltaidError(
+                "was decided as the recordings were gathered",
+                where=option,
+                cure=f"give {option} to `deltaid gather`, into another folder",
+            )
+    if report is not None:
+        raise DeltaidError(
+            "needs samples, which factor files do not hold",
+            where="--report",
+            cure="give recordings",
+        )
+
+
+def compared(
+    model: "deltaid.Model", log: Path, columns: "MappingLike | None", keep_all: bool
+) -> "deltaid.Validation | tuple[TorqueError, FactorRecord]":
+    """A model compared with a recording, or with what a factor file keeps of one."""
+    if not are_factor_files([log]):
+        return deltaid.validate(model, log, columns=columns, keep_all=keep_all)
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import validate_gathered
+
+    file = read(log)
+    return validate_gathered(model, file), file.record

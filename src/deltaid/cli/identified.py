@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltaid.cli.screen import print_found
+import deltaid
+from deltaid.cli.output import print_found
 from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:
-    from deltaid.identification.identify import Identification
     from deltaid.identification.prediction import Compared
     from deltaid.identification.torque_error import TorqueError
-    from deltaid.model.corrections import Source
 
 # Events that the terminal lists.
 _EVENTS = 20
@@ -28,15 +27,17 @@ class Truth:
 
 
 def as_dictionary(
-    result: "Identification", verification: "TorqueError | None", log: "Compared | None" = None
+    result: "deltaid.Identification",
+    verification: "TorqueError | None",
+    log: "Compared | None" = None,
 ) -> dict[str, Any]:
     """The result as one JSON object; `log` is the recording of the verification."""
-    from deltaid.view.summary import summary as verdict
+    from deltaid.view.summary import summary
 
     model, layout = result.model, result.model.layout
     value = {
         "robot": model.robot.name,
-        "summary": asdict(verdict(result, verification, log)),
+        "summary": asdict(summary(result, verification, log)),
         "method": model.settings.method,
         "regularizer": model.settings.regularizer,
         "intervals": model.settings.intervals,
@@ -82,7 +83,7 @@ def as_dictionary(
 
 
 def print_result(
-    result: "Identification",
+    result: "deltaid.Identification",
     verification: "TorqueError | None",
     log: "Compared | None" = None,
     *,
@@ -96,7 +97,6 @@ def print_result(
         truth: of a simulated robot.
         full: whether to print all tables.
     """
-    from deltaid.model.model import load
     from deltaid.view.corrections import correction_table, put_right_tables
     from deltaid.view.model_tables import (
         choice_sentence,
@@ -105,16 +105,15 @@ def print_result(
         parameter_table,
         sums,
     )
-    from deltaid.view.summary import summary as verdict
-    from deltaid.view.summary import without_doubts
+    from deltaid.view.summary import summary, without_doubts
 
     model, choice = result.model, result.model.friction_choice
-    said = without_doubts(verdict(result, verification, log))
-    errors = error_table(load(model), verification)
+    said = without_doubts(summary(result, verification, log))
+    errors = error_table(deltaid.load(model), verification)
     corrections = correction_table(model.corrections)
     tables = [table for table in (errors, corrections) if table is not None]
     further = [parameter_table(model, truth and truth.values)]
-    details = [*sums(model), *summary(result)]
+    details = [*sums(model), *fit_lines(result)]
     if choice is not None and choice.steps:
         further.append(choice_table(choice, model.robot))
         details.append(choice_sentence(choice))
@@ -135,14 +134,7 @@ def print_result(
     )
 
 
-def _of_positions(source: "Source") -> str:
-    """Their cut-off, where it is another one."""
-    if source.motion_cutoff_hz is None or source.motion_cutoff_hz == source.cutoff_hz:
-        return ""
-    return f", positions at {source.motion_cutoff_hz:.3g} Hz"
-
-
-def summary(result: "Identification") -> list[str]:
+def fit_lines(result: "deltaid.Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.estimation.conic import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
@@ -152,8 +144,11 @@ def summary(result: "Identification") -> list[str]:
     fit, model = result.model.fit, result.model
     lines = []
     for source in model.sources:
+        of_motion = source.motion_cutoff_hz
+        is_other = of_motion is not None and of_motion != source.cutoff_hz
+        positions = f", positions at {of_motion:.3g} Hz" if is_other else ""
         filtered = (
-            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz{_of_positions(source)}, thinned to "
+            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz{positions}, thinned to "
             f"{source.used_samples}"
             if source.cutoff_hz
             else "not filtered"

@@ -1,14 +1,15 @@
 """`deltaid identify`: from a robot and its logs to a model."""
 
 import gc
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from deltaid.cli.gathered import are_factor_files, compared, in_folders, require_open
+import deltaid
+from deltaid.cli.gather import are_factor_files, compared, in_folders, require_open
 from deltaid.cli.options import (
     CORRECTIONS,
     AsJson,
@@ -23,21 +24,20 @@ from deltaid.cli.options import (
     Report,
     Robot,
     bounded,
-    mappings,
     output_file,
 )
 from deltaid.cli.output import (
     console,
     print_json,
+    print_next,
     print_note,
     print_warnings,
     print_written,
     progress,
     require_outputs,
+    write_files,
 )
-from deltaid.cli.screen import print_next
 from deltaid.errors import DeltaidError
-from deltaid.files import together
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -47,9 +47,6 @@ from deltaid.model.options import (
     Method,
     RegularizerName,
 )
-
-if TYPE_CHECKING:
-    from deltaid.recording.mapping import ColumnMapping
 
 _FIT = "Fit"
 
@@ -133,13 +130,11 @@ def identify(
     with _uncollected():
         from deltaid.checks.identified import identify as run
         from deltaid.cli.identified import as_dictionary, print_result
-        from deltaid.identification.prediction import Validation, noted, remarks
-        from deltaid.model.model import load
-        from deltaid.model.record import Settings
+        from deltaid.identification.prediction import noted, remarks
         from deltaid.recording.source import opened
 
     logs = in_folders(logs)
-    settings = Settings(
+    settings = deltaid.Settings(
         method=method,
         regularizer=regularizer,
         gamma=gamma,
@@ -158,10 +153,19 @@ def identify(
     if verify is not None:
         with opened(verify):
             pass  # to miss it now, not after the fit
-    model = load(robot)
+    model = deltaid.load(robot)
     if model.identified is not None:
         print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
-    given, of_verify = _mappings(columns, len(logs), verify)
+    mappings, of_verify = [deltaid.load_mapping(path) for path in columns or ()], None
+    if verify is not None and len(mappings) not in (0, 1, len(logs) + 1):
+        raise DeltaidError(
+            f"is given {len(mappings)} times for {len(logs)} recording{'s' * (len(logs) > 1)} and "
+            "one to verify on",
+            where="--columns",
+            cure="give it once for all, or once for each recording and at last for --verify",
+        )
+    if verify is not None and mappings:
+        mappings, of_verify = mappings[:-1] or mappings, mappings[-1]
     from_factors = are_factor_files(logs)
     if from_factors:
         require_open(
@@ -181,21 +185,20 @@ def identify(
             say(f"merging {len(logs)} factor files")
             result = identify_gathered(robot, [read(log) for log in logs], settings)
         else:
-            result = run(model, logs, columns=given, settings=settings, force=force, progress=say)
+            result = run(
+                model, logs, columns=mappings, settings=settings, force=force, progress=say
+            )
         verification, error, log, kept = None, None, None, result.model
         doubts = list(result.model.warnings)
         if verify is not None:
             say(f"verifying on {verify}")
-            verification = compared(load(result.model), verify, of_verify, keep_all)
+            verification = compared(deltaid.load(result.model), verify, of_verify, keep_all)
             error, log = verification
             doubts += [f"{verify}: {text}" for text in remarks(result.model, log, error)]
             kept = noted(result.model, log, error, str(verify))
     print_warnings(doubts)
-    with together():
-        if output is not None:
-            kept.save(output)
-        if report is not None:
-            result.report(report, verification if isinstance(verification, Validation) else None)
+    with_samples = verification if isinstance(verification, deltaid.Validation) else None
+    write_files((output, kept.save), (report, lambda path: result.report(path, with_samples)))
     if as_json:
         print_json(as_dictionary(result, error, log))
     else:
@@ -219,20 +222,3 @@ def _uncollected() -> Generator[None, None, None]:
     finally:
         gc.enable()
         gc.freeze()
-
-
-def _mappings(
-    columns: Sequence[Path] | None, logs: int, verify: Path | None
-) -> "tuple[list[ColumnMapping] | None, ColumnMapping | None]":
-    """The mappings of the recordings, and that of the recording to verify on."""
-    given = mappings(columns)
-    if given is None or verify is None or len(given) == 1:
-        return given, given[0] if given else None
-    if len(given) != logs + 1:
-        raise DeltaidError(
-            f"is given {len(given)} times for {logs} recording{'s' if logs > 1 else ''} and one to "
-            "verify on",
-            where="--columns",
-            cure="give it once for all, or once for each recording and at last for --verify",
-        )
-    return given[:-1], given[-1]

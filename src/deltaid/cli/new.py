@@ -11,17 +11,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import deltaid
 from deltaid.cli.options import output_file
 from deltaid.cli.output import (
     console,
     print_error,
+    print_found,
+    print_next,
     print_note,
     print_warnings,
     require_outputs,
     styled,
+    write_files,
 )
 from deltaid.errors import DeltaidError
-from deltaid.files import require_writable, together, written_whole
+from deltaid.files import require_writable
 from deltaid.studio.drafting.questions import KINDS, QUESTIONS, Question
 
 if TYPE_CHECKING:
@@ -120,12 +124,11 @@ def _draft(
     asker: "_Terminal | None",
 ) -> "Draft":
     """A draft from what the options say."""
-    from deltaid.robot.load import load_robot
     from deltaid.studio.drafting.draft import Draft, answers, kind_of
 
     offered: dict[str, float] = {}
     if start is not None:
-        robot = load_robot(start)
+        robot = deltaid.load_robot(start)
         offered, own = answers(robot), kind_of(robot)
         if kind not in (None, own):
             raise DeltaidError(
@@ -209,33 +212,24 @@ def _line(prompt: str) -> str:
 
 def _write(draft: "Draft", file: Path) -> None:
     """The description, and the schema that its first line names, if there is none beside it."""
-    from deltaid.robot.description import RobotDescription
     from deltaid.studio.drafting.text import SCHEMA_FILE, written
 
     schema = file.with_name(SCHEMA_FILE)
-    with together():
-        with written_whole(file) as out:
-            out.write(written(draft))
-        if not schema.exists():
-            with written_whole(schema) as out:
-                text = json.dumps(
-                    RobotDescription.model_json_schema(), indent=2, ensure_ascii=False
-                )
-                out.write(f"{text}\n")
+    keys = deltaid.RobotDescription.model_json_schema()
+    text = f"{json.dumps(keys, indent=2, ensure_ascii=False)}\n"
+    write_files((file, written(draft)), (None if schema.exists() else schema, text))
 
 
 def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     """What was written, how much of it is known, and the robot at rest."""
-    from deltaid.cli.screen import print_found, print_next
-    from deltaid.cli.show import fact_lines, robot_report
+    from deltaid.cli.look import fact_lines, write_robot
     from deltaid.dynamics.at_rest import AtRest
-    from deltaid.model.model import load
     from deltaid.studio.drafting.draft import ASSUMED
     from deltaid.studio.drafting.interview import unusual
     from deltaid.view.reach import reach, survey
     from deltaid.view.robots import rest_warnings
 
-    model = load(str(file))
+    model = deltaid.load(str(file))
     at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
     surveyed, doubts = survey(at_rest), unusual(draft)
     print_warnings((*doubts, *rest_warnings(at_rest, surveyed)))
@@ -250,4 +244,4 @@ def _show(draft: "Draft", file: Path, report: Path | None) -> None:
     print_found(lines, full=False)
     print_next(f"`deltaid show {file}` prints drives and limits")
     if report is not None:
-        robot_report(at_rest, report, origin)
+        write_robot(at_rest, report, origin)

@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import deltaid
 from deltaid.cli.options import AsJson, Columns, Full, Report, UsePoor, bounded, lag_of, output_file
 from deltaid.cli.output import (
+    print_found,
     print_json,
     print_warnings,
     print_written,
     progress,
     require_outputs,
     used,
+    write_files,
 )
-from deltaid.cli.screen import print_found
 from deltaid.errors import DeltaidError, within
 
 if TYPE_CHECKING:
     from deltaid.online.events import WeighedLoad
-    from deltaid.online.replay import Replay
-    from deltaid.online.watch import Watched
 
 # Rate of false alarms, an hour, that is asked for where nothing is said.
 _FALSE_ALARMS = 1.0
@@ -66,40 +66,68 @@ def online(
     looks like one.
     """
     from deltaid.fleets.drift_tables import require_table, save
-    from deltaid.model.model import load
     from deltaid.online.contact import FALSE_ALARMS
     from deltaid.online.replay import open_replay
-    from deltaid.online.settings import LONGEST_GRIP, OnlineSettings
+    from deltaid.online.settings import LONGEST_GRIP
     from deltaid.online.watch import watch
-    from deltaid.recording.mapping import as_mapping
+    from deltaid.view import online as view
     from deltaid.view.html import write_page
-    from deltaid.view.online import online_page
 
     within("--grip-time", grip_time, (0.0, LONGEST_GRIP))
     within("--false-alarms", false_alarms, FALSE_ALARMS)
     require_outputs((model, log, columns), {"--output": output, "--report": report})
     if output is not None:
         require_table(output)
-    known = load(model)
+    known = deltaid.load(model)
     delay = None if lag is None else _delay(lag, len(known.robot.drives))
-    mapping = as_mapping(columns)
+    mapping = None if columns is None else deltaid.load_mapping(columns)
     with used(known, force=force), progress(as_json) as say:
         say(f"checking {log}")
         replay = open_replay(known, log, mapping, gripper, delay)
-        settings = OnlineSettings(
+        settings = deltaid.OnlineSettings(
             largest_mass=payload_max, false_alarms=false_alarms, grip_time=grip_time
         )
         watched = watch(known, replay, settings, say)
-        if output is not None:
-            save(watched.series, output)
-        if report is not None:
-            write_page(online_page(watched, f"{watched.log} with {known.source}"), report)
+        title = f"{watched.log} with {known.source}"
+        write_files(
+            (output, lambda path: save(watched.series, path)),
+            (report, lambda path: write_page(view.online_page(watched, title), path)),
+        )
     print_warnings([f"{log}: {text}" for text in watched.doubts])
     if as_json:
-        print_json(_as_dictionary(watched, replay))
+        print_json(
+            {
+                "log": watched.log,
+                "sha256": replay.log.sha256,
+                "cycles": watched.cycles,
+                "bad": watched.bad,
+                "rate_hz": watched.rate,
+                "seconds_a_cycle": watched.seconds,
+                "told": watched.told,
+                "loads": [_load(load) for load in watched.loads],
+                "contacts": [asdict(x) | {"strength": x.strength} for x in watched.touches],
+                "friction": [asdict(friction) for friction in watched.friction],
+                "false_alarms_an_hour": watched.false_alarms,
+                "smallest_force": {"best": watched.best, "worst": watched.worst},
+                "warnings": list(watched.doubts),
+            }
+        )
     else:
-        _print(watched, full)
+        tables = (
+            view.loads_table(watched), view.touches_table(watched), view.friction_table(watched),
+        )  # fmt: skip
+        print_found(
+            [view.verdict(watched).sentence, *view.told_lines(watched)],
+            [table for table in tables if table.rows],
+            full=full,
+        )
         print_written(output, report)
+
+
+def _load(load: "WeighedLoad") -> dict[str, Any]:
+    soon = load.soon and dict(zip(("value", "low", "high"), load.soon, strict=True))
+    entries = [asdict(entry) for entry in load.entries]
+    return {"start": load.start, "end": load.end, "mass_soon": soon, "entries": entries}
 
 
 def _delay(text: str, drives: int) -> tuple[float, ...]:
@@ -112,44 +140,3 @@ def _delay(text: str, drives: int) -> tuple[float, ...]:
             where="--lag",
         )
     return lags * drives if len(lags) == 1 else lags
-
-
-def _print(watched: "Watched", full: bool) -> None:
-    from deltaid.view.online import friction_table, loads_table, told_lines, touches_table, verdict
-
-    tables = [
-        table(watched)
-        for table, rows in (
-            (loads_table, watched.loads),
-            (touches_table, watched.touches),
-            (friction_table, watched.friction),
-        )
-        if rows
-    ]
-    print_found([verdict(watched).sentence, *told_lines(watched)], tables, full=full)
-
-
-def _as_dictionary(watched: "Watched", replay: "Replay") -> dict[str, Any]:
-    return {
-        "log": watched.log,
-        "sha256": replay.log.sha256,
-        "cycles": watched.cycles,
-        "bad": watched.bad,
-        "rate_hz": watched.rate,
-        "seconds_a_cycle": watched.seconds,
-        "told": watched.told,
-        "loads": [_load(load) for load in watched.loads],
-        "contacts": [asdict(touch) | {"strength": touch.strength} for touch in watched.touches],
-        "friction": [asdict(friction) for friction in watched.friction],
-        "false_alarms_an_hour": watched.false_alarms,
-        "smallest_force": {"best": watched.best, "worst": watched.worst},
-        "warnings": list(watched.doubts),
-    }
-
-
-def _load(load: "WeighedLoad") -> dict[str, Any]:
-    soon = None
-    if load.soon is not None:
-        soon = dict(zip(("value", "low", "high"), load.soon, strict=True))
-    entries = [asdict(entry) for entry in load.entries]
-    return {"start": load.start, "end": load.end, "mass_soon": soon, "entries": entries}

@@ -3,17 +3,13 @@
 import glob
 import math
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from deltaid.errors import DeltaidError, positive, within
 from deltaid.model.options import LARGEST_LAG, ComplianceChoice, LagChoice
-
-if TYPE_CHECKING:
-    from deltaid.recording.mapping import ColumnMapping
 
 
 def output_file(*names: str, help: str) -> Any:
@@ -29,8 +25,8 @@ def _file(text: str) -> Path:
 
 def _complete(incomplete: str) -> list[str]:
     """Files and folders that begin with what has been typed."""
-    found = glob.glob(f"{glob.escape(incomplete)}*")
-    return [path + "/" * os.path.isdir(path) for path in sorted(found)]
+    paths = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    return [path + "/" * os.path.isdir(path) for path in paths]
 
 
 # Where `--help` shows options that few need, below the usual ones.
@@ -139,8 +135,6 @@ Full = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
-def mappings(paths: Sequence[Path] | None) -> "list[ColumnMapping] | None":
-    """The mappings of --columns, in their order; None without any."""
-    from deltaid.recording.mapping import load_mapping
-
-    return [load_mapping(path) for path in paths] if paths else None
+def names(text: str) -> tuple[str, ...]:
+    """Names in a list such as 'strut,upper_arm'."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())

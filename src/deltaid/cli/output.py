@@ -1,27 +1,31 @@
-"""What all commands print: errors, tables, progress, JSON."""
+"""What all commands print: results as they fit a screen, errors, tables, progress, JSON; and how
+they write files."""
 
 import json
+import math
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+import deltaid
 from deltaid.errors import DeltaidError, visible
-from deltaid.files import require_writable
+from deltaid.files import require_writable, together, write_bytes
 from deltaid.view.numbers import number as number
 from deltaid.view.numbers import percent as percent  # for the commands too
 from deltaid.view.page import Table as Finished
-
-if TYPE_CHECKING:
-    from deltaid.model.model import Model
 
 # Columns whose cells are words.
 _TEXT_COLUMNS = (
@@ -35,6 +39,13 @@ _WRAPPED_COLUMNS = (
 )  # fmt: skip
 # Columns of a bar of progress.
 _BAR = 16
+# Lines of a result on a screen of usual height, with those that name the files written below.
+_SCREEN = 22
+# A line of text that is longer is hard to read.
+_WIDEST = 100
+# Of a verdict on a model, as words begin it.
+_GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
+_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 
 # Of JSON, besides those that it escapes anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
@@ -74,7 +85,7 @@ def print_problems(problems: Sequence[str]) -> None:
 
 
 @contextmanager
-def used(model: "Model", *, force: bool = False) -> Generator[None]:
+def used(model: "deltaid.Model", *, force: bool = False) -> Generator[None]:
     """As `judged`; of a robot it says that it stands for its prior."""
     with judged(model, force=force):
         yield
@@ -82,7 +93,7 @@ def used(model: "Model", *, force: bool = False) -> Generator[None]:
 
 
 @contextmanager
-def judged(model: "Model", *, force: bool = False) -> Generator[None]:
+def judged(model: "deltaid.Model", *, force: bool = False) -> Generator[None]:
     """Say on standard error what a model is worth that a command has used, where it is not good,
     and whether its file was changed by hand.
 
@@ -110,7 +121,7 @@ def judged(model: "Model", *, force: bool = False) -> Generator[None]:
         print_warnings([f"{model.source}: {CHANGED}"])
 
 
-def print_origin(model: "Model") -> None:
+def print_origin(model: "deltaid.Model") -> None:
     """Say on standard error that a robot stands for its prior, where a model is expected."""
     if model.identified is None:
         print_note(f"{model.source} is a robot: it stands for its prior parameters")
@@ -132,10 +143,43 @@ def styled(text: str, style: str = "bold") -> Text:
     return Text(visible(text), style)
 
 
-def print_json(value: dict[str, Any]) -> None:
-    """One JSON object on standard output."""
-    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False)
+def print_json(value: Mapping[str, Any]) -> None:
+    """One JSON object on standard output, with times as text."""
+    of_time = partial(datetime.isoformat, timespec="seconds")
+    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=of_time)
     print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
+    """Refuse before any work files that could not be written, would replace an input or each other.
+
+    Args:
+        inputs: names of files, of robots in the catalogue, or None for what is not given.
+        files: by option, such as '--output'; that of '--report' must be a page.
+    """
+    given = [Path(name) for name in inputs if name is not None]
+    taken: dict[Path, str] = {}
+    for option, path in files.items():
+        if path is None:
+            continue
+        if option == "--report" and path.suffix.lower() != ".html":
+            raise DeltaidError("must end in .html", where=f"--report {path}")
+        require_writable(path, given)
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise DeltaidError(
+                f"is the file of {other} as well; give another name", where=f"{option} {path}"
+            )
+
+
+def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> None:
+    """Write the files that were asked for, all or none: a text, or what a function writes."""
+    with together():
+        for path, content in files:
+            if path is not None and isinstance(content, str):
+                write_bytes(path, content.encode())
+            elif path is not None:
+                content(path)
 
 
 def print_written(*paths: Path | None) -> None:
@@ -145,41 +189,116 @@ def print_written(*paths: Path | None) -> None:
             console.print(f"wrote {path}")
 
 
-def shown(finished: Finished) -> Table:
-    """A finished table as the terminal prints it."""
-    return table(finished.title, finished.columns, finished.rows)
+def print_found(
+    lines: Sequence[str],
+    tables: Sequence[Finished] = (),
+    further: Sequence[Finished] = (),
+    details: Sequence[str] = (),
+    *,
+    full: bool,
+) -> None:
+    """A result: sentences first, then tables as far as they fit a screen; or all of it.
+
+    Args:
+        lines: the verdict, in plain words, at first.
+        tables: in the order of their worth; one that does not fit is cut.
+        further, details: tables and sentences for those who ask for all.
+        full: whether all is asked for.
+    """
+    used = 0
+    for line in _folded(*lines):
+        console.print(line)
+        used += max(1, math.ceil(cell_len(str(line)) / console.width))
+    hidden = [] if full else [_name(finished) for finished in further]
+    for finished in (*tables, *further) if full else tables:
+        left = None if full else _SCREEN - used - 2 - bool(hidden)
+        rows, height = _fitting(finished, left)
+        if rows:
+            console.print()
+            console.print(table(replace(finished, rows=finished.rows[:rows])))
+            used += height + 1
+        if rows < len(finished.rows):
+            more = f"{len(finished.rows) - rows} more rows of " if rows else ""
+            hidden.append(f"{more}{_name(finished)}")
+    if full and details:
+        console.print()
+        for line in _folded(*details):
+            console.print(line)
+    elif details:
+        hidden.append("details of the computation")
+    if hidden:
+        print_next(f"--full prints also: {', '.join(dict.fromkeys(hidden))}")
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+def print_next(text: str) -> None:
+    """What the user may do next."""
+    for line in _folded(f"→ {text}"):
+        console.print(styled(str(line), "dim"))
+
+
+def _name(finished: Finished) -> str:
+    """What a table is called: its title, or what its rows are."""
+    return re.split("[:;,]", finished.title or finished.columns[0])[0]
+
+
+def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
+    """How many rows of a table fit so many lines, fewer than two being none, and their height."""
+    rows = len(finished.rows)
+    while True:
+        cut = console.render_lines(table(replace(finished, rows=finished.rows[:rows])))
+        widths = [sum(part.cell_length for part in line) for line in cut]
+        height = sum(max(1, math.ceil(width / console.width)) for width in widths)
+        if lines is None or height <= lines:
+            return rows, height
+        rows -= max(1, min(rows, height - lines) // 2)
+        if rows < min(2, len(finished.rows)):
+            return 0, 0
+
+
+def _folded(*sentences: str) -> list[str | Text]:
+    """Sentences in lines of a terminal's width; in a file or pipe each stays one line.
+
+    What stands before the first colon of a verdict is in bold.
+    """
+    width = min(console.width, _WIDEST) if console.is_terminal else math.inf
+    lines: list[str | Text] = []
+    for text in sentences:
+        first, *others = (
+            textwrap.wrap(visible(text), int(width), subsequent_indent="  ")
+            if cell_len(text) > width
+            else [text]
+        )
+        grade, colon, rest = first.partition(": ")
+        if colon and grade in _GRADES:
+            first = Text.assemble((f"{grade}:", "bold"), " ", visible(rest))
+        lines += [first, *others]
+    return lines
+
+
+def table(finished: Finished) -> Table:
     """A plain table; the first column and those of text are left-aligned, numbers right."""
-    rows = [[visible(cell) for cell in row] for row in rows]
-    result = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    columns, rows = finished.columns, [[visible(cell) for cell in row] for row in finished.rows]
+    result = Table(
+        title=finished.title, title_justify="left", title_style="bold", box=None, pad_edge=False
+    )
     widths = [max(map(cell_len, cells)) for cells in zip(columns, *rows, strict=True)]
     needed = sum(widths) + 2 * (len(widths) - 1)
     if needed > console.width and not set(columns) & set(_WRAPPED_COLUMNS):
         result.width = needed  # a line that the terminal breaks rather than numbers cut off
     for i, column in enumerate(columns):
-        text = i == 0 or column in _TEXT_COLUMNS
-        justify = "left" if text else "right"
         wrapped = column in _WRAPPED_COLUMNS
         words = [word for row in rows for word in row[i].split()] if wrapped else []
         whole = i == 0 and rows and not wrapped
-        width = widths[i] if whole else max(map(cell_len, words), default=None)
         result.add_column(
             column,
-            justify=justify,
+            justify="left" if i == 0 or column in _TEXT_COLUMNS else "right",
             header_style="dim",
             no_wrap=not wrapped,
-            min_width=width,
+            min_width=widths[i] if whole else max(map(cell_len, words), default=None),
         )
     for row in rows:
         result.add_row(*row)
     return result
-
-
-_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
-# A line of text that is longer is hard to read.
-WIDEST = 100
 
 
 def verdicts_shown(finished: Finished) -> Table:
@@ -187,7 +306,7 @@ def verdicts_shown(finished: Finished) -> Table:
     result = Table(box=None, pad_edge=False, show_header=False)
     result.add_column(no_wrap=True)
     result.add_column(no_wrap=True)
-    result.add_column(max_width=WIDEST, overflow="fold")
+    result.add_column(max_width=_WIDEST, overflow="fold")
     for grade, key, about, seen, cause, cure in finished.rows:
         lines = [seen if about in seen else f"{about}: {seen}"]
         lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
@@ -228,25 +347,3 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
 
         yield say
     sys.stderr.flush()
-
-
-def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
-    """Refuse before any work files that could not be written, would replace an input or each other.
-
-    Args:
-        inputs: names of files, of robots in the catalogue, or None for what is not given.
-        files: by option, such as '--output'; that of '--report' must be a page.
-    """
-    given = [Path(name) for name in inputs if name is not None]
-    taken: dict[Path, str] = {}
-    for option, path in files.items():
-        if path is None:
-            continue
-        if option == "--report" and path.suffix.lower() != ".html":
-            raise DeltaidError("must end in .html", where=f"--report {path}")
-        require_writable(path, given)
-        other = taken.setdefault(path.resolve(), option)
-        if other != option:
-            raise DeltaidError(
-                f"is the file of {other} as well; give another name", where=f"{option} {path}"
-            )

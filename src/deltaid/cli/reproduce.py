@@ -1,26 +1,19 @@
 """`deltaid reproduce`: the paper's examples, from excitation to figures."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import typer
 
 from deltaid.cli.options import AsJson
-from deltaid.cli.output import console, print_json, progress
-from deltaid.cli.screen import print_found
+from deltaid.cli.output import Finished, console, print_found, print_json, progress
 from deltaid.files import together
-from deltaid.view.page import Table
-
-if TYPE_CHECKING:
-    from deltaid.progress import Progress
-    from deltaid.reproduce.surrogate_page import Rows
-    from deltaid.view.page import Page
+from deltaid.progress import Progress
 
 Example = Literal["surrogate", "irb360"]
-_Result = TypeVar("_Result")
+# An example's result as JSON, its table, and notes on it.
+Reproduced = tuple[dict[str, Any], Finished, tuple[str, ...]]
 
 
 def reproduce(
@@ -49,91 +42,57 @@ def reproduce(
     The folder is made if it does not exist; files in it are replaced.
     """
     run = _surrogate if example == "surrogate" else _irb360
-    run(output, seed=seed, starts=starts, quick=quick, as_json=as_json)
+    with progress(as_json) as say:
+        value, table, notes = run(output, say, quick, {"seed": seed, "starts": starts})
+    if as_json:
+        print_json(value)
+    else:
+        print_found(notes, [table], full=True)
+        console.print(f"wrote {output}/report.html, results.json, models, robots and recordings")
 
 
-def _surrogate(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
-    """Reproduce Sec. VII, and print its errors."""
-    from deltaid.reproduce import surrogate_result
+def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
+    """Sec. VII, written into a folder."""
+    from deltaid.reproduce import surrogate_page as view
+    from deltaid.reproduce import surrogate_result as files
     from deltaid.reproduce.surrogate import reproduce_surrogate
-    from deltaid.reproduce.surrogate_page import (
-        comparison_columns,
-        comparison_rows,
-        surrogate_page,
-    )
-    from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
+    from deltaid.view.html import write_page
 
-    settings = replace(QUICK if quick else SurrogateSettings(), seed=seed, starts=starts)
-    result = _reproduced(
-        lambda say: reproduce_surrogate(settings, progress=say),
-        surrogate_result, surrogate_page, folder, as_json,
-    )  # fmt: skip
-    if as_json:
-        return
+    files.require_folder(folder, files.FILES)
+    settings = replace(files.QUICK if quick else files.SurrogateSettings(), **given)
+    result = reproduce_surrogate(settings, progress=say)
+    say("writing")
+    with together():
+        files.write_files(result, folder)
+        write_page(view.surrogate_page(result), folder / files.REPORT)
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
-    _print(
-        comparison_columns(result),
-        comparison_rows(result),
-        "Sec. VII, largest errors along the motion; certified optimum (conic)",
-        (
-            "ID1 and ID2 start from regularisations below and above the truth",
-            "clean recordings have no noise",
-            "the column “the paper” holds its own numbers, all others are simulated here",
-            f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the "
-            "worst of all fits",
-        ),
-        folder,
+    title = "Sec. VII, largest errors along the motion; certified optimum (conic)"
+    table = Finished(view.comparison_columns(result), view.comparison_rows(result), title=title)
+    notes = (
+        "ID1 and ID2 start from regularisations below and above the truth",
+        "clean recordings have no noise",
+        "the column “the paper” holds its own numbers, all others are simulated here",
+        f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the worst "
+        "of all fits",
     )
+    return files.as_dictionary(result), table, notes
 
 
-def _irb360(folder: Path, *, seed: int, starts: int, quick: bool, as_json: bool) -> None:
-    """Reproduce Sec. VIII, and print its errors."""
-    from deltaid.reproduce import irb360
-    from deltaid.reproduce.irb360 import QUICK, reproduce_irb360
-    from deltaid.reproduce.irb360_page import irb360_page, rms_columns, rms_rows
-    from deltaid.reproduce.surrogate_result import RecordingSettings
-
-    settings = replace(QUICK if quick else RecordingSettings(), seed=seed, starts=starts)
-    result = _reproduced(
-        lambda say: reproduce_irb360(settings, progress=say),
-        irb360, irb360_page, folder, as_json,
-    )  # fmt: skip
-    if as_json:
-        return
-    _print(
-        rms_columns(result),
-        rms_rows(result),
-        "Sec. VIII with a simulated stand-in for the machine",
-        ("rows “the paper” hold numbers of its own machine; all others are simulated here",),
-        folder,
-    )
-
-
-def _reproduced(
-    run: "Callable[[Progress], _Result]",
-    files: ModuleType,
-    page: "Callable[[_Result], Page]",
-    folder: Path,
-    as_json: bool,
-) -> _Result:
-    """The result of an example, which has been written into a folder."""
-    from deltaid.reproduce.surrogate_result import REPORT, require_folder
+def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
+    """Sec. VIII, written into a folder."""
+    from deltaid.reproduce import irb360 as files
+    from deltaid.reproduce import irb360_page as view
+    from deltaid.reproduce.surrogate_result import REPORT, RecordingSettings, require_folder
     from deltaid.view.html import write_page
 
     require_folder(folder, files.FILES)
-    with progress(as_json) as say:
-        result = run(say)
-        say("writing")
-        with together():
-            files.write_files(result, folder)
-            write_page(page(result), folder / REPORT)
-    if as_json:
-        print_json(files.as_dictionary(result))
-    return result
-
-
-def _print(
-    columns: tuple[str, ...], rows: "Rows", title: str, notes: Sequence[str], folder: Path
-) -> None:
-    print_found(notes, [Table(columns, rows, title=title)], full=True)
-    console.print(f"wrote {folder}/report.html, results.json, models, robots and recordings")
+    settings = replace(files.QUICK if quick else RecordingSettings(), **given)
+    result = files.reproduce_irb360(settings, progress=say)
+    say("writing")
+    with together():
+        files.write_files(result, folder)
+        write_page(view.irb360_page(result), folder / REPORT)
+    title = "Sec. VIII with a simulated stand-in for the machine"
+    table = Finished(view.rms_columns(result), view.rms_rows(result), title=title)
+    notes = ("rows “the paper” hold numbers of its own machine; all others are simulated here",)
+    return files.as_dictionary(result), table, notes

@@ -5,20 +5,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded
+import deltaid
+from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, names
 from deltaid.cli.output import (
     judged,
     percent,
+    print_found,
     print_json,
     print_note,
     print_written,
     progress,
     require_outputs,
+    write_files,
 )
-from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
-    from deltaid.sensors.planning.plan import Outlook, SensorPlan
+    from deltaid.sensors.planning.plan import Outlook
 
 
 def sensors(
@@ -91,22 +93,19 @@ def sensors(
 
     Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
     """
-    from deltaid.model.model import load
-    from deltaid.recording.mapping import as_mapping
     from deltaid.robot.load import read_text
-    from deltaid.sensors.planning.offers import load_offers, shipped_text
-    from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
+    from deltaid.sensors.planning.offers import shipped_text
     from deltaid.view.html import write_page
     from deltaid.view.sensor_plan import chosen_entries
     from deltaid.view.sensors import sensors_page
 
     if print_list:
         if offers is not None:
-            load_offers(offers)
+            deltaid.load_offers(offers)
         print(read_text(offers) if offers else shipped_text(), end="")
         return
     require_outputs((robot, motion, offers, columns), {"--report": report})
-    settings = PlanSettings(
+    settings = deltaid.PlanSettings(
         torque_noise=torque_noise,
         rate=rate,
         duration=duration,
@@ -116,39 +115,33 @@ def sensors(
         steps=steps,
         seed=seed,
     )
-    mapping = as_mapping(columns)
-    model = load(robot)
+    model = deltaid.load(robot)
     with judged(model, force=force), progress(as_json) as say:
-        plan = sensor_plan(
+        plan = deltaid.sensor_plan(
             model,
             motion,
             offers=offers,
             goal=goal,
             budget=budget,
-            combinations=[_names(text) for text in combine or ()],
+            combinations=[names(text) for text in combine or ()],
             settings=settings,
-            columns=mapping,
+            columns=columns,
             progress=say,
         )
-    names = chosen_entries(plan) if entries is None else _names(entries)
-    for name in names:
+    shown = chosen_entries(plan) if entries is None else names(entries)
+    for name in shown:
         plan.entry(name)  # refuses one that there is not
-    if report is not None:
-        write_page(sensors_page(plan, names), report)
+    write_files((report, lambda path: write_page(sensors_page(plan, shown), path)))
     if as_json:
         print_json(as_dictionary(plan))
-        return
-    if plan.model.identified is not None:
-        print_note(f"{plan.model.source} is a model: planned with its masses and friction")
-    _print(plan, names, full)
-    print_written(report)
+    else:
+        if plan.model.identified is not None:
+            print_note(f"{plan.model.source} is a model: planned with its masses and friction")
+        _print(plan, shown, full)
+        print_written(report)
 
 
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _print(plan: "SensorPlan", entries: tuple[str, ...], full: bool) -> None:
+def _print(plan: "deltaid.SensorPlan", entries: tuple[str, ...], full: bool) -> None:
     from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
     from deltaid.view.sensor_plan import (
         count_table,
@@ -188,7 +181,7 @@ def _print(plan: "SensorPlan", entries: tuple[str, ...], full: bool) -> None:
     )
 
 
-def as_dictionary(plan: "SensorPlan") -> dict[str, Any]:
+def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
     """The plan as one JSON object."""
     u = plan.unknowns
     return {
@@ -214,7 +207,7 @@ def as_dictionary(plan: "SensorPlan") -> dict[str, Any]:
                 "spent": step.spent,
                 "gain": step.gain,
                 "goal": outlook.goal,
-                "std": _stds(plan, outlook),
+                "std": _outlook(plan, outlook)["std"],
             }
             for step, outlook in plan.steps
         ],
@@ -240,17 +233,13 @@ def as_dictionary(plan: "SensorPlan") -> dict[str, Any]:
     }
 
 
-def _outlook(plan: "SensorPlan", outlook: "Outlook") -> dict[str, Any]:
+def _outlook(plan: "deltaid.SensorPlan", outlook: "Outlook") -> dict[str, Any]:
+    """With the standard deviation of each entry as a share of its size."""
     return {
         "name": outlook.name,
         "title": outlook.title,
         "cost": outlook.cost,
         "gain": outlook.gain,
         "goal": outlook.goal,
-        "std": _stds(plan, outlook),
+        "std": dict(zip(plan.unknowns.names, outlook.shares.tolist(), strict=True)),
     }
-
-
-def _stds(plan: "SensorPlan", outlook: "Outlook") -> dict[str, float]:
-    """Standard deviation of each entry as a share of its size."""
-    return dict(zip(plan.unknowns.names, outlook.shares.tolist(), strict=True))

@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.gathered import are_factor_files, compared, require_open
+import deltaid
+from deltaid.cli.gather import are_factor_files, compared, require_open
 from deltaid.cli.options import AsJson, Columns, Full, KeepAll, ModelOrRobot, Report
 from deltaid.cli.output import (
+    print_found,
     print_json,
     print_origin,
     print_warnings,
     print_written,
     progress,
     require_outputs,
+    write_files,
 )
-from deltaid.cli.screen import print_found
 
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError
@@ -32,9 +34,8 @@ def validate(
     as_json: AsJson = False,
 ) -> None:
     """Compare a model's torques with a recording."""
-    from deltaid.identification.prediction import Validation, remarks
     from deltaid.identification.sources import left_out, model_filtered
-    from deltaid.model.model import load
+    from deltaid.identification.prediction import remarks
     from deltaid.view.corrections import left_out_table
     from deltaid.view.model_tables import error_table
     from deltaid.view.summary import summary
@@ -42,28 +43,25 @@ def validate(
     require_outputs((model, log, columns), {"--report": report})
     if are_factor_files([log]):
         require_open({"--columns": columns is not None, "--keep-all": keep_all}, report)
-    known = load(model)
+    known = deltaid.load(model)
     with progress(as_json) as say:
         say(f"comparing with {log}")
         comparison = compared(known, log, columns, keep_all)
         error, seen = comparison
-        if isinstance(comparison, Validation):
-            surveyed = comparison.log
-            clock = {"clock": asdict(model_filtered(known, surveyed).clock)}
-            about: dict[str, Any] = {"log": log.name, "sha256": surveyed.sha256} | clock
-            missing = left_out(surveyed, known.robot.drives, error)
-            if report is not None:
-                say(f"writing {report}")
-                comparison.report(report)
+        if isinstance(comparison, deltaid.Validation):
+            about: dict[str, Any] = {"log": log.name, "sha256": comparison.log.sha256}
+            about["clock"] = asdict(model_filtered(known, comparison.log).clock)
+            missing = left_out(comparison.log, known.robot.drives, error)
+            write_files((report, comparison.report))
         else:
-            record = comparison[1]
+            _, record = comparison
             about = {"log": record.log, "sha256": record.sha256}
             missing = record.model.sources[0].left_out
     print_origin(known)
     print_warnings([f"{log}: {text}" for text in remarks(known, seen, error)])
     if as_json:
-        excluded = {"left_out": [span.model_dump() for span in missing]}
-        print_json(about | error_dictionary(error) | excluded)
+        spans = [span.model_dump() for span in missing]
+        print_json(about | error_dictionary(error) | {"left_out": spans})
     else:
         said, excluded = summary(known, error, seen), left_out_table([(log.name, missing)])
         print_found(

@@ -1,21 +1,25 @@
-"""A command under a limit of address space, as `ulimit -v` sets it.
+"""The process of a command: its streams, how it is ended, and its limit of address space.
 
-Libraries that get no memory abort the process, end it, or try again for ever, and no exception ever
-arrives. So the command runs in a child process, and its parent, which loads none of them, says what
-happened.
+Streams may be closed, full, or have lost their reader. Under a limit of address space, as
+`ulimit -v` sets it, libraries that get no memory abort the process, end it, or try again for ever,
+and no exception ever arrives. So the command runs in a child process, and its parent, which loads
+none of them, says what happened.
 """
 
+import errno
 import os
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO, TextIOWrapper
 from typing import NoReturn
 
 from deltaid.errors import DeltaidError, quoted, visible
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 # Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B]: libraries,
 # stacks and heaps of threads. On one core it is 1.4e9.
 _NEEDED = 1.9e9
@@ -23,6 +27,78 @@ _NEEDED = 1.9e9
 _WITH_THREADS = ("polars", "scipy")
 # What libraries end a process with, or the system, where memory is lacking.
 _FATAL = (signal.SIGABRT, signal.SIGSEGV, signal.SIGILL, signal.SIGFPE)
+
+
+def open_streams() -> None:
+    """Let streams that are closed lead nowhere, or the next file to be opened takes their place.
+
+    Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter:
+    Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
+    """
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, "w" if descriptor else "r", encoding="utf-8")  # noqa: SIM115
+            if stream.fileno() != descriptor and sys.platform != "win32":
+                os.dup2(stream.fileno(), descriptor)
+            setattr(sys, name, stream)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            encoding = stream.encoding if stream.isatty() else "utf-8"
+            stream.reconfigure(encoding=encoding, errors="replace")
+
+
+@contextmanager
+def written_output() -> Generator[None, None, None]:
+    """Write all of standard output before the block ends.
+
+    Raises:
+        DeltaidError: it cannot be written.
+        BrokenPipeError: nobody reads it any more.
+    """
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        is_unread = isinstance(error, BrokenPipeError)
+        if not is_unread and (error.errno not in _FULL or error.filename is not None):
+            raise
+        with suppress(OSError):  # Python would write what is left once more, at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if is_unread:
+            raise
+        raise DeltaidError(
+            f"cannot be written: {error.strerror}",
+            where="standard output",
+            cure="check the space left, or send it elsewhere; files that were asked for may be "
+            "complete",
+        ) from None
+
+
+class EndedError(BaseException):
+    """A signal asks the process to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def cleaning_up() -> Generator[None, None, None]:
+    """Leave by the way of errors when told to end, so that no half-written file stays."""
+
+    def on_end(number: int, frame: object) -> None:
+        raise EndedError(number)
+
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, on_end) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

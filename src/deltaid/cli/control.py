@@ -1,4 +1,5 @@
-"""`deltaid simulate`: a controller that knows a model, on a robot, along a motion."""
+"""`deltaid simulate` and `compare-controllers`: controllers that know a model, on a robot, along a
+motion."""
 
 import math
 from dataclasses import asdict
@@ -7,26 +8,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltaid.cli.options import AsJson, Columns, Report, UsePoor, output_file
+import deltaid
+from deltaid.cli.options import AsJson, Columns, ModelOrRobot, Report, UsePoor, output_file
 from deltaid.cli.output import (
     console,
+    print_found,
     print_json,
     print_problems,
     print_warnings,
     print_written,
     progress,
     require_outputs,
+    table,
     used,
+    write_files,
 )
-from deltaid.cli.screen import print_found
 from deltaid.control.options import ControllerName
-from deltaid.files import together, written_whole
+from deltaid.files import write_bytes
 
 if TYPE_CHECKING:
-    from deltaid.control.simulate import Conditions, Simulation
+    from deltaid.control.comparison import ControllerRun
+    from deltaid.control.simulate import Conditions
     from deltaid.control.tracking import Tracking
-    from deltaid.robot.description import RobotDescription
-
 
 Trajectory = Annotated[
     Path, typer.Argument(help="Motion to follow: a file of `deltaid excite`, or a recording.")
@@ -95,42 +98,124 @@ def simulate(
     its prior. A motion that asks for more than the robot has, or that its controller does not
     follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
     """
-    from deltaid.control.simulate import simulate as run
-    from deltaid.model.model import load
+    from deltaid.view.tracking import drive_table
 
     inputs = (model, trajectory, plant, columns)
     require_outputs(inputs, {"--output": output, "--report": report})
-    with used(load(model), force=force), progress(as_json) as say:
-        result = run(
+    with used(deltaid.load(model), force=force), progress(as_json) as say:
+        result = deltaid.simulate(
             model, trajectory, controller=controller, plant=plant, rate=rate, bandwidth=bandwidth,
             encoder=encoder, delay=delay, current_loop=current_loop, payload=payload,
             payload_known=payload_known, elastic_gears=elastic_gears, columns=columns, progress=say,
         )  # fmt: skip
-        with together():
-            if output is not None:
-                with written_whole(output) as file:
-                    file.write(result.table().write_csv())
-            if report is not None:
-                say(f"writing {report}")
-                result.report(report)
-    print_warnings(result.conditions.warnings)
+        write_files(
+            (output, lambda path: write_bytes(path, result.table().write_csv().encode())),
+            (report, result.report),
+        )
+    on, error = result.conditions, result.tracking.error
+    print_warnings(on.warnings)
     if as_json:
+        ends = [
+            {
+                "mass": mass,
+                "platform_rms": end.error.platform_rms,
+                "platform_max": end.error.platform_max,
+                "ended": end.ended,
+            }
+            for mass, end in result.ends
+        ]
+        held = {"known": result.payload_known, "ends": ends}
         print_json(
             {"controller": controller, "model": model, "plant": plant or model}
-            | conditions_dictionary(result.conditions)
-            | _payload_dictionary(result)
-            | error_dictionary(result.tracking)
+            | _on_what(on)
+            | {"payload": asdict(on.payload) | held if on.payload else None}
+            | _errors(result.tracking)
             | {"infeasible": [asdict(problem) for problem in result.problems]}
         )
     else:
-        _print(result.conditions.model.robot, result.tracking)
+        lines = [
+            f"Platform error {1e3 * error.platform_rms:.3g} mm rms, "
+            f"{1e3 * error.platform_max:.3g} mm at most, over {result.tracking.time[-1]:.4g} s."
+        ]
+        if error.turn_rms is not None and error.turn_max is not None:
+            lines.append(
+                f"Error of the tool's turn {1e3 * error.turn_rms:.3g} mrad rms, "
+                f"{1e3 * error.turn_max:.3g} mrad at most."
+            )
+        print_found(lines, [drive_table(on.model.robot, result.tracking)], full=True)
         for text in result.remarks:
             console.print(text)
         print_written(output, report)
     print_problems([problem.text for problem in result.problems])
 
 
-def conditions_dictionary(on: "Conditions") -> dict[str, Any]:
+def compare_controllers(
+    model: ModelOrRobot,
+    trajectory: Trajectory,
+    plant: Annotated[str, typer.Option(help="The true robot: another model, robot name or file.")],
+    rate: Rate = DEFAULT_RATE,
+    bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
+    encoder: Encoder = None,
+    delay: Delay = 0,
+    current_loop: CurrentLoop = None,
+    payload: PayloadText = None,
+    elastic_gears: ElasticGears = False,
+    columns: Columns = None,
+    report: Report = None,
+    force: UsePoor = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare tracking: prior, base values, full model.
+
+    Every controller runs with every model on the plant, all tuned alike: what differs is what they
+    know of the robot. With --payload, the identified model runs a second time with its mass known,
+    and all runs again two standard deviations off. Runs at a limit, lost, or far from the motion
+    are marked in the table, and none of them is called best; the exit code stays 0.
+    """
+    from deltaid.view.tracking import comparison_table, infeasible_lines
+
+    require_outputs((model, trajectory, plant, columns), {"--report": report})
+    with used(deltaid.load(model), force=force), progress(as_json) as say:
+        result = deltaid.compare_controllers(
+            model, trajectory, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
+            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
+            columns=columns, progress=say,
+        )  # fmt: skip
+        write_files((report, result.report))
+    on = result.conditions
+    print_warnings(on.warnings)
+    if as_json:
+        held = asdict(on.payload) | {"known": False, "ends": []} if on.payload else None
+        print_json(
+            {"model": model, "plant": plant}
+            | _on_what(on)
+            | {"payload": held}
+            | {"infeasible": [asdict(problem) for problem in result.problems]}
+            | {"runs": [_run(run) for run in result.runs]}
+        )
+    else:
+        console.print(table(comparison_table(on.model.robot, result.runs)))
+        print_written(report)
+    print_problems(infeasible_lines(result.problems, result.runs))
+
+
+def _run(run: "ControllerRun") -> dict[str, Any]:
+    value: dict[str, Any] = {
+        "controller": run.controller,
+        "model": run.model or None,
+        "why_not": run.why_not or None,
+    }
+    if run.tracking is not None:
+        value |= _errors(run.tracking)
+        value["infeasible"] = [asdict(problem) for problem in run.problems]
+    if run.ends:
+        value["ends"] = [
+            {"mass": mass, "platform_rms": end.error.platform_rms} for mass, end in run.ends
+        ]
+    return value
+
+
+def _on_what(on: "Conditions") -> dict[str, Any]:
     """On what controllers were tried, for JSON."""
     drives = on.drives
     return {
@@ -143,24 +228,7 @@ def conditions_dictionary(on: "Conditions") -> dict[str, Any]:
     }
 
 
-def _payload_dictionary(result: "Simulation") -> dict[str, Any]:
-    """What is held, for JSON, and errors at both ends of what it may be."""
-    payload = result.conditions.payload
-    if payload is None:
-        return {"payload": None}
-    ends = [
-        {
-            "mass": mass,
-            "platform_rms": end.error.platform_rms,
-            "platform_max": end.error.platform_max,
-            "ended": end.ended,
-        }
-        for mass, end in result.ends
-    ]
-    return {"payload": asdict(payload) | {"known": result.payload_known, "ends": ends}}
-
-
-def error_dictionary(result: "Tracking") -> dict[str, Any]:
+def _errors(result: "Tracking") -> dict[str, Any]:
     """Tracking errors for JSON, SI units."""
     error = result.error
     return {
@@ -176,19 +244,3 @@ def error_dictionary(result: "Tracking") -> dict[str, Any]:
         "torque_max": error.torque_max.tolist(),
         "saturated": error.saturated.tolist(),
     }
-
-
-def _print(robot: "RobotDescription", result: "Tracking") -> None:
-    from deltaid.view.tracking import drive_table
-
-    error = result.error
-    lines = [
-        f"Platform error {1e3 * error.platform_rms:.3g} mm rms, {1e3 * error.platform_max:.3g} mm "
-        f"at most, over {result.time[-1]:.4g} s."
-    ]
-    if error.turn_rms is not None and error.turn_max is not None:
-        lines.append(
-            f"Error of the tool's turn {1e3 * error.turn_rms:.3g} mrad rms, "
-            f"{1e3 * error.turn_max:.3g} mrad at most."
-        )
-    print_found(lines, [drive_table(robot, result)], full=True)

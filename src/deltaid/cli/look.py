@@ -1,0 +1,240 @@
+"""`deltaid show`, `base` and `schema`: a robot, its base parameters and its files, to look at."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+import deltaid
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Cutoff,
+    Full,
+    KeepAll,
+    bounded,
+    output_file,
+)
+from deltaid.cli.output import (
+    console,
+    judged,
+    print_found,
+    print_json,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+)
+from deltaid.model.options import LeastSquaresMethod
+
+if TYPE_CHECKING:
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.view.reach import Reach, WorkspaceSurvey
+
+# Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
+_LOOK = 0.5
+
+Kind = Literal["robot", "columns", "model", "sensors", "fleet", "measurements"]
+
+
+def show(
+    robot: Annotated[
+        str, typer.Argument(help="Catalogue name or YAML file of the robot, or a saved model.")
+    ],
+    report: Annotated[
+        Path | None,
+        output_file("--report", "-o", help="HTML page: picture, workspace, reach, condition."),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Open a view in which one drags the platform.")
+    ] = False,
+    port: Annotated[
+        int | None,
+        bounded(
+            help="Port of the live view. Default: 8080, or the next that is free.",
+            limits=(0, 65535),
+        ),
+    ] = None,
+    full: Full = False,
+) -> None:
+    """Show a robot's workspace, limits and holding torques.
+
+    What it can reach, which limits end that, condition, torques at rest.
+
+    Without options it prints tables.
+    """
+    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.view import robots
+    from deltaid.view.reach import reach, require_space, survey
+
+    require_outputs([robot], {"--report": report})
+    if live:
+        from deltaid.view.live import require_viser
+        from deltaid.view.own_page import free_port
+
+        require_viser()
+        if port is not None:
+            free_port((port,))
+    model = deltaid.load(robot)
+    require_space(model.robot)
+    with judged(model, force=True), progress(False) as say:
+        say("compiling")
+        at_rest = AtRest(model.dynamics, model.p)
+    if report is not None:
+        known = "identified" if model.identified else "prior"
+        write_robot(at_rest, report, f"Robot at rest, with its {known} parameters")
+    elif not live:
+        reached, surveyed = reach(at_rest), survey(at_rest)
+        print_warnings(robots.rest_warnings(at_rest, surveyed))
+        drives = robots.rest_table(at_rest, surveyed).without("held at home")
+        uses, ends = robots.use_table(at_rest, surveyed), robots.end_table(at_rest, reached)
+        print_found(
+            fact_lines(at_rest, reached, surveyed),
+            [
+                replace(drives, title="drives"),
+                replace(uses, title="limits in the workspace"),
+                replace(ends, title="limits that end straight moves from home"),
+            ],
+            full=full,
+        )
+    if live:
+        _open(at_rest, port)
+
+
+def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
+    """Write the page of a robot at rest, whose parameters are of that origin."""
+    from deltaid.view.html import write_page
+    from deltaid.view.reach import reach, survey
+    from deltaid.view.robots import rest_page
+
+    write_page(rest_page(robot, reach(robot), survey(robot), origin), path)
+    print_written(path)
+
+
+def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -> list[str]:
+    """A robot's title and its figures at rest, a line each."""
+    from deltaid.view.robots import rest_facts
+
+    return [
+        robot.robot.title or robot.robot.name,
+        *(
+            f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
+            for fact in rest_facts(robot, reached, surveyed)
+        ),
+    ]
+
+
+def _open(robot: "AtRest", port: int | None) -> None:
+    from deltaid.view.live import DEFAULT_PORT, LiveView
+
+    live = LiveView(robot, DEFAULT_PORT if port is None else port)
+    try:
+        console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
+        closed = threading.Event()
+        while not closed.wait(_LOOK):
+            pass
+    except KeyboardInterrupt:
+        console.print("closed")
+    finally:
+        live.close()
+
+
+def base(
+    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    logs: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings, to estimate the values as well.")
+    ] = None,
+    method: Annotated[
+        LeastSquaresMethod, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
+    ] = "weighted",
+    columns: ColumnFiles = None,
+    cutoff: Cutoff = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
+    keep_all: KeepAll = False,
+    full: Full = False,
+    as_json: AsJson = False,
+) -> None:
+    """List base parameters as formulas, or estimate them.
+
+    Recordings are needed for their values.
+    """
+    from deltaid.dynamics.dynamics import compiled
+    from deltaid.estimation.information import active_columns
+    from deltaid.estimation.reduction import build_reduction
+    from deltaid.identification.generic_motion import measured_base
+    from deltaid.identification.least_squares import identify_base
+    from deltaid.view.model_tables import estimate_table
+
+    description, estimate = deltaid.load_robot(robot), None
+    dynamics = compiled(description)
+    with progress(as_json) as say:
+        if logs:
+            say("reading logs")
+            result, estimate = identify_base(
+                dynamics, logs, method, columns=columns, cutoff=cutoff, keep_all=keep_all
+            )
+        else:
+            say("trying a random motion")
+            result = measured_base(dynamics, seed)
+    layout, free = result.layout, build_reduction(description, active_columns(dynamics)).size
+    invisible = [layout.names[i] for i in result.invisible]
+    visible = len(layout.names) - len(invisible)
+    if as_json:
+        value: dict[str, Any] = {
+            "robot": description.name,
+            "columns": len(layout.names),
+            "nonzero_columns": visible,
+            "base_parameters": result.rank,
+            "optimization_variables": free,
+            "condition": result.condition,
+            "groups": list(result.formulas),
+            "invisible": invisible,
+        }
+        if estimate is not None:
+            value |= {
+                "method": estimate.method,
+                "values": estimate.values.tolist(),
+                "std": estimate.std.tolist(),
+                "low": (estimate.values - estimate.interval).tolist(),
+                "high": (estimate.values + estimate.interval).tolist(),
+            }
+        print_json(value)
+        return
+    bodies = description.bodies.values()
+    measured = len(description.measured) + sum(len(body.measured) for body in bodies)
+    beside = [*description.sensors, *([f"{measured} measured values"] if measured else [])]
+    lines = [
+        description.title or description.name,
+        f"{len(layout.names)} parameters, {visible} visible{'' if beside else ' in torques'}, "
+        f"{result.rank} base parameters; {free} free in a consistent fit",
+        *([f"determined by torques together with {', '.join(beside)}"] if beside else []),
+        f"not visible in {'anything that is measured' if beside else 'any torque'}: "
+        f"{', '.join(invisible)}",
+    ]
+    units = [layout.units[group.representative] for group in result.groups]
+    print_found(lines, [estimate_table(result.formulas, units, estimate)], full=full)
+
+
+def schema(
+    kind: Annotated[
+        Kind,
+        typer.Argument(
+            help="robot, columns (a log's mapping), model, sensors (what to buy), "
+            "fleet or measurements (of poses)."
+        ),
+    ] = "robot",
+) -> None:
+    """Print the JSON Schema of a file that deltaid reads."""
+    from deltaid.fleets.manifest import Manifest
+
+    models = {
+        "robot": deltaid.RobotDescription,
+        "columns": deltaid.ColumnMapping,
+        "model": deltaid.IdentifiedModel,
+        "sensors": deltaid.Offers,
+        "fleet": Manifest,
+        "measurements": deltaid.Measurements,
+    }
+    print_json(models[kind].model_json_schema())

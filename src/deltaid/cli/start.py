@@ -1,0 +1,122 @@
+"""`deltaid demo`, `studio` and `robots`: first steps, before there is a recording."""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import deltaid
+from deltaid.cli.options import Full
+from deltaid.cli.output import Finished, console, percent, progress, table
+from deltaid.files import require_writable, together, write_bytes
+
+
+def demo(
+    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file.")] = "irb360-6-1600",
+    seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.", min=0)] = 0,
+    noise: Annotated[
+        float, typer.Option(help="Torque noise as a share of the largest torque.", min=0, max=1)
+    ] = 0.02,
+    keep: Annotated[
+        Path | None, typer.Option(help="Folder to keep robot, logs and model in.")
+    ] = None,
+    full: Full = False,
+) -> None:
+    """Simulate a robot, record it, identify it, compare.
+
+    Its parameters are known, and the recording is as a drive would make it.
+
+    The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
+    motions keep the robot's limits.
+    """
+    from deltaid.cli.identified import Truth, print_result
+    from deltaid.identification.demo import FILES, demonstrate
+
+    description = deltaid.load_robot(robot)
+    kept = [] if keep is None else [keep / name for name in FILES]
+    for path in kept:
+        require_writable(path)
+    with tempfile.TemporaryDirectory() as temporary, progress(False) as say:
+        folder = Path(temporary)
+        result = demonstrate(description, folder, seed=seed, torque_noise=noise, progress=say)
+        with together():
+            for path in kept:
+                write_bytes(path, (folder / path.name).read_bytes())
+    truth = Truth(
+        result.truth.tolist(),
+        "Against the truth: mass matrix within "
+        f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
+        f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
+        "numbers are less certain than what the drives feel of them.",
+    )
+    print_result(result.identification, result.verification, truth=truth, full=full)
+    if kept:
+        console.print(f"{', '.join(FILES[:-1])} and {FILES[-1]} are in {keep}")
+
+
+def studio(
+    folder: Annotated[
+        Path, typer.Argument(help="Where robot, recordings and models lie; made if missing.")
+    ] = Path(),
+    port: Annotated[
+        int | None,
+        typer.Option(
+            help="Port on this machine; 0 for any. Default: 8090, or the next one.",
+            min=0,
+            max=65535,
+        ),
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+) -> None:
+    """Work in a browser, on this machine only.
+
+    Robot, recording, check, fit, result, use.
+
+    Everything stays in FOLDER, in the files that the other commands read and write.
+    """
+    from deltaid.studio.server import PORTS, require_nicegui, serve
+    from deltaid.view.own_page import free_port
+
+    require_nicegui()
+    opened = list[str]()
+
+    def say(address: str) -> None:
+        at = f"in another browser: {address}" if opened else f"{folder.resolve()} at {address}"
+        console.print(f"{at} until Ctrl-C", soft_wrap=True)
+        console.file.flush()
+        opened.append(address)
+
+    try:
+        serve(folder, free_port(PORTS if port is None else (port,)), show=browser, say=say)
+    except KeyboardInterrupt:
+        console.print("closed")
+
+
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Print this robot's description file.")] = None,
+) -> None:
+    """List catalogue robots, or print one to start from."""
+    from deltaid.robot.load import catalogue_text
+
+    if name is not None:
+        typer.echo(catalogue_text(name))
+        return
+    rows = list[tuple[str, ...]]()
+    for robot in map(deltaid.load_robot, deltaid.catalogue()):
+        free = sum(len(body.free) for body in robot.bodies.values())
+        joints = (robot.friction_terms, robot.spring_joints, robot.rotor_drives)
+        variables = free + sum(map(len, joints))
+        rows.append((robot.name, robot.title, _mechanism(robot), str(variables)))
+    console.print(table(Finished(("name", "robot", "mechanism", "free"), tuple(rows))))
+    console.print("\nfree: parameters that a fit may change.")
+    console.print("`deltaid robots NAME > my-robot.yaml` writes one as a start for your own.")
+
+
+def _mechanism(robot: "deltaid.RobotDescription") -> str:
+    """What a mechanism is composed of: limbs, platform, telescope."""
+    limbs = [limb.drive for limb in robot.limb_geometry]
+    parts = [f"{limbs.count(kind)} {kind}" for kind in dict.fromkeys(limbs)]
+    parts += [robot.platform.kind] if robot.platform_turns else []
+    parts += ["telescope"] if robot.telescope else []
+    return ", ".join(parts)

@@ -1,0 +1,237 @@
+"""`deltaid torque`, `forces` and `sample`: what follows from a model."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+import deltaid
+from deltaid.cli.options import (
+    AsJson,
+    Columns,
+    Full,
+    ModelOrRobot,
+    Report,
+    UsePoor,
+    bounded,
+    output_file,
+)
+from deltaid.cli.output import (
+    console,
+    print_found,
+    print_json,
+    print_warnings,
+    print_written,
+    progress,
+    require_outputs,
+    used,
+    write_files,
+)
+from deltaid.errors import DeltaidError
+from deltaid.files import require_new_folder, require_writable
+from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
+
+if TYPE_CHECKING:
+    from deltaid.joint_forces.forces import ForceFinding
+
+Form = Literal["npz", "mjcf"]
+
+
+def torque(
+    model: ModelOrRobot,
+    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, of any kind.")],
+    output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
+    columns: Columns = None,
+    periodic: Annotated[
+        bool, typer.Option("--periodic", help="The motion goes on as it begins.")
+    ] = False,
+    force: UsePoor = False,
+) -> None:
+    """Write the drive torques that a model predicts.
+
+    Columns t, tau1, tau2, … in s and N m (N).
+
+    Where the identification found gains of the drives, these are the torques that the drives must
+    be commanded for what the joints need; all other numbers of a model are torques at the joints.
+    Without velocities and accelerations the positions are filtered and differentiated. A motion
+    that rests at an end, or is --periodic, has torques in every row; at an end that moves, as many
+    rows as the filter is long are written without.
+    """
+    require_outputs((model, log, columns), {"--output": output})
+    known = deltaid.load(model)
+    with used(known, force=force), progress(False) as say:
+        result = deltaid.torque(known, log, columns=columns, periodic=periodic, progress=say)
+        print_warnings(result.warnings)
+        say(f"predicting torques along {log}")
+        result.save(output)
+    cutoff = result.recording.motion_cutoff
+    filtered = f", positions low-passed at {cutoff:.3g} Hz" if cutoff else ""
+    samples = result.recording.log.samples
+    console.print(f"wrote {result.rows} of {samples} samples to {output}{filtered}")
+
+
+def forces(
+    model: ModelOrRobot,
+    motion: Annotated[
+        Path, typer.Argument(help="A planned motion or a recording, in any kind of file.")
+    ],
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(help="A recording the model comes from, for ranges; may be repeated."),
+    ] = None,
+    output: Annotated[
+        Path | None, output_file("--output", "-o", help="CSV file with all forces over time.")
+    ] = None,
+    strut_spacing: Annotated[
+        float | None, typer.Option(help="Distance of a limb's struts, m, if not described.")
+    ] = None,
+    socket_force: Annotated[
+        float | None, typer.Option(help="Spring force at each ball, N, if not described.")
+    ] = None,
+    columns: Annotated[
+        Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
+    ] = None,
+    log_columns: Annotated[
+        list[Path] | None,
+        typer.Option(help="The same for the recordings of --logs; repeated, one each."),
+    ] = None,
+    report: Report = None,
+    force: UsePoor = False,
+    full: Full = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compute joint and strut forces along a motion.
+
+    Worst cases, margins of ball joints, and what is known of them.
+
+    Some forces depend on parameters that no torque shows. With --logs the least and largest value
+    that agrees with the recordings is found, else how far the prior leaves a force open.
+    """
+    from deltaid.view.forces import tables, verdict, what_is_open
+
+    inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
+    require_outputs(inputs, {"--output": output, "--report": report})
+    with used(deltaid.load(model), force=force), progress(as_json) as say:
+        result = deltaid.forces(
+            model, motion, logs=logs or (), strut_spacing=strut_spacing, socket_force=socket_force,
+            columns=columns, log_columns=log_columns, progress=say,
+        )  # fmt: skip
+        write_files((output, result.save), (report, result.report))
+    print_warnings(result.warnings)
+    if as_json:
+        computed, extremes = result.constraint_forces, result.extremes
+        print_json(
+            {
+                "robot": computed.robot.name,
+                "motion": result.recording.path.name,
+                "struts": list(computed.struts),
+                "note": computed.note or None,
+                "socket_force": computed.socket_force,
+                "worst": [_finding(finding, computed.socket_force) for finding in result.findings],
+                "extremes": {
+                    channel: {"unit": unit, "least": float(least), "largest": float(largest)}
+                    for channel, unit, least, largest in zip(
+                        extremes.names, extremes.units, *extremes.values, strict=True
+                    )
+                },
+            }
+        )
+    else:
+        print_found([verdict(result).sentence, what_is_open(result)], tables(result), full=full)
+        print_written(output, report)
+
+
+def _finding(finding: "ForceFinding", socket_force: float | None) -> dict[str, Any]:
+    worst, known = finding.worst, finding.range
+    margin = worst.value + socket_force if worst.kind == "socket" and socket_force else None
+    return {
+        "part": worst.part,
+        "kind": worst.kind,
+        "channel": worst.channel,
+        "unit": worst.unit,
+        "value": worst.value,
+        "margin": margin,
+        "time": worst.at.time,
+        "z": worst.at.z.tolist(),
+        "low": known.low if known else None,
+        "high": known.high if known else None,
+        "open": finding.openness.half_width,
+        "open_entries": list(finding.openness.unknowns),
+    }
+
+
+def sample(
+    model: Annotated[str, typer.Argument(help="A model saved by `deltaid identify`.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="File (.npz) or new folder (mjcf).", metavar="PATH"),
+    ],
+    n: Annotated[
+        int, bounded("-n", "--number", help="How many models.", limits=SAMPLES_LIMITS)
+    ] = 1000,
+    seed: Annotated[
+        int, bounded(help="The same one gives the same models.", limits=(0.0, 2.0**63))
+    ] = 0,
+    to: Annotated[
+        Form, typer.Option(help="npz: all parameters in one file; mjcf: a file a model.")
+    ] = "npz",
+    limb_tolerance: Annotated[
+        float,
+        bounded(
+            help="Scatter of masses from limb to limb, as a share (one sigma).",
+            limits=TOLERANCE_LIMITS,
+        ),
+    ] = 0.0,
+    force: UsePoor = False,
+    full: Full = False,
+    as_json: AsJson = False,
+) -> None:
+    """Draw consistent models from the posterior.
+
+    They are what data, prior and physical consistency allow together.
+
+    docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
+    domain randomisation that no recording contradicts.
+    """
+    from deltaid.view.models import sample_sentence, sample_table
+
+    if to == "npz" and output.suffix.lower() != ".npz":
+        raise DeltaidError("must end in .npz for --to npz", where=str(output))
+    if to == "npz":
+        require_writable(output, [Path(model)])
+    else:
+        require_new_folder(output)
+    known = deltaid.load(model)
+    with used(known, force=force), progress(as_json) as say:
+        say("drawing models")
+        drawn = known.sample(n, seed, limb_tolerance)
+        say(f"writing {output}")
+        written = drawn.save(output) if to == "npz" else drawn.mjcf(output)
+    if as_json:
+        print_json(
+            {
+                "robot": drawn.robot.name,
+                "models": len(drawn),
+                "seed": drawn.seed,
+                "limb_tolerance": drawn.limb_tolerance,
+                "effective_size": float(drawn.ess.min()),
+                "rhat": float(drawn.rhat.max()),
+                "output": str(written),
+                "parameters": [
+                    {
+                        "name": name,
+                        "unit": unit,
+                        "mean": float(column.mean()),
+                        "std": float(column.std()),
+                        "effective_size": float(size),
+                        "rhat": float(factor),
+                    }
+                    for name, unit, column, size, factor in zip(
+                        drawn.names, drawn.units, drawn.p.T, drawn.ess, drawn.rhat, strict=True
+                    )
+                ],
+            }
+        )
+    else:
+        print_found([sample_sentence(drawn)], [sample_table(drawn)], full=full)
+        print_written(written)
