@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 from _table import STATED, leave
 
-from deltaid.fleets.pool import LocalPool
+from deltaid.fleets.workers import LocalPool
 
 ROBOT = "irb360-6-1600"
 RATE, CUTOFF = 1000.0, 15.0

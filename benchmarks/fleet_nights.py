@@ -16,7 +16,7 @@ from _table import leave
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.fleets import factor_file, place
-from deltaid.fleets.drift_inputs import DriftSettings
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.gather_all import gather_recorded

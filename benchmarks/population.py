@@ -18,8 +18,7 @@ from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.member import TypeMember, member
-from deltaid.fleets.next_robot import next_robot
-from deltaid.fleets.population import Population, PopulationSettings
+from deltaid.fleets.population import Population, PopulationSettings, next_robot
 from deltaid.fleets.type_fit import fitted
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription

@@ -96,5 +96,5 @@ def no_workers() -> Iterator[None]:
     """All work is done here, one item after the other."""
     with pytest.MonkeyPatch.context() as patch:
         here = Mock(done=lambda work, items, failed: map(work, items))
-        patch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
+        patch.setattr("deltaid.fleets.run.open_workers", lambda *_: nullcontext(here))
         yield

@@ -19,8 +19,7 @@ from deltaid.fleets.drift_evidence import (
     first_prior,
     with_others,
 )
-from deltaid.fleets.drift_findings import finding
-from deltaid.fleets.drift_inputs import DriftSettings
+from deltaid.fleets.drift_findings import DriftSettings, finding
 from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
 from deltaid.fleets.robot_drift import tool_changes

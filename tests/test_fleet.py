@@ -29,14 +29,13 @@ from command import run
 from damage import changed_bit
 from deltaid import libraries
 from deltaid.errors import DeltaidError
-from deltaid.fleets.cluster import require_shared, workers
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.fleets.fleet import find_fleet
 from deltaid.fleets.known import EarlierCalls, recordings_table
 from deltaid.fleets.place import Place
-from deltaid.fleets.pool import LocalPool
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.fleets.step import Chain
+from deltaid.fleets.workers import LocalPool, open_workers, require_shared
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.model.record import IdentifiedModel
@@ -94,7 +93,7 @@ def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
 
 def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (whole.output / "parameters.parquet").read_bytes()
-    monkeypatch.setattr("deltaid.fleets.run.workers_of", lambda *_: pytest.fail("were started"))
+    monkeypatch.setattr("deltaid.fleets.run.open_workers", lambda *_: pytest.fail("were started"))
     assert whole.run().computed == (0, 0, 0)
     assert (whole.output / "parameters.parquet").read_bytes() == before
 
@@ -143,7 +142,7 @@ def test_what_a_worker_has_done_before_it_dies_counts(
         return [failed(chain, "died") for chain in chains]
 
     here = Mock(done=dying)
-    monkeypatch.setattr("deltaid.fleets.run.workers_of", lambda *_: nullcontext(here))
+    monkeypatch.setattr("deltaid.fleets.run.open_workers", lambda *_: nullcontext(here))
     done = run_fleet(whole.manifest, folder, settings=SETTINGS)
     assert [(fit.job.robot, fit.job.names[-1]) for fit in done.fits if not fit.reason] == [
         ("north", "all")
@@ -181,7 +180,7 @@ def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -
 
 def test_without_dask_no_cluster_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(libraries, "find_spec", lambda name: None)
-    with pytest.raises(DeltaidError) as told, workers("tcp://127.0.0.1:1"):
+    with pytest.raises(DeltaidError) as told, open_workers("tcp://127.0.0.1:1"):
         pass
     assert "needs Dask, which is not installed" in str(told.value)
     assert "fleet]" in str(told.value)
@@ -394,9 +393,9 @@ def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
 
 
 def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deltaid.fleets.cluster._PATIENCE", 1)
+    monkeypatch.setattr("deltaid.fleets.workers._PATIENCE", 1)
     with (
         pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),
-        workers("tcp://127.0.0.1:1"),
+        open_workers("tcp://127.0.0.1:1"),
     ):
         pass

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from deltaid.fleets.pool import LocalPool
+from deltaid.fleets.workers import LocalPool
 
 
 def _work(item: int) -> int:
@@ -39,7 +39,7 @@ def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
 
 WAITING = """
 import time
-from deltaid.fleets.pool import LocalPool
+from deltaid.fleets.workers import LocalPool
 from test_fleet_pool import wait
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from deltaid.cli.output import (
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.fleets.drift_inputs import DriftSettings
+    from deltaid.fleets.drift_findings import DriftSettings
     from deltaid.fleets.factor_file import FactorFile
 
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
@@ -52,7 +52,7 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
     Raises:
         DeltaidError: a limit is no number, or cannot be; there is no such day.
     """
-    from deltaid.fleets.drift_inputs import DriftSettings
+    from deltaid.fleets.drift_findings import DriftSettings
 
     parts = None if limit is None else _LIMIT.fullmatch(limit.strip())
     if limit is not None and parts is None:
@@ -109,7 +109,7 @@ def drift(
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
     from deltaid.fleets import drift_tables
-    from deltaid.fleets.drift_inputs import recorded
+    from deltaid.fleets.drift_findings import recorded
     from deltaid.fleets.factor_file import read
     from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.fleets.robot_drift import robot_drift

@@ -176,9 +176,11 @@ def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> N
     """Write the files that were asked for, all or none: a text, or what a function writes."""
     with together():
         for path, content in files:
-            if path is not None and isinstance(content, str):
+            if path is None:
+                continue
+            if isinstance(content, str):
                 write_bytes(path, content.encode())
-            elif path is not None:
+            else:
                 content(path)
 
 

@@ -1,6 +1,7 @@
 """All recordings of a fleet, found where its manifest says that they lie."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +16,10 @@ from deltaid.robot.load import catalogue
 DATE = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
+)
+_UNDATED = (
+    "nothing says when it was made\n"
+    "  → give its time, or put a date such as 2026-01-31 into its name or folder"
 )
 # Folders such as year=2026/month=01/day=31.
 _KEYS = re.compile(r"\b(?:year|month|day|date|hour)=", re.IGNORECASE)
@@ -96,13 +101,11 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         StoreError: a store cannot be reached.
     """
     read, absent, types = read_manifest(manifest), list[Quarantined](), dict[str, str]()
-    recordings, entries = dict[str, Recorded](), list[tuple[str, str]]()
-    mappings = set[str]()
+    recordings, mappings = dict[str, Recorded](), set[str]()
     named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
     single = stamps_of(pattern for pattern, _ in named if not has_pattern(pattern))
     for pattern, (robot, kind, file, columns) in named:
         types[kind] = kind if kind in catalogue() else beside(kind, manifest)
-        entries.append((robot, pattern))
         if has_pattern(pattern):
             matches, why = matching(pattern), "no file answers to it"
         else:
@@ -116,11 +119,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         for path, stamp in matches.items():
             time = _time(file, path)
             if time is None:
-                reason = "nothing says when it was made\n"
-                reason += (
-                    "  → give its time, or put a date such as 2026-01-31 into its name or folder"
-                )
-                absent.append(Quarantined("recording", robot, path, reason))
+                absent.append(Quarantined("recording", robot, path, _UNDATED))
                 continue
             words = (mapping, file.load, file.temperature, stamp)
             recording = Recorded(robot, time, path, kind, *words)
@@ -137,7 +136,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         types,
         period or read.period,
         tuple(dict.fromkeys(absent)),
-        tuple(entries),
+        tuple((robot, pattern) for pattern, (robot, *_) in named),
         tuple(sorted(mappings - {""})),
     )
 
@@ -162,18 +161,13 @@ def datetime_of(match: re.Match[str]) -> datetime:
 
 def _time(file: RecordedFile, path: str) -> datetime | None:
     """When a recording was made, by what is said, by its name, or by its folders."""
-    if file.time is not None:
-        given = file.time
-        time = (
-            given if isinstance(given, datetime) else datetime(given.year, given.month, given.day)
-        )
+    if (given := file.time) is not None:
+        is_time = isinstance(given, datetime)
+        time = given if is_time else datetime(given.year, given.month, given.day)
         return time.astimezone(UTC).replace(tzinfo=None) if time.tzinfo else time
-    name = Path(path).name
     folders = _KEYS.sub("", path.replace("\\", "/")).replace("/", "-")
-    for text in (name, folders):
+    for text in (Path(path).name, folders):
         for match in reversed(list(DATE.finditer(text))):
-            try:
+            with suppress(ValueError):
                 return datetime_of(match)
-            except ValueError:
-                continue
     return None

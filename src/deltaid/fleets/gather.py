@@ -26,7 +26,7 @@ from deltaid.identification.least_squares import geometric_rows
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMapping, mapping_each
+from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_table
 from deltaid.recording.recording import PreparedRecording
@@ -87,7 +87,7 @@ def gather_into(
     robot: RobotDescription,
     logs: Sequence[Path],
     *,
-    columns: Sequence[ColumnMapping | None] | ColumnMapping | None = None,
+    columns: ColumnMappings = None,
     settings: Settings | None = None,
     force: bool = False,
     progress: Progress = lambda _: None,

@@ -2,11 +2,10 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import FactorFile, write
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.gather import gathered
@@ -15,6 +14,7 @@ from deltaid.fleets.known import GatherResult
 from deltaid.fleets.place import Place
 from deltaid.fleets.step import Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
+from deltaid.fleets.workers import ALONE
 from deltaid.parallel import threads
 
 # Why what was gathered of a recording cannot be used.
@@ -49,9 +49,10 @@ def gather_all(call: Call) -> tuple[list[GatherResult], int]:
             lost[_OTHERWISE] += before not in (None, job.how.digest)
         else:
             outcomes.append(known)
-    here, named = {recorded.path for recorded in call.fleet.recordings}, NamedRecordings(call.fleet)
+    here, is_named = {recorded.path for recorded in call.fleet.recordings}, _naming(call.fleet)
     gone = [
-        (outcome, _why_lost(call, outcome, named, listing)) for outcome in call.known.gone(here)
+        (outcome, _why_lost(call, outcome, listing) if is_named(outcome.recorded) else _UNNAMED)
+        for outcome in call.known.gone(here)
     ]
     lost.update(why for _, why in gone if why)
     _require_kept(call, +lost)
@@ -109,12 +110,8 @@ def _failed(job: GatherJob, why: str) -> GatherResult:
     return GatherResult(job.recorded, "", reason=why, how=job.how.digest)
 
 
-def _why_lost(
-    call: Call, outcome: GatherResult, named: "NamedRecordings", listing: Mapping[str, int]
-) -> str:
+def _why_lost(call: Call, outcome: GatherResult, listing: Mapping[str, int]) -> str:
     """Why what a recording that is away has said cannot be used; empty where it can."""
-    if not named.names(outcome.recorded):
-        return _UNNAMED
     try:
         same = call.plan.how(outcome.recorded).digest == outcome.how
     except DeltaidError:
@@ -124,23 +121,22 @@ def _why_lost(
     return "" if listing.get(outcome.file) == outcome.size else _DAMAGED
 
 
-class NamedRecordings:
-    """What a manifest names, also of recordings that are away."""
+def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
+    """Whether a manifest names a recording, which may be away."""
+    from fsspec.utils import glob_translate
 
-    def __init__(self, fleet: Fleet) -> None:
-        from fsspec.utils import glob_translate
+    single, patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
+    for robot, pattern in fleet.entries:
+        if has_pattern(pattern):
+            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
 
-        self._single, self._patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
-        for robot, pattern in fleet.entries:
-            if has_pattern(pattern):
-                own = self._patterns.setdefault(robot, [])
-                own.append(re.compile(glob_translate(pattern)))
+    def is_named(log: Recorded) -> bool:
+        own = patterns.get(log.robot, ())
+        return (log.robot, log.path) in single or any(
+            pattern.fullmatch(log.path) for pattern in own
+        )
 
-    def names(self, log: Recorded) -> bool:
-        """Whether it names a recording."""
-        patterns = self._patterns.get(log.robot, ())
-        single = (log.robot, log.path) in self._single
-        return single or any(pattern.fullmatch(log.path) for pattern in patterns)
+    return is_named
 
 
 def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
@@ -155,8 +151,8 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
         if original == log:
             kept.append(outcome)
         elif log.stamp:
-            reason = f"is a copy of {original.path} of {original.robot}\n"
-            reason += "  → give each recording once"
+            copied = f"is a copy of {original.path} of {original.robot}"
+            reason = f"{copied}\n  → give each recording once"
             kept.append(replace(outcome, key="", file="", reason=reason))
     return sorted(kept, key=lambda outcome: outcome.recorded)
 

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import ENDING, digest, safe, ways
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.place import Place
-from deltaid.fleets.pool import Workers
 from deltaid.fleets.store import local_file
+from deltaid.fleets.workers import ALONE, Workers
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
@@ -172,7 +171,7 @@ def with_cutoffs(
     wrong, cutoffs = dict(plan.wrong), dict(known)
     for kind in (kind for kind in plan.robots if kind not in known):
         jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
-        asked = (next(iter(workers().done(suggested_cutoff, [job], _nothing))) for job in jobs)
+        asked = (next(iter(workers().done(suggested_cutoff, [job], _none))) for job in jobs)
         cutoff = next((cutoff for cutoff in asked if cutoff is not None), None)
         if cutoff is not None:
             cutoffs[kind] = cutoff
@@ -187,8 +186,8 @@ def with_cutoffs(
     return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
 
 
-def _nothing(job: GatherJob, why: str) -> None:
-    """What a recording says of a cut-off that workers die of."""
+def _none(job: GatherJob, why: str) -> None:
+    """Of a recording that workers die of."""
 
 
 def suggested_cutoff(job: GatherJob) -> float | None:
@@ -196,10 +195,8 @@ def suggested_cutoff(job: GatherJob) -> float | None:
     with ALONE, threads(1):
         try:
             with local_file(job.recorded.path) as path:
-                kinematics = Kinematics(job.how.robot)
-                log = open_log(
-                    path, kinematics, job.how.mapping, keep_all=job.how.settings.keep_all
-                )
+                how, kinematics = job.how, Kinematics(job.how.robot)
+                log = open_log(path, kinematics, how.mapping, keep_all=how.settings.keep_all)
             cutoff = log.suggested_cutoff
         except (DeltaidError, FileNotFoundError):
             return None
@@ -210,10 +207,8 @@ def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
     """Recordings of a type that can be gathered, in the order of time."""
     recordings = [recorded for recorded in fleet.recordings if recorded.type == kind]
     for recorded in sorted(recordings, key=lambda recorded: (recorded.time, recorded.path)):
-        try:
+        with suppress(DeltaidError):
             yield GatherJob.for_recording(recorded, plan.how(recorded))
-        except DeltaidError:
-            continue
 
 
 def _decided(place: Place) -> dict[str, float]:

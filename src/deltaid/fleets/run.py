@@ -13,8 +13,7 @@ import polars as pl
 
 from deltaid.errors import within
 from deltaid.fleets import store
-from deltaid.fleets.cluster import workers as workers_of
-from deltaid.fleets.drift_inputs import DriftSettings
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
 from deltaid.fleets.gather_all import gather_again, gather_all
 from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
@@ -28,7 +27,6 @@ from deltaid.fleets.known import (
     recordings_table,
 )
 from deltaid.fleets.place import Place
-from deltaid.fleets.pool import Workers
 from deltaid.fleets.site.site import SITE, write_site
 from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult, run_chains
 from deltaid.fleets.steps import (
@@ -43,6 +41,7 @@ from deltaid.fleets.steps import (
     robot_chains,
     type_jobs,
 )
+from deltaid.fleets.workers import Workers, open_workers
 from deltaid.forked import require_threads
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
@@ -135,7 +134,7 @@ def fleet(
             """Workers, which are not started for a call that has nothing to do."""
             say("starting workers")
             shared = Path(place.root) if place.is_local else None
-            return stack.enter_context(workers_of(scheduler, workers, shared))
+            return stack.enter_context(open_workers(scheduler, workers, shared))
 
         plan = with_cutoffs(plan, manifest, place, started)
         call = Call(manifest, place, plan, known, started, say, drop_absent, regather)
@@ -177,6 +176,17 @@ def _run(call: Call, drift: DriftSettings) -> FleetRun:
     return finished
 
 
+def _write_pages(place: Place, tables: Mapping[str, pl.DataFrame]) -> None:
+    """The site; that of a fleet in a store is made here and copied there."""
+    if place.is_local:
+        write_site(tables, Path(place.root) / SITE, place.name)
+        return
+    with TemporaryDirectory(prefix="deltaid-") as folder:
+        write_site(tables, Path(folder), place.name)
+        for page in sorted(page for page in Path(folder).rglob("*") if page.is_file()):
+            place.write(f"{SITE}/{page.relative_to(folder).as_posix()}", page.read_bytes())
+
+
 def _quarantine(
     fleet: Fleet,
     outcomes: Sequence[GatherResult],
@@ -184,10 +194,8 @@ def _quarantine(
 ) -> Iterable[Quarantined]:
     used = {(outcome.recorded.robot, outcome.recorded.path) for outcome in outcomes if outcome.file}
     yield from (absent for absent in fleet.absent if (absent.robot, absent.which) not in used)
-    for outcome in outcomes:
-        if outcome.reason:
-            log = outcome.recorded
-            yield Quarantined("recording", log.robot, log.path, outcome.reason, outcome.key)
+    for log, outcome in ((outcome.recorded, outcome) for outcome in outcomes if outcome.reason):
+        yield Quarantined("recording", log.robot, log.path, outcome.reason, outcome.key)
     for step, own in results.items():
         for result in own:
             for name in result.job.names if result.reason else ():
@@ -220,15 +228,3 @@ def _write(
         if name not in used:
             store.remove(place.path_to(name))
     return tables
-
-
-def _write_pages(place: Place, tables: Mapping[str, pl.DataFrame]) -> None:
-    """The site; that of a fleet in a store is made here and copied there."""
-    if place.is_local:
-        write_site(tables, Path(place.root) / SITE, place.name)
-        return
-    with TemporaryDirectory(prefix="deltaid-") as folder:
-        write_site(tables, Path(folder), place.name)
-        for page in sorted(Path(folder).rglob("*")):
-            if page.is_file():
-                place.write(f"{SITE}/{page.relative_to(folder).as_posix()}", page.read_bytes())

@@ -12,14 +12,13 @@ from typing import Any, TypeVar
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.cluster import ALONE
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan
 from deltaid.fleets.known import EarlierCalls
 from deltaid.fleets.place import Place, ReadOnce
-from deltaid.fleets.pool import Workers
 from deltaid.fleets.store import StoreError
+from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.robot.description import RobotDescription
@@ -122,11 +121,6 @@ class JobResult:
     damaged: tuple[str, ...] = ()
 
 
-def _no_file(job: FleetJob) -> str:
-    del job
-    return ""
-
-
 @dataclass(frozen=True, eq=False)
 class FleetStep:
     """What is done with every robot or type once recordings have been gathered.
@@ -145,7 +139,7 @@ class FleetStep:
     read: Callable[[Any, Place], Any]
     make: Callable[[Any, Any, Place], Tables]
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    file: Callable[[Any], str] = _no_file
+    file: Callable[[Any], str] = lambda _: ""
     leads: bool = False
 
     def known(self, call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
@@ -166,9 +160,8 @@ class FleetStep:
         """What a call that was ended before its end has left of a job; None if it is not done."""
         left = {name: place.finished(_journal(job, name)) for name in self.tables}
         whole = {name: table for name, table in left.items() if table is not None}
-        file = self.file(job)
-        done = len(whole) == len(left) and (not file or place.size(file) > 0)
-        return JobResult(job, whole) if done else None
+        has_file = not (file := self.file(job)) or place.size(file) > 0
+        return JobResult(job, whole) if len(whole) == len(left) and has_file else None
 
     def work(self, job: FleetJob, place: Place) -> JobResult:
         """Do a job, unless a call that was ended before its end has done it.
@@ -244,9 +237,8 @@ def run_chains(
             results[step][result.job.key] = result
             count[step] += 1
     ordered: dict[FleetStep, list[JobResult]] = {step: [] for step in jobs}
-    for chain in map(reached, chains):
-        for step, job in chain:
-            ordered[step].append(results[step][job.key])
+    for step, job in (link for chain in chains for link in reached(chain)):
+        ordered[step].append(results[step][job.key])
     return ordered, count
 
 
@@ -276,8 +268,7 @@ def read_factors(job: FleetJob, place: Place) -> list[FactorFile]:
         DamagedFactorsError: some cannot be read.
     """
     files = {name: place.factors(name) for name in job.files}
-    damaged = [name for name, file in files.items() if file is None]
-    if damaged:
+    if damaged := [name for name, file in files.items() if file is None]:
         raise DamagedFactorsError(damaged)
     return [file for file in files.values() if file is not None]
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import polars as pl
 
-from deltaid.fleets.drift_inputs import DriftRecording, DriftSettings
+from deltaid.fleets.drift_findings import DriftRecording, DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FIT_SETTINGS, FactorFile, digest, safe
 from deltaid.fleets.fleet import Recorded, period_of
@@ -19,9 +19,8 @@ from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.known import GatherResult
 from deltaid.fleets.member import TypeMember, member, read_member, write_member
 from deltaid.fleets.mixed_model import NORMAL
-from deltaid.fleets.next_robot import save_next
 from deltaid.fleets.place import Place
-from deltaid.fleets.population import MEMBERS, TYPES, members_table, types_table
+from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
 from deltaid.fleets.robot_drift import robot_drift
 from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult, Tables, read_factors
 from deltaid.fleets.type_fit import PopulationSettings, fitted

@@ -1,20 +1,29 @@
-"""Where a fleet's work is done: on the cores of this machine, or by Dask on a cluster."""
+"""Where a fleet's work is done: on the cores of this machine, or by Dask on a cluster.
+
+On this machine processes talk through pipes. No port is open and no socket: nobody else on the
+machine can give them work.
+"""
 
 import logging
+import os
+import signal
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from os.path import exists
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Lock
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast, runtime_checkable
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.pool import LocalPool, Workers, defect
 from deltaid.libraries import require
-from deltaid.mechanism.user_code import named_path
+from deltaid.mechanism.user_code import named_path, use_mechanism
 from deltaid.parallel import cores
 
 if TYPE_CHECKING:
@@ -28,6 +37,133 @@ ALONE = Lock()
 _AT_ONCE = 2000
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
+_DEADLY = "workers die of it, of too little memory perhaps"
+
+
+@runtime_checkable
+class Workers(Protocol):
+    """Who does a fleet's work."""
+
+    def done(
+        self,
+        work: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        failed: Callable[[_Item, str], _Result],
+    ) -> Iterator[_Result]:
+        """`work` on all items, in whatever order they are done.
+
+        What was going on in workers that died is done again; what died with several workers waits
+        until all else is done and is then tried alone, so that it takes nothing else with it.
+
+        Args:
+            failed: the result of an item whose workers died again and again, or of a defect.
+
+        Raises:
+            DeltaidError: nobody is left to do it.
+        """
+        ...
+
+
+class LocalPool:
+    """Processes of this machine, started when there is work, for as long as its block lasts.
+
+    Args:
+        count: how many.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._stack, self._executor = ExitStack(), None
+
+    def __enter__(self) -> "LocalPool":
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self._stack.__exit__(*raised)
+
+    def done(
+        self,
+        work: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        failed: Callable[[_Item, str], _Result],
+    ) -> Iterator[_Result]:
+        """As of `Workers`."""
+        waiting, suspects = deque(items), list[_Item]()
+        while waiting:
+            suspects += yield from self._until_one_dies(work, waiting, failed)
+        for item in suspects:
+            if (yield from self._until_one_dies(work, deque([item]), failed)):
+                yield failed(item, _DEADLY)
+
+    def _until_one_dies(
+        self,
+        work: Callable[[_Item], _Result],
+        waiting: deque[_Item],
+        failed: Callable[[_Item, str], _Result],
+    ) -> Generator[_Result, None, list[_Item]]:
+        """Results; what was going on when a process died, and took the others with it."""
+        dead, running = list[_Item](), dict[Future[_Result], _Item]()
+        executor = self._executor = self._executor or self._stack.enter_context(
+            _processes(self.count)
+        )
+        while running or (waiting and not dead):
+            while waiting and not dead and len(running) < self.count:
+                item = waiting.popleft()
+                try:
+                    running[executor.submit(work, item)] = item
+                except BrokenProcessPool:
+                    dead.append(item)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                item, error = running.pop(future), future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    dead.append(item)
+                else:
+                    yield future.result() if error is None else failed(item, defect(error))
+        if dead:
+            self._stack.close()
+            self._executor = None
+        return dead
+
+
+def defect(error: object) -> str:
+    """A defect of the program in one line."""
+    first = str(error).strip().split("\n", 1)[0][:300]
+    return f"a defect of deltaid, please report it: {type(error).__name__}: {first}"
+
+
+@contextmanager
+def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
+    """Processes that end at once when the block is left by an error, or this process is killed.
+
+    They are spawned: a fork would lack the threads of this one, and a server of forks listens.
+    """
+    context = get_context("spawn")
+    lives, ours = context.Pipe(duplex=False)
+    executor = ProcessPoolExecutor(count, context, _begin, (lives, named_path()))
+    try:
+        yield executor
+    except BaseException:
+        ours.close()
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+        ours.close()
+        lives.close()
+
+
+def _begin(lives: Connection, mechanism: Path | None) -> None:
+    """In each process: Ctrl-C is for the one that started it, whose end is its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with, args=(lives,), daemon=True).start()
+    if mechanism is not None:
+        use_mechanism(mechanism)
+
+
+def _end_with(lives: Connection) -> None:
+    try:
+        lives.recv()  # until the other end is closed
+    except EOFError:
+        os._exit(1)
 
 
 def require_dask() -> None:
@@ -42,7 +178,7 @@ def require_dask() -> None:
 
 
 @contextmanager
-def workers(
+def open_workers(
     scheduler: str | None = None, count: int | None = None, folder: Path | None = None
 ) -> Generator[Workers]:
     """Workers of a Dask cluster by its address, or processes on this machine.
@@ -75,19 +211,13 @@ def workers(
         ) from None
     with connected:
         _require_same_version(connected, scheduler)
-        _share_code(connected)
+        if (path := named_path()) is not None:  # the user's own mechanism
+            from deltaid.fleets.own_code import OwnCode
+
+            connected.register_plugin(OwnCode(path.read_bytes()))
         if folder is not None:
             require_shared(connected, folder)
         yield DaskWorkers(connected)
-
-
-def _share_code(client: "Client") -> None:
-    """Give workers the Python file of the user's own mechanism, if there is one."""
-    path = named_path()
-    if path is not None:
-        from deltaid.fleets.own_code import OwnCode
-
-        client.register_plugin(OwnCode(path.read_bytes()))
 
 
 def require_shared(client: "Client", folder: Path) -> None:
@@ -155,10 +285,8 @@ class DaskWorkers:
             for item in suspects:
                 future = self.client.submit(work, item, pure=False)
                 error = future.exception()
-                if isinstance(error, KilledWorker):
-                    yield failed(item, "workers die of it, of too little memory perhaps")
-                else:
-                    yield future.result() if error is None else failed(item, defect(error))
+                why = _DEADLY if isinstance(error, KilledWorker) else defect(error)
+                yield future.result() if error is None else failed(item, why)
         except (FutureCancelledError, OSError):
             raise DeltaidError(
                 "is gone; what has been gathered and fitted is kept",
