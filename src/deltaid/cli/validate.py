@@ -34,8 +34,8 @@ def validate(
     as_json: AsJson = False,
 ) -> None:
     """Compare a model's torques with a recording."""
-    from deltaid.identification.sources import left_out, model_filtered
     from deltaid.identification.prediction import remarks
+    from deltaid.identification.sources import left_out, model_filtered
     from deltaid.view.corrections import left_out_table
     from deltaid.view.model_tables import error_table
     from deltaid.view.summary import summary
