@@ -9,19 +9,26 @@ from typing import Annotated
 import typer
 
 import deltaid
-from deltaid.cli.calibrate import calibrate
-from deltaid.cli.check import check
-from deltaid.cli.columns import columns
-from deltaid.cli.control import compare_controllers, simulate
-from deltaid.cli.drift import drift
-from deltaid.cli.excite import excite
-from deltaid.cli.export import export
-from deltaid.cli.fleet import fleet
-from deltaid.cli.gather import gather
-from deltaid.cli.identify import identify
-from deltaid.cli.look import base, schema, show
-from deltaid.cli.new import new
-from deltaid.cli.online import online
+from deltaid.cli import (
+    calibrate,
+    check,
+    columns,
+    control,
+    drift,
+    excite,
+    export,
+    fleet,
+    gather,
+    identify,
+    look,
+    new,
+    online,
+    reproduce,
+    sensors,
+    start,
+    use,
+    validate,
+)
 from deltaid.cli.output import print_error, print_note
 from deltaid.cli.process import (
     EndedError,
@@ -30,11 +37,6 @@ from deltaid.cli.process import (
     open_streams,
     written_output,
 )
-from deltaid.cli.reproduce import reproduce
-from deltaid.cli.sensors import sensors
-from deltaid.cli.start import demo, robots, studio
-from deltaid.cli.use import forces, sample, torque
-from deltaid.cli.validate import validate
 from deltaid.errors import DeltaidError
 
 app = typer.Typer(
@@ -48,11 +50,25 @@ app = typer.Typer(
 )
 # In the order of `--help`.
 COMMANDS = {
-    "Start": (demo, studio, robots, new, columns, check),
-    "Identify": (excite, sensors, calibrate, identify, validate, sample),
-    "Use": (torque, simulate, compare_controllers, forces, online, export),
-    "Look": (show, base, schema, reproduce),
-    "Fleet": (gather, fleet, drift),
+    "Start": (start.demo, start.studio, start.robots, new.new, columns.columns, check.check),
+    "Identify": (
+        excite.excite,
+        sensors.sensors,
+        calibrate.calibrate,
+        identify.identify,
+        validate.validate,
+        use.sample,
+    ),
+    "Use": (
+        use.torque,
+        control.simulate,
+        control.compare_controllers,
+        use.forces,
+        online.online,
+        export.export,
+    ),
+    "Look": (look.show, look.base, look.schema, reproduce.reproduce),
+    "Fleet": (gather.gather, fleet.fleet, drift.drift),
 }
 for group, commands in COMMANDS.items():
     for command in commands:

@@ -166,7 +166,6 @@ class _Terminal:
     title: str = ""
 
     def kind(self) -> str:
-        """The kind of robot that is chosen."""
         console.print("What kind of robot is it?")
         names = list(KINDS)
         for i, name in enumerate(names):
@@ -182,7 +181,6 @@ class _Terminal:
                 self.tell(error)
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
-        """The answer to one question, as it is typed."""
         if self.title != question.group:
             self.title = question.group
             console.print()
@@ -196,7 +194,6 @@ class _Terminal:
             console.print(f"  {question.how}")
 
     def tell(self, error: "DeltaidError") -> None:
-        """Say what is wrong."""
         print_error(error)
 
 

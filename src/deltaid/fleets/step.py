@@ -121,6 +121,11 @@ class JobResult:
     damaged: tuple[str, ...] = ()
 
 
+def _no_file(job: FleetJob) -> str:
+    del job
+    return ""
+
+
 @dataclass(frozen=True, eq=False)
 class FleetStep:
     """What is done with every robot or type once recordings have been gathered.
@@ -139,7 +144,7 @@ class FleetStep:
     read: Callable[[Any, Place], Any]
     make: Callable[[Any, Any, Place], Tables]
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    file: Callable[[Any], str] = lambda _: ""
+    file: Callable[[Any], str] = _no_file
     leads: bool = False
 
     def known(self, call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:

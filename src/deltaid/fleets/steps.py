@@ -161,12 +161,10 @@ def _study(
 
 
 def _with_model(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedModel]:
-    """Factor files, and the model by all of them."""
     return read_factors(job, place), place.model(_model_file(job))
 
 
 def _drift(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], place: Place) -> Tables:
-    """Friction of each recording and what is said of each drive."""
     del place
     files, model = given
     recordings = [

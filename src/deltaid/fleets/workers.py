@@ -139,7 +139,8 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
     """
     context = get_context("spawn")
     lives, ours = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(count, context, _begin, (lives, named_path()))
+    begin: tuple[Any, ...] = (lives, named_path())
+    executor = ProcessPoolExecutor(count, context, _begin, begin)
     try:
         yield executor
     except BaseException:
@@ -230,7 +231,7 @@ def require_shared(client: "Client", folder: Path) -> None:
     probe = folder / f".{uuid4().hex}"
     probe.touch()
     try:
-        seen = _of_each(client, exists, str(probe))
+        seen = _of_each(client, os.path.exists, str(probe))
     finally:
         probe.unlink()
     blind = sorted(address for address, answer in seen.items() if answer is False)

@@ -90,7 +90,9 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     begin = row["change"] or first
     if row["rate"] is None or row["level"] is None:
         return []
-    end = _end(row, begin, last)
+    # To the limit, but not much beyond what was seen.
+    furthest = last + max(last - begin, _MONTH)
+    end = min(max(row["horizon"] or last, last), furthest)
     months = (end - begin) / _MONTH
 
     def at_end(rate: float) -> float:
@@ -130,12 +132,6 @@ def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
     if row["limit"] is not None:
         traces.append(_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash"))
     return traces
-
-
-def _end(row: Row, begin: datetime, last: datetime) -> datetime:
-    """As far as a line is drawn: to the limit, but not much beyond what was seen."""
-    furthest = last + max(last - begin, _MONTH)
-    return min(max(row["horizon"] or last, last), furthest)
 
 
 def _line(name: str, times: list[datetime], y: list[float], color: str, dash: str) -> Data:

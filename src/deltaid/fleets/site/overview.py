@@ -41,11 +41,24 @@ def overview(
         labels: what types are called.
     """
     urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
+    rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
+    # What the quarantine holds, such as '2 of recording, 1 of fit'.
+    refused = tables.quarantine.group_by("what", maintain_order=True).len().iter_rows()
     return Page(
         title=title,
         subtitle=_subtitle(robots, types),
         verdict=_verdict(robots, urgent),
-        facts=_facts(robots, urgent, tables),
+        facts=(
+            Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
+            Fact("recordings", str(sum(robot.recordings for robot in robots))),
+            Fact(
+                "in quarantine",
+                str(len(tables.quarantine)),
+                ", ".join(f"{what}: {many}" for what, many in refused),
+            ),
+            Fact("drives with rising friction", str(rising)),
+            Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
+        ),
         warnings=_of_types(tables, labels),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
@@ -88,8 +101,8 @@ def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
 def _untold(robots: Sequence[Robot]) -> list[str]:
     """What nobody can tell yet, and what was not used."""
     drives = [row for robot in robots for row in robot.drives]
-    unknown = _unknown(robots)
-    lines = []
+    unknown = sum(row["state"] == "unknown" for row in drives)
+    lines = list[str]()
     if unknown:
         lines.append(
             f"Not enough data on {unknown} of {len(drives)} drives to say whether their friction "
@@ -100,11 +113,6 @@ def _untold(robots: Sequence[Robot]) -> list[str]:
         all_of_them = sum(robot.recordings for robot in robots)
         lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
     return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
-
-
-def _unknown(robots: Sequence[Robot]) -> int:
-    """Drives of which nobody can tell yet whether their friction changes."""
-    return sum(row["state"] == "unknown" for robot in robots for row in robot.drives)
 
 
 def _of_types(tables: FleetTables, labels: Mapping[str, str]) -> tuple[str, ...]:
@@ -123,25 +131,6 @@ def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
     span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
     count = len(types)
     return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
-
-
-def _facts(
-    robots: Sequence[Robot], urgent: Sequence[Robot], tables: FleetTables
-) -> tuple[Fact, ...]:
-    rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
-    return (
-        Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
-        Fact("recordings", str(sum(robot.recordings for robot in robots))),
-        Fact("in quarantine", str(len(tables.quarantine)), _refused(tables)),
-        Fact("drives with rising friction", str(rising)),
-        Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
-    )
-
-
-def _refused(tables: FleetTables) -> str:
-    """What the quarantine holds, such as '2 of recording, 1 of fit'."""
-    counted = tables.quarantine.group_by("what", maintain_order=True).len()
-    return ", ".join(f"{what}: {many}" for what, many in counted.iter_rows())
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
@@ -189,7 +178,6 @@ def _rising(tables: FleetTables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
 
 
 def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
-    """All robots, to be sorted and searched."""
     rows = tuple(
         (
             robot.name,

@@ -38,7 +38,13 @@ def robot_page(robot: Robot, label: str) -> Page:
         subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, "
         f"{day(robot.first)} to {day(robot.last)}",
         verdict=_verdict(robot),
-        facts=_facts(robot),
+        facts=(
+            Fact("last recording", day(robot.last)),
+            Fact("recordings", str(robot.recordings), f"{robot.quarantined} in quarantine"),
+            Fact("torque error", share(robot.worst_error), "worst drive, last fit"),
+            Fact("noise", shown(robot.noise, 3), "last fit"),
+            Fact("like its type", LIKE[robot.belongs]),
+        ),
         front=friction,
         sections=(
             *_drives(robot),
@@ -63,16 +69,6 @@ def _verdict(robot: Robot) -> Summary:
         said = "Not enough data to say whether friction changes."
         return Summary(Trust.UNTESTED, said, tuple(reasons))
     return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
-
-
-def _facts(robot: Robot) -> tuple[Fact, ...]:
-    return (
-        Fact("last recording", day(robot.last)),
-        Fact("recordings", str(robot.recordings), f"{robot.quarantined} in quarantine"),
-        Fact("torque error", share(robot.worst_error), "worst drive, last fit"),
-        Fact("noise", shown(robot.noise, 3), "last fit"),
-        Fact("like its type", LIKE[robot.belongs]),
-    )
 
 
 def _friction(
@@ -165,7 +161,6 @@ def _recordings(recordings: pl.DataFrame) -> tuple[Section, ...]:
 
 
 def _failed(quarantine: pl.DataFrame) -> tuple[Section, ...]:
-    """Periods that could not be fitted."""
     fits = quarantine.filter(pl.col("what") != "recording")
     if fits.is_empty():
         return ()
@@ -195,7 +190,6 @@ def _parameters(parameters: pl.DataFrame) -> tuple[Section, ...]:
 
 
 def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
-    """All parameters of one fit."""
     rows = tuple(_parameter(row, ordered) for row in fit.iter_rows(named=True))
     columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
                "periods by data")  # fmt: skip
@@ -263,7 +257,6 @@ def _panel(rows: pl.DataFrame) -> Panel:
 
 
 def _beside_type(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
-    """How far it is from its type."""
     if members.is_empty():
         return ()
     ordered = members.with_columns(size=pl.col("spreads").abs()).sort(

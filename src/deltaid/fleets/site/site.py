@@ -69,7 +69,6 @@ def _pages(tables: FleetTables, title: str) -> Iterable[tuple[str, str]]:
 
 
 def _shared() -> Iterable[tuple[str, str]]:
-    """What all pages use."""
     own = files("deltaid.fleets.site")
     for name in ("page.css", "page.js"):
         yield name, part(name)

@@ -189,7 +189,6 @@ def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
 
 
 def _friction(row: Row, now: datetime | None) -> Concern | None:
-    """What a drive's friction asks for."""
     if row["state"] not in _CHANGED:
         return None
     stepped = row["state"] == "stepped"
@@ -257,7 +256,6 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
 
 
 def _foreign(rows: Sequence[Row]) -> list[Concern]:
-    """Parameters that do not belong to its type."""
     if not rows:
         return []
     reasons = dict.fromkeys(row["reason"] for row in rows if row["reason"])

@@ -177,7 +177,6 @@ def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
 
 
 def _means(types: pl.DataFrame) -> Section:
-    """Mean and spread of every parameter."""
     if types.is_empty():
         return Section("Mean and spread", (Text("No table says what the type's robots share."),))
     rows = tuple(
