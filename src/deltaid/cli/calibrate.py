@@ -12,10 +12,10 @@ from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_fi
 from deltaid.cli.output import (
     console,
     print_json,
-    print_verdict,
     print_written,
     progress,
     require_outputs,
+    styled,
     table,
     write_files,
 )
@@ -152,7 +152,8 @@ def calibrate(
     if as_json:
         print_json(as_dictionary(found, plans, shop.currency))
         return
-    print_verdict(found.verdict)
+    grade, _, words = found.verdict.partition(":")
+    console.print(styled(f"{grade}:"), words.strip())
     shown = next_table(found, plans, shop.currency) if plans else number_table(found)
     first = wrapped(session_lines(found))
     listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())

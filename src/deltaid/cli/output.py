@@ -132,12 +132,6 @@ def print_note(text: str) -> None:
     error_console.print(styled("note:", "dim"), text)
 
 
-def print_verdict(text: str) -> None:
-    """A verdict in plain words, its grade in bold."""
-    grade, _, rest = text.partition(":")
-    console.print(styled(f"{grade}:"), rest.strip())
-
-
 def styled(text: str, style: str = "bold") -> Text:
     """Text in a style of its own, such as 'bold'."""
     return Text(visible(text), style)
