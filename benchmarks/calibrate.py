@@ -142,11 +142,10 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
         seconds.append(time.perf_counter() - start)
         loops = found.fit.loops
         q = drawn(loops.kinematics, loops.limbs)
-        pose = loops.start(q)
-        nominal = loops.points(q, np.zeros(len(found.values)), pose).x
-        m = study.real(q, pose[:, :3])
+        nominal = loops.points(q, np.zeros(len(found.values))).x
+        m = study.real(q, loops.start(q)[:, :3])
         before.append(shape_error(nominal, m))
-        true.append(shape_error(loops.points(q, found.values, pose).x, m))
+        true.append(shape_error(loops.points(q, found.values).x, m))
         predicted.append(found.after.position)
         expected = study.machine.numbers()
         holds += [

@@ -60,7 +60,7 @@ def test_intervals_hold_and_predicted_errors_are_true_ones(name: str) -> None:
         ]
         loops, over = found.fit.loops, drawing.poses(rng, 60)
         q = drives(name, over)
-        now, m = loops.points(q, found.values, loops.start(q)), real(robot, name, over)
+        now, m = loops.points(q, found.values), real(robot, name, over)
         true.append(shape_error(now.x, m))
         J = now.slopes.reshape(-1, len(found.values)) @ found.known.G @ found.fit.root
         arms = now.x - now.x.mean(0)
@@ -84,7 +84,7 @@ def test_one_strut_a_limb_cannot_hold_what_the_platform_tilts() -> None:
             name, points=readings, lengths=1e-3, struts_apart=struts_apart, tool=(0, 0, -0.05)
         )
         q = found.fit.loops.inverse(over)
-        now = found.fit.loops.points(q, found.values, found.fit.loops.start(q))
+        now = found.fit.loops.points(q, found.values)
         apart.append(shape_error(now.x, m))
     assert apart[1] < 3e-5
     assert apart[0] > 1.5 * apart[1]
@@ -97,9 +97,9 @@ def test_slopes_of_robots_that_turn_their_tool(name: str) -> None:
     loops = Loops(robot, known)
     q = drives(name, DRAWINGS[name].poses(rng, 20))
     theta = known.G @ rng.normal(0, 1, known.G.shape[1])
-    slopes = loops.points(q, theta, loops.start(q)).slopes
+    slopes = loops.points(q, theta).slopes
     for k, step in enumerate(1e-6 * np.eye(len(theta))):
-        up, down = (loops.points(q, theta + sign * step, loops.start(q)).x for sign in (1, -1))
+        up, down = (loops.points(q, theta + sign * step).x for sign in (1, -1))
         assert (up - down) / 2e-6 == pytest.approx(slopes[:, :, k], abs=1e-7)
 
 

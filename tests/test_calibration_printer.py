@@ -89,7 +89,7 @@ def test_a_bed_does_not_know_the_diagonal() -> None:
     ends = kinematics_335().inverse(np.array([[-0.05, 0, -0.44], [0.05, 0, -0.44]]))
     sizes = []
     for found in (kept, drifted):
-        x = found.fit.loops.points(ends, found.values, found.fit.loops.start(ends)).x
+        x = found.fit.loops.points(ends, found.values).x
         sizes.append(np.linalg.norm(x[1] - x[0]))
     assert abs(sizes[1] - sizes[0]) == pytest.approx(1.2e-3, abs=0.2e-3)
     noisy = deltaid.calibrate(kossel_335(), probe=bed_335(robot, 1e-5, rng), **NINE_FACTORS)

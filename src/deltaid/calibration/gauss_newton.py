@@ -205,5 +205,5 @@ def tools_of(
     """Tool points of an instrument's readings, and their slopes by u."""
     rows, ends, drives = instrument.q.shape
     q = instrument.q.reshape(-1, drives)
-    tools = loops.points(q, known.G @ u, loops.start(q))
+    tools = loops.points(q, known.G @ u)
     return tools.x.reshape(rows, ends, 3), (tools.slopes @ known.G).reshape(rows, 3 * ends, -1)

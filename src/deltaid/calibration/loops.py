@@ -42,12 +42,10 @@ class ToolPoints:
     Attributes:
         x: in the world [m].
         slopes: dx/dθ.
-        by_drive: dx/dq.
     """
 
     x: Float[np.ndarray, "samples 3"]
     slopes: Float[np.ndarray, "samples 3 numbers"]
-    by_drive: Float[np.ndarray, "samples 3 drives"]
 
 
 class Loops:
@@ -64,17 +62,12 @@ class Loops:
     ) -> None:
         self.kinematics = Kinematics(robot)
         self.limbs = len(robot.limb_geometry)
-        n, theta = len(known.numbers), ca.SX.sym("theta", len(known.numbers))
-        size = 6 if known.apart else self.limbs
-        y, q = ca.SX.sym("y", size), ca.SX.sym("q", self.limbs)
-        limbs = [
-            {kind: theta[k] for kind, k in known.of_limb(i).items()}
-            for i in (*range(self.limbs), -1)
-        ]
+        self._size = 6 if known.apart else self.limbs
+        theta = ca.SX.sym("theta", len(known.numbers))
+        y, q = ca.SX.sym("y", self._size), ca.SX.sym("q", self.limbs)
+        *limbs, platform = known.by_limb(ca.vertsplit(theta))
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
-        rest = ca.SX.zeros(z.numel())
-        motion = Path(z, rest, rest)
-        points = build_platform(robot, motion, limbs[-1].get("half")).points
+        points = build_platform(robot, Path.still(z), platform.get("half")).points
         turn = _turned(y[3:6]) if known.apart else ca.SX.eye(3)
         gaps, x = [], y[:3]
         for i, limb in enumerate(robot.limb_geometry):
@@ -82,31 +75,26 @@ class Loops:
             sides = (-0.5, 0.5) if known.apart else (0.0,)
             gaps += [_gap(limb, limbs[i], q[i], (y[:3], turn, seat), side) for side in sides]
         if known.apart:
-            offset = ca.DM(list(tool)) + ca.vertcat(*[limbs[-1][key] for key in TOOL])
+            offset = ca.DM(list(tool)) + ca.vertcat(*[platform[key] for key in TOOL])
             x = x + turn @ offset
         c = ca.vertcat(*gaps)
-        self._size, self._n = size, n
-        parts = [c, ca.jacobian(c, y), ca.jacobian(c, theta), ca.jacobian(c, q), x,
-                 ca.jacobian(x, y), ca.jacobian(x, theta)]  # fmt: skip
+        parts = [c, x, *(ca.jacobian(of, by) for of in (c, x) for by in (y, theta))]
         self._shapes = [part.shape for part in parts]
         inputs = ca.vertcat(y, q)
-        self._newton = BatchKernel(inputs, ca.vertcat(c, ca.vec(parts[1])), theta)
-        self._all = BatchKernel(
-            inputs, ca.vertcat(*[ca.vec(ca.densify(part)) for part in parts]), theta
-        )
+        self._newton = BatchKernel(inputs, ca.vertcat(c, ca.vec(ca.jacobian(c, y))), theta)
+        dense = [ca.vec(ca.densify(part)) for part in parts]
+        self._all = BatchKernel(inputs, ca.vertcat(*dense), theta)
 
     def start(self, q: Drives) -> Poses:
         """Poses of the described robot; NaN where its loops do not close."""
-        z, _ = self.kinematics.forward_unchecked(self._padded(q))
+        # a fourth drive turns the tool alone, where the robot has a telescope
+        all_drives = np.pad(q, ((0, 0), (0, self.kinematics.dof - self.limbs)))
+        z, _ = self.kinematics.forward_unchecked(all_drives)
         pose = np.zeros((len(q), self._size))
         pose[:, : min(self._size, self.limbs)] = z[:, : min(self._size, self.limbs)]
         if self._size > self.limbs:
             pose[:, 3:] = 0.0
         return pose
-
-    def _padded(self, q: Drives) -> Float[np.ndarray, "samples all"]:
-        """With a fourth drive, which turns the tool alone, where the robot has a telescope."""
-        return np.pad(q, ((0, 0), (0, self.kinematics.dof - self.limbs)))
 
     def inverse(self, x: Float[np.ndarray, "samples 3"]) -> Drives:
         """Drive coordinates of the described robot at platform points, the tool at its home angle.
@@ -118,16 +106,17 @@ class Loops:
         z[:, :3] = x
         return self.kinematics.inverse(z)[:, : self.limbs]
 
-    def points(self, q: Drives, theta: Numbers, start: Poses) -> ToolPoints:
-        """Tool points and their slopes, by Newton's method from poses near by.
+    def points(self, q: Drives, theta: Numbers) -> ToolPoints:
+        """Tool points and their slopes, by Newton's method from the described robot's poses.
 
         Raises:
             KinematicsError: loops do not close; names the sample.
         """
-        y, c = start.copy(), np.full(start.shape, np.inf)
+        y, size = self.start(q), self._size
+        c = np.full(y.shape, np.inf)
         for _ in range(_STEPS):
             out = self._newton(np.hstack([y, q]).T, theta).T
-            c, C_y = out[:, : self._size], _square(out[:, self._size :], self._size)
+            c, C_y = out[:, :size], out[:, size:].reshape(-1, size, size).swapaxes(1, 2)
             with np.errstate(all="ignore"):
                 try:
                     y = y - np.linalg.solve(C_y, c[..., None])[..., 0]
@@ -142,21 +131,16 @@ class Loops:
                 where=f"pose {open_[0]}",
                 cure="check this pose; or hold some numbers, such as --hold upper_arm",
             )
-        _, C_y, C_theta, C_q, x, X_y, X_theta = self._evaluate(y, q, theta)
+        out = self._all(np.hstack([y, q]).T, theta).T
+        ends = np.cumsum([rows * columns for rows, columns in self._shapes])
+        _, x, C_y, C_theta, X_y, X_theta = (
+            block.reshape(-1, columns, rows).swapaxes(1, 2)  # CasADi stores columns
+            for block, (rows, columns) in zip(
+                np.split(out, ends[:-1], axis=1), self._shapes, strict=True
+            )
+        )
         X_c = np.linalg.solve(C_y.swapaxes(1, 2), X_y.swapaxes(1, 2)).swapaxes(1, 2)
-        return ToolPoints(x[..., 0], X_theta - X_c @ C_theta, -X_c @ C_q)
-
-    def _evaluate(self, y: Poses, q: Drives, theta: Numbers) -> list[np.ndarray]:
-        out, parts, first = self._all(np.hstack([y, q]).T, theta).T, [], 0
-        for rows, columns in self._shapes:
-            block = out[:, first : first + rows * columns]
-            parts.append(block.reshape(-1, columns, rows).swapaxes(1, 2))  # CasADi stores columns
-            first += rows * columns
-        return parts
-
-
-def _square(out: np.ndarray, size: int) -> np.ndarray:
-    return out.reshape(-1, size, size).swapaxes(1, 2)
+        return ToolPoints(x[..., 0], X_theta - X_c @ C_theta)
 
 
 def _turned(angles: ca.SX) -> ca.SX:

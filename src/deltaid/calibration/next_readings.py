@@ -151,8 +151,7 @@ def _candidates(
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, " readings"]]:
     """Commanded points of readings that could be taken, and the blocks under them."""
     loops, rng = found.fit.loops, np.random.default_rng(_SEED)
-    q = drawn(loops.kinematics, loops.limbs, _PLACES, _SEED)
-    x = loops.start(q)[:, :3]
+    x = loops.start(drawn(loops.kinematics, loops.limbs, _PLACES, _SEED))[:, :3]
     if reads.kind == "points":
         return x[:, None], np.zeros(len(x))
     probes = [k for k, other in enumerate(found.fit.instruments) if other.kind == "probe"]

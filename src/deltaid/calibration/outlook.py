@@ -60,8 +60,7 @@ class Places:
 
     def errors(self, root: Float[np.ndarray, "numbers _"]) -> Float[np.ndarray, " places"]:
         """Standard deviation of positions at each place [m], for L with Cov θ = L Lᵀ."""
-        E = (self.moved @ root).reshape(len(self.x), -1)
-        return np.linalg.norm(E, axis=1)
+        return np.linalg.norm((self.moved @ root).reshape(len(self.x), -1), axis=1)
 
     def size(self, root: Float[np.ndarray, "numbers _"]) -> float:
         """Standard deviation of sizes across, as a share."""
@@ -78,7 +77,7 @@ def _across(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, " entries"]:
 def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> Places:
     """Places over the described workspace that the robot reaches."""
     q = drawn(loops.kinematics, loops.limbs)
-    tools = loops.points(q, theta, loops.start(q))
+    tools = loops.points(q, theta)
     J = tools.slopes.reshape(-1, len(known.numbers))
     Q = np.linalg.qr(rigid(tools.x))[0]
     return Places(tools.x, J - Q @ (Q.T @ J))

@@ -103,8 +103,7 @@ def read(
         raise RecordingError("has no rows", where=where, cure="give at least one measured pose")
     read_values = np.column_stack(values) if values else np.zeros((len(q), 1))
     noise = USUAL[kind] if columns.noise is None else columns.noise * length
-    rows = table.first_row + np.arange(len(q))
-    return KINDS[kind](where, q, read_values, noise, rows)
+    return KINDS[kind](where, q, read_values, noise, table.first_row + np.arange(len(q)))
 
 
 def _drives(

@@ -38,11 +38,8 @@ def calibrated_robot(
     """
     limbs = robot.limbs
     assert limbs is not None  # unknowns refuse others
-    each = [
-        {kind: float(theta[k]) for kind, k in known.of_limb(i).items()}
-        for i in (*range(limbs.count), -1)
-    ]
-    half, rotary = each.pop().get("half", 0.0), limbs.drive == "rotary"
+    *each, platform = known.by_limb(theta.tolist())
+    half, rotary = platform.get("half", 0.0), limbs.drive == "rotary"
     upright = abs(limbs.geometry()[0].rail[0]) <= _LEANS
     unheld = (*APART, *TOOL, *(("lean_across",) if upright else ()))
     held = np.array([number.kind not in unheld for number in known.numbers])
@@ -75,15 +72,14 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
         limbs.geometry(), each, limbs.azimuth_deg, given, strict=True
     ):
         if rotary:
-            moved, sideways, out = ("base_out", "base_across", "base_up"), own["azimuth"], "tilt"
-            by = [own[kind] for kind in moved]
+            by, sideways = [own["base_out"], own["base_across"], own["base_up"]], own["azimuth"]
         else:
-            by, out = [own["rail_out"], own["rail_across"], -own["zero"]], "lean_out"
+            by = [own["rail_out"], own["rail_across"], -own["zero"]]
             leans = abs(limb.rail[0]) > _LEANS
             sideways = own["lean_across"] / limb.rail[0] if leans else 0.0
         bases.append(tuple((limb.base + mounting_axes(limb) @ by).tolist()))
         azimuths.append(azimuth + float(np.rad2deg(sideways)))
-        tilts.append(float(tilt + np.rad2deg(own[out])))
+        tilts.append(float(tilt + np.rad2deg(own["tilt" if rotary else "lean_out"])))
     changed: dict[str, object] = {
         "base_radius": None,
         "platform_radius": None,

@@ -9,7 +9,7 @@ so that the platform may tilt, a limb has five more and the tool three.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -126,9 +126,11 @@ class Unknowns:
         """Of the numbers, each once."""
         return tuple(dict.fromkeys(number.kind for number in self.numbers))
 
-    def of_limb(self, limb: int) -> dict[str, int]:
-        """Places of the numbers of a limb, or of −1 for platform and tool, by kind."""
-        return {x.kind: k for k, x in enumerate(self.numbers) if x.limb == limb}
+    def by_limb(self, values: Sequence[Any]) -> list[dict[str, Any]]:
+        """Values of all numbers, by kind, limb after limb, and at last of platform and tool."""
+        limbs = (*range(1 + max(number.limb for number in self.numbers)), -1)
+        pairs = list(zip(self.numbers, values, strict=True))
+        return [{x.kind: value for x, value in pairs if x.limb == limb} for limb in limbs]
 
     def of_kind(self, kind: str) -> list[int]:
         """Places of the numbers of a kind, limb by limb."""

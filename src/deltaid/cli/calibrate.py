@@ -230,18 +230,8 @@ def as_dictionary(
         "scales": found.scales,
         "left": found.left,
         "next": [
-            {
-                "name": plan.name,
-                "title": plan.title,
-                "kind": plan.kind,
-                "cost": plan.cost,
-                "currency": currency,
-                "gain": plan.gain,
-                "position": plan.position,
-                "size": plan.size,
-                "poses": plan.poses.tolist(),
-                "blocks": plan.blocks.tolist(),
-            }
+            vars(plan)
+            | {"currency": currency, "poses": plan.poses.tolist(), "blocks": plan.blocks.tolist()}
             for plan in plans
         ],
     }  # fmt: skip

@@ -81,7 +81,7 @@ def printer(found: Calibration) -> Printer:
     h, a, b = found.fit.readings[beds[0]].state
     loops = found.fit.loops
     q = drawn(loops.kinematics, loops.limbs)
-    tools = loops.points(q, np.zeros(len(found.values)), loops.start(q))
+    tools = loops.points(q, np.zeros(len(found.values)))
     J = tools.slopes.reshape(-1, len(found.values))
     # a turn that makes the bed level; shifts and turns in its plane are free
     level = np.cross([-b, a, 0.0], tools.x).ravel()
