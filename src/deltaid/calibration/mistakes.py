@@ -50,9 +50,15 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         RecordingError: lengths are in another unit, a frame is mirrored, points stand in another
             order, or drives are exchanged.
     """
+    count, own = len(instrument.values), len(instrument.unknowns)
+    if count < own / instrument.values.shape[1] + 1:
+        raise RecordingError(
+            f"has {count} rows; too few to fix the {own} unknowns of the instrument itself",
+            where=instrument.source,
+            cure="measure more poses",
+        )
     x = _described(loops, instrument.q)
     with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
-        _require_enough(instrument)
         _require_spread(instrument, x)
         _require_unit(instrument, x)
     here, allowed = _misfit(instrument, x), _ALLOWED * _allowed(loops, known, instrument)
@@ -92,17 +98,6 @@ def require_own(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
                 where=instrument.source,
                 cure="give each reading once",
             )
-
-
-def _require_enough(instrument: Instrument) -> None:
-    count = len(instrument.values)
-    if count < len(instrument.unknowns) / instrument.values.shape[1] + 1:
-        raise RecordingError(
-            f"has {count} rows; too few to fix the {len(instrument.unknowns)} unknowns of "
-            "the instrument itself",
-            where=instrument.source,
-            cure="measure more poses",
-        )
 
 
 def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:

@@ -158,8 +158,7 @@ def beyond_rounding(
         entries: a dense column.
     """
     robot, rng, dof = kinematics.robot, np.random.default_rng(0), kinematics.dof
-    turn = 0.5 * (robot.turn.high - robot.turn.low)
-    half = robot.within(0.0, turn)[1]
+    half = robot.within(0.0, 0.5 * (robot.turn.high - robot.turn.low))[1]
     z = kinematics.home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, dof))
     others = rng.standard_normal((_GENERIC, inputs.numel() - dof))
     values = ca.Function("entries", [inputs], [entries])(np.hstack([z, others]).T)

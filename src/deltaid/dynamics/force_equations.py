@@ -176,8 +176,7 @@ class _Build:
             motion = ca.jacobian(strut.held, z)
             Q += motion.T @ (strut.geometry.struts * strut.across)
             rows.append(strut.along.T @ motion)
-        A = ca.vertcat(*rows)[:, :n]
-        return -inverse(A.T) @ Q[:n]
+        return -inverse(ca.vertcat(*rows)[:, :n].T) @ Q[:n]
 
     def _differences(self, sums: ca.SX) -> ca.SX:
         """Differences D_i of step 4."""
@@ -225,11 +224,10 @@ def _strut_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, count: int
 ) -> list[ForceChannel]:
     """What is transmitted through both ends, in the strut's frame; tension is positive."""
-    spin = [ForceChannel(f"{name}.elbow.moment", "N m", count * strut.spin)]
     return [
         *_vector(f"{name}.platform", "N", inner),
         *_vector(f"{name}.elbow", "N", outer),
-        *spin,
+        ForceChannel(f"{name}.elbow.moment", "N m", count * strut.spin),
     ]
 
 

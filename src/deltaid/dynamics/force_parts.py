@@ -166,12 +166,10 @@ def bar_forces(
         slide: force that the slide's motion takes [N].
     """
     R_WT = upper.body.world_rotation
-    x = R_WT.T @ tool.body.world_rotation[:, 0]
-    n = ca.cross(x, ca.SX(ca.DM([0, 1, 0])))
+    n = ca.cross(R_WT.T @ tool.body.world_rotation[:, 0], ca.SX(ca.DM([0, 1, 0])))
     n_W = R_WT @ n
     lower_torque = -tool.world_moment[2] / n_W[2]
-    moment = upper.moment + lower.moment
-    moment += ca.cross(ca.vertcat(0, 0, -length), lower.force)
+    moment = upper.moment + lower.moment + ca.cross(ca.vertcat(0, 0, -length), lower.force)
     torques = moment[2] / n[2]
     f = ca.vertcat(
         -(moment[1] - torques * n[1]) / length,

@@ -114,8 +114,10 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     Raises:
         DescriptionError: two parameters have the same name.
     """
-    bodies = robot.body_names
-    entries = [entry for name in bodies for entry in _body_parameters(robot, name)]
+    bodies, entries = robot.body_names, list[PriorParameter]()
+    for name in bodies:
+        body = robot.bodies[name]
+        entries += _of_body(name, body.prior, body.free)  # pyright: ignore[reportArgumentType]
     parameters = (*entries, *(column.parameter for column in joint_columns(robot)))
     layout = ParameterLayout(parameters, bodies)
     if len(set(layout.names)) < len(layout.names):
@@ -126,11 +128,6 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
             cure="give the body or the joint behind it another name",
         )
     return layout
-
-
-def _body_parameters(robot: RobotDescription, name: str) -> tuple[PriorParameter, ...]:
-    body = robot.bodies[name]
-    return _of_body(name, body.prior, body.free)  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=256)  # descriptions with other friction have the same bodies

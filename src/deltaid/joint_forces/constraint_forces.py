@@ -95,8 +95,9 @@ class ConstraintForces(WithParameters, Shown):
         self, z: Samples, qd: Samples, qdd: Samples
     ) -> Float[np.ndarray, "samples channels parameters"]:
         """C with F = C p, for the few samples that matter."""
-        rows = [np.array(self._coefficients(*row)) for row in zip(z, qd, qdd, strict=True)]
-        return np.stack(rows)
+        return np.stack(
+            [np.array(self._coefficients(*row)) for row in zip(z, qd, qdd, strict=True)]
+        )
 
     @cached_property
     def _values(self) -> ca.SX:

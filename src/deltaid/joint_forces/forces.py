@@ -137,8 +137,7 @@ def worst_cases(forces: ConstraintForces, found: Extremes) -> tuple[Worst, ...]:
             ends = (f"{strut}.platform.out", f"{strut}.elbow.out")
             cases.append(found.worst(strut, "socket", ends, largest=False))
     loads = [n for n in forces.names if n.startswith(("motor", "telescope"))]
-    cases += [found.load(name) for name in loads if not name.endswith(".drive")]
-    return tuple(cases)
+    return (*cases, *(found.load(name) for name in loads if not name.endswith(".drive")))
 
 
 # Distances of struts [m] and forces of springs [N] that can be.

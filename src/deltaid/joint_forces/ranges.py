@@ -190,8 +190,7 @@ class Ranges:
     def __init__(self, given: ForceEvidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         self._shifts = given.geometry.shifts
-        information, unknown = given.information, known.unknowns
-        at = information.columns
+        information, unknown, at = given.information, known.unknowns, given.information.columns
         self._data = information.problem.substituted(unknown.A[at], unknown.p_0[at]).triangle
 
     @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -221,8 +220,7 @@ class Ranges:
             return self._white
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
-        half = float(half_width(std, by_noise, nu)[0])
-        return max(half / (NORMAL * size), NOISE_FLOOR)
+        return max(float(half_width(std, by_noise, nu)[0]) / (NORMAL * size), NOISE_FLOOR)
 
     @cached_property
     def _white(self) -> float:

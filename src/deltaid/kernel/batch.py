@@ -3,8 +3,8 @@
 No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in columns, shape
 (entries, samples), which is also what a column-major factorisation wants to read.
 
-A recurrence is a graph from state and inputs to next state and outputs, run sample after sample:
-the kernel's loop reads its state where the sample before wrote it: all rows lie in one
+A recurrence is a graph from state and inputs to next state and outputs, run sample after sample.
+The kernel's loop then reads its state where the sample before wrote it: all rows lie in one
 array, and outputs are one column further on than inputs.
 """
 

@@ -119,10 +119,10 @@ class _Emitter:
             self._slots[outputs[0]] = self._input(*inputs)
         elif op == ca.OP_OUTPUT:
             pointer = self._pointer("out", outputs[1])
-            self._emit(f"store {self._vector} {self._slots[inputs[0]]}, ptr {pointer}, align 8")
+            value = f"{self._vector} {self._slots[inputs[0]]}"
+            self._lines.append(f"  store {value}, ptr {pointer}, align 8")
         else:
-            arguments = [self._slots[i] for i in inputs]
-            self._slots[outputs[0]] = self._operation(op, arguments)
+            self._slots[outputs[0]] = self._operation(op, [self._slots[i] for i in inputs])
 
     def _operation(self, op: int, args: list[str]) -> str:
         """One scalar operation on all lanes; returns the value's name."""
@@ -198,8 +198,8 @@ class _Emitter:
 
     def _constant(self, value: float) -> str:
         """A splat constant, written by its bits so that nothing is rounded."""
-        element = f"double 0x{_bits(value):016X}"
-        return f"<{', '.join([element] * self._width)}>"
+        (bits,) = struct.unpack("<Q", struct.pack("<d", value))
+        return f"<{', '.join([f'double 0x{bits:016X}'] * self._width)}>"
 
     def _uniform_loads(self) -> str:
         V, lines = self._vector, []
@@ -229,13 +229,6 @@ class _Emitter:
         name = f"%v{self._count}"
         self._lines.append(f"  {name} = {expression}")
         return name
-
-    def _emit(self, statement: str) -> None:
-        self._lines.append(f"  {statement}")
-
-
-def _bits(value: float) -> int:
-    return struct.unpack("<Q", struct.pack("<d", value))[0]
 
 
 # Each gets the emitter, the vector's type and its arguments.

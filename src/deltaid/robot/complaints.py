@@ -55,15 +55,12 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
     Values that come from no file are on line 0, which is not named.
     """
     found = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
-    found = [c for c in found if not any(_below(other.path, c.path) for other in found)]
+    # what lies deeper says more
+    outer = {path[:k] for path in (c.path for c in found) for k in range(len(path))}
+    found = [c for c in found if c.path not in outer]
     texts = [str(c) for c in _joined(found)]
     more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
     return "; ".join(texts[:_MOST]) + more
-
-
-def _below(path: tuple[str, ...], other: tuple[str, ...]) -> bool:
-    """Whether a path lies inside another; what lies deeper says more."""
-    return len(path) > len(other) and path[: len(other)] == other
 
 
 def _joined(found: list[_Complaint]) -> list[_Complaint]:

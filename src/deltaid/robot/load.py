@@ -160,8 +160,7 @@ def bound(robot: RobotDescription, where: str) -> RobotDescription:
     """
     if robot.mechanism is None:
         return robot
-    own = with_named_file(robot.mechanism, where)
-    return robot.changed(mechanism=own)
+    return robot.changed(mechanism=with_named_file(robot.mechanism, where))
 
 
 def load_yaml(path: Path, model: type[_Model]) -> _Model:
