@@ -32,16 +32,14 @@ class RowsAbout(SensorRows):
     """The same rows; what the sensor showed is not looked at.
 
     Attributes:
+        name: its key in the description.
         rows: the sensor's.
         values: p₀ and the values of the sensor's own unknowns, in the order of the columns.
     """
 
+    name: str
     rows: SensorRows
     values: Float[np.ndarray, " columns"]
-
-    @property
-    def name(self) -> str:
-        return self.rows.name
 
     @property
     def channels(self) -> tuple[SensorChannel, ...]:
@@ -109,3 +107,13 @@ class RowsAbout(SensorRows):
 def is_of_pose(parameter: PriorParameter) -> bool:
     """Whether a sensor's unknown is an error of its place or its axes."""
     return parameter.symbol.startswith(("position", "rotation"))
+
+
+def about(rows: SensorRows, values: Float[np.ndarray, " columns"]) -> RowsAbout:
+    """Rows of a sensor about p₀ and values of its own unknowns.
+
+    Args:
+        rows: of the sensor.
+        values: in the order of the columns, p first.
+    """
+    return RowsAbout(rows.name, rows, values)

@@ -99,8 +99,12 @@ class BaseWrenchRows(GraphRows):
             found.append(self.unknown(spin.symbol, "kg m" if rail else "kg m²", std))
         return tuple(found)
 
-    @cached_property
+    @property
     def still(self) -> tuple[Unknown, ...]:
+        return self._still
+
+    @cached_property
+    def _still(self) -> tuple[Unknown, ...]:
         s, found = self.sensor, []
         force, moment = s.force_bias, s.moment_bias
         force = wide_force(self.dynamics) if force is None else force

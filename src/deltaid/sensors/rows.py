@@ -127,8 +127,12 @@ class GraphRows(SensorRows):
     def parameters(self) -> tuple[PriorParameter, ...]:
         return (*self.moving, *(unknown.parameter for unknown in self.still))
 
-    @cached_property
+    @property
     def pattern(self) -> Pattern:
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> Pattern:
         rows, columns = self._compiled[1]
         first = len(self.dynamics.layout.parameters) + len(self.moving)
         of_still = [
