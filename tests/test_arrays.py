@@ -61,7 +61,7 @@ def test_lazy_tables_chunks_and_other_columns(frame: pl.DataFrame) -> None:
 
 
 def test_rows_beyond_a_slice(frame: pl.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deltaid.recording.memory.BATCH_ROWS", 333)
+    monkeypatch.setattr("deltaid.recording.formats.frames.BATCH_ROWS", 333)
     np.testing.assert_array_equal(samples(frame), frame.to_numpy())
     holed = frame.with_columns(q2=pl.when(pl.col("t").is_between(1, 1)).then(None).otherwise("q2"))
     message = refusal(samples, holed)

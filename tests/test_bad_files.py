@@ -20,8 +20,8 @@ from bad_logs import GOOD, ROWS, with_field
 from damage import complaint, damaged, outcome
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
-from deltaid.recording import excerpt
-from deltaid.recording.formats.mat5 import DamagedMatError, Numbers
+from deltaid.recording import log as surveyed
+from deltaid.recording.formats.matlab import DamagedMatError, Numbers
 from kinds_of_files import KINDS
 from kinds_of_files import ROWS as SAVED
 from logs import read, recorded, refusal, write
@@ -113,7 +113,7 @@ def test_files_that_change_between_two_passes(tmp_path, opened, monkeypatch) -> 
     """A log too long to be kept in memory is read again; any other one is not."""
     path = write(tmp_path / "log.csv", GOOD)
     short = opened(path)
-    monkeypatch.setattr(excerpt, "_MOST_NUMBERS", 0)
+    monkeypatch.setattr(surveyed, "_MOST_NUMBERS", 0)
     long = opened(path)
     path.unlink()
     assert sum(len(batch.values) for batch in short.batches()) == ROWS
@@ -142,7 +142,7 @@ def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:
 
 def test_a_process_that_is_aborted_says_why(tmp_path: Path) -> None:
     code = (
-        "import os; from deltaid.recording.formats.parquet import last_words\n"
+        "import os; from deltaid.recording.formats.frames import last_words\n"
         "with last_words('log: is damaged', 2): pass\n"
         "with last_words('log: is damaged', 2): os.abort()"
     )

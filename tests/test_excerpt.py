@@ -9,7 +9,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
-from deltaid.recording import excerpt
+from deltaid.recording import log as surveyed
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from logs import recorded as frame_of
@@ -23,8 +23,8 @@ PLAIN = Settings(friction="described", lag="none")
 @pytest.fixture
 def short(monkeypatch) -> None:
     """Excerpts of some seconds."""
-    monkeypatch.setattr(excerpt, "_WINDOWS", 0)
-    monkeypatch.setattr(excerpt, "_SECONDS", 3.2)
+    monkeypatch.setattr(surveyed, "_WINDOWS", 0)
+    monkeypatch.setattr(surveyed, "_SECONDS", 3.2)
 
 
 @pytest.mark.usefixtures("short")
@@ -57,7 +57,7 @@ def test_stretches_are_rows_of_the_log_and_end_where_it_has_holes() -> None:
             for rows in (first, second)
         ]
 
-    stretches = list(excerpt._cut(segments(), [100, 800, 1500], 300))
+    stretches = list(surveyed._cut(segments(), [100, 800, 1500], 300))
     ends = [(one[0, 0], one[-1, 0]) for one in stretches]
     assert ends == [(100, 399), (800, 899), (1000, 1199), (1600, 1899)]
     for one in stretches:
@@ -79,7 +79,7 @@ def test_an_excerpt_has_rows_of_its_log(clavel: Dynamics) -> None:
 def test_rows_that_are_kept_are_those_that_are_read(
     tmp_path, clavel: Dynamics, monkeypatch, most: int
 ) -> None:
-    monkeypatch.setattr(excerpt, "_MOST_NUMBERS", most)
+    monkeypatch.setattr(surveyed, "_MOST_NUMBERS", most)
     path = write(tmp_path / "log.csv", frame_of(300, derivatives=True))
     log = open_log(path, clavel.kinematics)
     path.unlink()

@@ -14,8 +14,7 @@ from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.gains import SPREAD, Gains
 from deltaid.identification.study import studied_trace
 from deltaid.model.parameter_record import Parameter
-from deltaid.recording.columns import Channel, Columns, TimeChannel
-from deltaid.recording.readings import Readings
+from deltaid.recording.columns import Channel, Columns, Readings, TimeChannel
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot

@@ -9,10 +9,9 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.information import Information, merge
 from deltaid.identification.gathering import gather
 from deltaid.identification.torque_error import torque_error
-from deltaid.recording.masks.masks import Mask, Weights, kept
-from deltaid.recording.masks.runs import joined, rolling, runs_of, without
+from deltaid.recording.masks.masks import Mask, Weights, joined, kept, rolling, runs_of, without
 from deltaid.recording.masks.search import MaskSearch
-from deltaid.recording.masks.stale import bridge
+from deltaid.recording.masks.stuck import bridge
 from deltaid.recording.recording import with_filter
 from interrupted import CLAVEL, IRB, by_hand, interrupted, opened, searched
 

@@ -13,7 +13,7 @@ import zstandard
 from bad_logs import NUMBERED
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.recording import table
-from deltaid.recording.formats import csv_lines, parquet
+from deltaid.recording.formats import csv_lines, frames
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table, recut
@@ -111,7 +111,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch):
 
     def set_sizes(size: int) -> None:
         monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)
-        monkeypatch.setattr(parquet, "_SLICE_ROWS", size // 40)
+        monkeypatch.setattr(frames, "_SLICE_ROWS", size // 40)
 
     return set_sizes
 

@@ -13,7 +13,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
-from deltaid.recording.time.unwrap import Unwrapper, _numbers
+from deltaid.recording.time.counts import Unwrapper, _numbers
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import read, recorded, write

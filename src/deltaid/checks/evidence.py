@@ -16,8 +16,7 @@ from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
 from deltaid.recording.columns import Columns
-from deltaid.recording.mapped_columns import AllDrives, DriveColumn
-from deltaid.recording.mapping import QUANTITIES, ColumnMapping, Quantity
+from deltaid.recording.mapping import QUANTITIES, AllDrives, ColumnMapping, DriveColumn, Quantity
 from deltaid.recording.memory import Recording as InMemory
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table

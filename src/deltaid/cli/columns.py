@@ -77,7 +77,7 @@ def _unit(text: str) -> tuple[str, str]:
     Raises:
         DeltaidError: it is neither, or the unit is of something else.
     """
-    from deltaid.recording.column_names import kind_of
+    from deltaid.recording.column_meanings import kind_of
 
     quantity, _, unit = (part.strip() for part in text.partition("="))
     kind = kind_of(unit) if unit else ""

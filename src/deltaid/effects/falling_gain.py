@@ -11,7 +11,7 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import percent
-from deltaid.recording.readings import LEAST_SLOPE
+from deltaid.recording.columns import LEAST_SLOPE
 from deltaid.robot.description import RobotDescription
 
 # Currents at which a torque has to grow.

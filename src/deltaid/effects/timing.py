@@ -30,7 +30,7 @@ from deltaid.effects.sampling import FreeTiming, Timing
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
-from deltaid.recording.masks.runs import least_about
+from deltaid.recording.masks.masks import least_about
 from deltaid.recording.windows import SampleBlock
 
 # Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.

@@ -16,7 +16,7 @@ from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.convolution import apply
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
-from deltaid.recording.masks.runs import least_about
+from deltaid.recording.masks.masks import least_about
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW, SampleBlock
 

@@ -28,8 +28,8 @@ from deltaid.identification.contest_outcome import (
 from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
 from deltaid.model.corrections import Kind
+from deltaid.recording.columns import Readings
 from deltaid.recording.gears import Gears
-from deltaid.recording.readings import Readings
 
 # Sweeps at most.
 _SWEEPS = 8

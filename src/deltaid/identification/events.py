@@ -27,7 +27,7 @@ from deltaid.identification.outliers import (
 from deltaid.identification.setup import Progress, Setup
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
-from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.masks.masks import joined_times
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 from deltaid.recording.windows import Window

@@ -17,9 +17,8 @@ from deltaid.effects.joint import SHAPES
 from deltaid.estimation.additions import Addition, Extended, entries, extended, torques_of
 from deltaid.estimation.information import active_columns
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.masks.directions import Directions
 from deltaid.recording.recording import PreparedRecording
-from deltaid.recording.windows import SampleBlock
+from deltaid.recording.windows import Directions, SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
 # Largest unknown lag of torques [s]; friction's direction is unknown for so long.

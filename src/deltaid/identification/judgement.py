@@ -39,7 +39,7 @@ from deltaid.model.parameter_record import (
     Share,
 )
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
-from deltaid.recording.readings import Readings
+from deltaid.recording.columns import Readings
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA, pseudo_inertia
 from deltaid.robot.parameter import ADDED
 from deltaid.sensors.weighings import weighings

@@ -21,7 +21,7 @@ from scipy.special import bdtrc
 from deltaid.identification.expectation import NOISE, Expectation, deviation
 from deltaid.identification.expectation_source import Torques, joint_rates
 from deltaid.recording.filter import LowPass
-from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.repairs import BACKLASH, SPIKE, LeftSpan
 from deltaid.recording.windows import Window
 

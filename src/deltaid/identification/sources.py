@@ -16,8 +16,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.delay import LagGrowth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log
-from deltaid.recording.masks.masks import WHY, Mask
-from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.masks.masks import WHY, Mask, joined_times
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.repairs import (
     CONTACT,

@@ -27,7 +27,7 @@ from deltaid.model.parameter_record import (
 )
 from deltaid.model.settings import Settings
 from deltaid.progress import Watch
-from deltaid.recording.readings import Readings
+from deltaid.recording.columns import Readings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import bound, parse, read_text

@@ -22,8 +22,7 @@ from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.masks.masks import Mask, Reason, kept
-from deltaid.recording.masks.runs import joined_times
+from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 

@@ -46,7 +46,6 @@ class RecordedField:
         return tuple(axis for axis, size in enumerate(self.shape) if size != 1)
 
     def __str__(self) -> str:
-        """The name, with the shape of what is more than a column, shortened."""
         shown = printable(self.name[:41])
         name = shown if len(shown) <= 40 else f"{shown[:37]}…"
         if self.holds:

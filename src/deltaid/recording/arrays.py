@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
 from deltaid.kernel.real import real_numbers
-from deltaid.recording.mapped_columns import DriveColumn, TimeColumn
-from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, Quantity
+from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, DriveColumn, Quantity, TimeColumn
 
 # In one unit for all drives, or one a drive.
 Units = str | Sequence[str]

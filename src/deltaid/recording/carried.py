@@ -123,7 +123,6 @@ class Load(Part):
         return self
 
     def _about_centre(self) -> Float[np.ndarray, " 10"]:
-        """The ten parameters about its own centre of mass."""
         m, I = self.mass, self.inertia
         assert I is not None
         return np.array([m, 0, 0, 0, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float)

@@ -123,7 +123,6 @@ def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
 
 
 def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
-    """All columns with the range of their numbers, and how many rows were read."""
     plain = addresses(table.fields, table.units)
     numbers, count = _with_ranges(table, [column for column in plain if not column.is_date], rows)
     read = {column.address: column for column in numbers}

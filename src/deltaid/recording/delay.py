@@ -232,7 +232,6 @@ def around(place: float, half: int, constant: float = 0.0) -> list[tuple[int, fl
 def _read(
     tau: np.ndarray, weight: np.ndarray, place: np.ndarray, constant: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """y + T ẏ at places among samples, and the least weight of what it is made of."""
     half = _SLOPE if constant else _TORQUE
     whole, points = np.floor(place).astype(int), np.arange(1 - half, half + 1)
     rows = whole[:, None] + points

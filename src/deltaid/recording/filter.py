@@ -222,13 +222,11 @@ def no_filter(rate: float) -> LowPass:
 
 
 def _smooth(cutoff: float) -> Float[np.ndarray, " taps"]:
-    """The low-pass of a cut-off, as a share of the sampling rate."""
     taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff)
     return _sinc(taps, beta, cutoff)
 
 
 def _highest(cutoff: float) -> float:
-    """Where the stop band begins [Hz]."""
     return (1 + 0.5 * _TRANSITION) * cutoff
 
 

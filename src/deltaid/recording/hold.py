@@ -199,7 +199,6 @@ def _phase(stretches: Sequence[Stretch], k: int) -> int | None:
 
 
 def _parts(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
-    """Every stretch in as many parts of equal length."""
     split = [
         list(zip(np.array_split(n, _PARTS), np.array_split(tau, _PARTS), strict=True))
         for n, tau in stretches

@@ -1,9 +1,8 @@
 """Recordings in memory: tables of polars or pandas, and arrays, beside the paths of files."""
 
-import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -23,9 +22,9 @@ from deltaid.recording.arrays import (
     require_shapes,
     time_of,
 )
-from deltaid.recording.frames import fields_of, rows_of, tops
+from deltaid.recording.formats.frames import FrameTable, fields_of
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line
+from deltaid.recording.source import LogTable, first_line
 from deltaid.shown import Plotted, Shown, Tabled
 
 
@@ -190,44 +189,11 @@ def as_sources(given: object) -> list[Path | Recording]:
     return [as_source(log, f"table {i + 1}" if several else "table") for i, log in enumerate(given)]
 
 
-@dataclass(frozen=True, eq=False)
-class FrameTable(LogTable):
-    """A table in memory."""
-
-    frame: pl.DataFrame = field(repr=False)
-
-    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `LogTable.rows`."""
-        picks, origins = self.picks(columns), dict[str, int]()
-        for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
-            yield rows_of(part, picks, origins)
-
-    @property
-    def cure_of_missing(self) -> str:
-        """As in `LogTable`, for who is in Python."""
-        return (
-            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
-            "q, tau, or say which is which: columns=deltaid.ColumnMapping(…)"
-        )
-
-    def checksum(self, columns: Sequence[str]) -> str:
-        """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.
-
-        Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
-        """
-        digest = hashlib.sha256("\0".join(columns).encode())
-        for rows in self.rows(columns):
-            for numbers in rows.numbers:
-                digest.update(np.asarray(numbers, dtype=np.float64).tobytes())
-        return digest.hexdigest()
-
-
 def _table(frame: pl.DataFrame, name: str) -> FrameTable:
     return FrameTable(Path(name), fields_of(frame.lazy()), frame)
 
 
 def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
-    """A table of pandas by way of numpy; columns without numbers keep their names only."""
     columns: dict[str, pl.Series] = {}
     for k, label in enumerate(table.columns):
         column, key = table.iloc[:, k], str(label)
@@ -240,7 +206,6 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
 
 
 def _series(key: str, column: Any) -> pl.Series:
-    """A column of pandas: numbers, dates, text, or a list in each row."""
     kind = column.dtype.kind
     if hasattr(column, "cat"):
         column = column.astype(column.cat.categories.dtype)

@@ -13,12 +13,10 @@ from deltaid.parallel import ordered
 from deltaid.recording.address import find, listing
 from deltaid.recording.columns import Columns
 from deltaid.recording.contents import proposal_for
-from deltaid.recording.excerpt import Kept
-from deltaid.recording.log import Log
+from deltaid.recording.log import Kept, Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.mapping_proposal import FOUND, as_words
-from deltaid.recording.masks.masks import require_rest
-from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.masks import require_rest, runs_of
 from deltaid.recording.masks.search import timed
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.resolution import extra_drives, resolve_columns
@@ -27,9 +25,9 @@ from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock, require_rate
+from deltaid.recording.time.counts import Unwrapping
 from deltaid.recording.time.segments import segments
 from deltaid.recording.time.study import study
-from deltaid.recording.time.unwrap import Unwrapping
 from deltaid.robot.sensor_channels import sensor_channels
 
 # Holes that are bridged while the cut-off is not known yet [s].

@@ -213,12 +213,10 @@ def _too_short(log: Log, needed: int, end: End) -> RecordingError:
 
 
 def _only_motion(low_pass: LowPass) -> LowPass:
-    """The same filter over positions, and none over rows."""
     return replace(low_pass, smooth=np.ones(1), decimation=1)
 
 
 def _ends(log: Log, count: int) -> PlanEnds:
-    """Both ends of a log, read once."""
     c = log.columns
     head = tail = np.zeros((0, 1))
     speed, rows = np.zeros(len(c.position)), 0

@@ -9,8 +9,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from deltaid.recording.address import RecordedField
-from deltaid.recording.column_names import Group, Reading, groups_of, kind_of, read_name, unit_of
-from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
+from deltaid.recording.column_meanings import (
+    Group,
+    Reading,
+    Signal,
+    derivative_factor,
+    fitting_units,
+    groups_of,
+    kind_of,
+    read_name,
+    time_unit,
+    unit_of,
+)
 from deltaid.recording.column_words import QUANTITIES as WORDS
 from deltaid.recording.mapping import QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal
@@ -118,7 +128,6 @@ def proposed_mapping(
 def _candidates(
     columns: Sequence[Column], drives: int
 ) -> dict[str, list[tuple[Reading, Group, list[Column]]]]:
-    """Groups of columns that may be a quantity of the drives, the best first."""
     found: dict[str, list[tuple[Reading, Group, list[Column]]]] = {q: [] for q in QUANTITIES}
     for group in groups_of([column.address for column in columns], drives):
         members = [columns[place] for place in group.places]
@@ -174,7 +183,6 @@ def _drives(
     linear: Sequence[bool],
     known: Known,
 ) -> FoundColumns:
-    """The columns of one quantity, one a drive."""
     (reading, group, members), *others = candidates
     by = f"{reading.documented} is a drive's signal" if reading.documented else "by their names"
     reasons, unsure = [by], list[str]()
@@ -214,7 +222,6 @@ def _drives(
 def _stated(
     quantity: str, column: Column, reading: Reading, known: Known
 ) -> tuple[str | None, str]:
-    """The unit that the user, the file or the name states; None if none does."""
     if quantity in known.units:
         return known.units[quantity], f"{known.units[quantity]} is given"
     if column.unit:

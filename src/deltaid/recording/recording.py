@@ -13,18 +13,16 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.columns import Rows
 from deltaid.recording.delay import in_time
-from deltaid.recording.excerpt import Excerpt, excerpt
 from deltaid.recording.filter import LowPass, design_low_pass, no_filter, samples_needed
-from deltaid.recording.log import Log
+from deltaid.recording.log import Excerpt, Log, excerpt
 from deltaid.recording.mapping import ColumnMappings, mapping_each
-from deltaid.recording.masks.directions import Directions
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Burden, Repairs
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Uncut, Window, blocks
+from deltaid.recording.windows import WINDOW, Directions, Uncut, Window, blocks
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")

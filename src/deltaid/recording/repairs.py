@@ -10,12 +10,11 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.recording.carried import carrier
-from deltaid.recording.columns import Columns, Rows
+from deltaid.recording.columns import Columns, Readings, Rows
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.gears import Gears
 from deltaid.recording.hold import Hold, filled
-from deltaid.recording.masks.runs import joined_times
-from deltaid.recording.readings import Readings
+from deltaid.recording.masks.masks import joined_times
 from deltaid.robot.description import RobotDescription
 
 Samples = Float[np.ndarray, "samples dof"]

@@ -6,8 +6,16 @@ from collections import Counter
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, TimeChannel
-from deltaid.recording.mapped_columns import AllDrives, DriveColumn
-from deltaid.recording.mapping import DATES, QUANTITIES, SHORT_NAMES, TIMES, ColumnMapping, Quantity
+from deltaid.recording.mapping import (
+    DATES,
+    QUANTITIES,
+    SHORT_NAMES,
+    TIMES,
+    AllDrives,
+    ColumnMapping,
+    DriveColumn,
+    Quantity,
+)
 from deltaid.recording.sensor_resolution import Sensors, sensor_columns
 from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor

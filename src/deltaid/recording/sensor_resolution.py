@@ -8,8 +8,7 @@ from typing import TypeVar
 from deltaid.errors import RecordingError
 from deltaid.recording.address import find
 from deltaid.recording.columns import Channel, SensorChannels
-from deltaid.recording.mapped_columns import SensorColumns
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping, SensorColumns
 from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor
 from deltaid.robot.sensor_channels import SensorChannel

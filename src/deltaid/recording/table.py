@@ -14,11 +14,9 @@ from deltaid.errors import RecordingError, visible
 from deltaid.forked import require_threads
 from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
-from deltaid.recording.formats.stream import content, packed_by
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows
-from deltaid.recording.time.seconds import Seconds
-from deltaid.recording.time.unwrap import Unwrapping
+from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows, content, packed_by
+from deltaid.recording.time.counts import Seconds, Unwrapping
 
 # Rows that are corrected together.
 AT_ONCE = 8000

@@ -9,9 +9,8 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from deltaid.recording.column_names import groups_of, kind_of, read_name
-from deltaid.recording.mapped_columns import AllDrives
-from deltaid.recording.mapping import SHORT_NAMES, TIMES, ColumnMapping, Quantity
+from deltaid.recording.column_meanings import groups_of, kind_of, read_name
+from deltaid.recording.mapping import SHORT_NAMES, TIMES, AllDrives, ColumnMapping, Quantity
 from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
 from deltaid.robot.yaml_edit import edited, mended
 from deltaid.studio.folder import Folder

@@ -7,10 +7,10 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.recording import recording
+from deltaid.recording.formats.frames import FrameTable
 from deltaid.recording.log import Log
-from deltaid.recording.mapped_columns import DriveColumn
-from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping
-from deltaid.recording.memory import FrameTable, Recording
+from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping, DriveColumn
+from deltaid.recording.memory import Recording
 from deltaid.view import style
 from deltaid.view.comparison import extreme_rows, stretch_length
 from deltaid.view.models import warned

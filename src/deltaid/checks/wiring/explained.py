@@ -18,8 +18,7 @@ from deltaid.checks.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import Proposal, listed, percent
-from deltaid.recording.mapped_columns import AllDrives
-from deltaid.recording.mapping import Quantity
+from deltaid.recording.mapping import AllDrives, Quantity
 from deltaid.recording.resolution import si_unit
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.

@@ -21,7 +21,7 @@ from deltaid.recording.filter import (
     design_low_pass,
     samples_needed,
 )
-from deltaid.recording.masks.runs import runs_of
+from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.time.clock import HIGHEST_RATE
 

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from deltaid.recording.formats.arrays import is_npz, open_npy, open_npz
 from deltaid.recording.formats.bag_reader import is_bag
 from deltaid.recording.formats.csv import open_csv
+from deltaid.recording.formats.frames import open_parquet
 from deltaid.recording.formats.hdf5 import is_hdf5, open_hdf5
 from deltaid.recording.formats.matlab import is_matlab, open_matlab
-from deltaid.recording.formats.npy import is_npz, open_npy, open_npz
-from deltaid.recording.formats.parquet import open_parquet
 from deltaid.recording.formats.rosbag import open_bag
 from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping

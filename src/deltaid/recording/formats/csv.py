@@ -11,7 +11,7 @@ from pathlib import Path
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import RecordedField
-from deltaid.recording.column_names import unit_of
+from deltaid.recording.column_meanings import unit_of
 from deltaid.recording.formats.csv_lines import (
     COMMENT,
     SEPARATORS,
@@ -27,9 +27,8 @@ from deltaid.recording.formats.csv_lines import (
     separator_of,
 )
 from deltaid.recording.formats.csv_table import CsvTable
-from deltaid.recording.formats.stream import content
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import LogTable
+from deltaid.recording.source import LogTable, content
 from deltaid.recording.units import is_unit
 
 # Lines in which the names are looked for, and comments that may stand together.
@@ -41,8 +40,6 @@ _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 @dataclass(frozen=True)
 class _NameLine:
-    """The line of column names, or without one the first line of numbers."""
-
     row: int
     separator: str
     names: tuple[str, ...]
@@ -147,7 +144,6 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
 
 
 def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int | None:
-    """The first line that holds the names needed, be it as a comment."""
     for row in range(1, _SEARCHED_LINES + 1):
         if not lines[row]:
             return None
@@ -191,7 +187,6 @@ def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> boo
 
 
 def _after_comments(lines: HeadLines, row: int) -> int:
-    """The first line from a row on that is no comment."""
     start = row
     while is_comment(lines[row]):
         row += 1

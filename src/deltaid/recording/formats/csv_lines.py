@@ -16,8 +16,8 @@ from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import printable
-from deltaid.recording.formats.stream import content, skip
-from deltaid.recording.time.seconds import is_clock
+from deltaid.recording.source import content, skip
+from deltaid.recording.time.counts import is_clock
 
 # Longer than any line of samples [bytes], so that what has no line breaks is refused early.
 _LONGEST_LINE = 1 << 20
@@ -187,7 +187,6 @@ def _tail(file: io.BufferedReader) -> tuple[int, bytes]:
 
 
 def _is_text(line: str, separator: str) -> bool:
-    """Whether a line holds words and no number at all."""
     fields = [field.strip(' "') for field in line.split(separator)]
     return bool(re.match(r"[^\W\d_]", line)) and not any(f and is_number(f) for f in fields)
 

@@ -142,7 +142,6 @@ def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
 def _without_comments(
     block: bytes, separator: str, row: int
 ) -> tuple[bytes, list[tuple[int, bytes]]]:
-    """A block without its comment lines, and each of them with the row after it."""
     marks = [b"#", b"%", b"//"] + [b";"] * (separator != ";")
     if not any(mark in block for mark in marks):
         return block, []
@@ -158,7 +157,6 @@ def _without_comments(
 
 
 def _single_blanks(block: bytes) -> bytes:
-    """Lines with one blank between their fields."""
     block = block.replace(b"\t", b" ").replace(b"\r\n", b"\n")
     while b"  " in block:
         block = block.replace(b"  ", b" ")
@@ -167,7 +165,6 @@ def _single_blanks(block: bytes) -> bytes:
 
 
 def _without_empty_end(block: bytes, separator: str) -> bytes:
-    """A block up to its last line that holds something."""
     blank = b" \t\r\n\x0b\x0c" + separator.encode()
     stop = len(block)
     while stop:
@@ -179,7 +176,6 @@ def _without_empty_end(block: bytes, separator: str) -> bytes:
 
 
 def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
-    """The fields of a block as text, one row a line."""
     lines = _require_fields(table, block, row)
     try:
         frame = pl.read_csv(

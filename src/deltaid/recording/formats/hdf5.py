@@ -18,7 +18,7 @@ from deltaid.recording.formats.arrays import (
     entries_of_type,
     fields_of,
 )
-from deltaid.recording.formats.mat5 import matlab_object
+from deltaid.recording.formats.matlab import matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 
@@ -86,8 +86,6 @@ def _arrays(
 
 
 class _Dataset:
-    """A dataset whose parts are read when they are asked for."""
-
     def __init__(self, file: Any, place: _Place, reverse: bool, where: str) -> None:
         dataset, self._entry = place
         self._dataset, self._reverse = file[dataset], reverse
@@ -196,7 +194,6 @@ def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, 
 
 
 def _entry(dtype: np.dtype[Any], name: str) -> tuple[str, ...]:
-    """The names along the way to an entry of a compound type."""
     for first, inner in entries_of_type(dtype).items():
         if f"{name}.".startswith(f"{first}."):
             return first, *_entry(inner, name[len(first) + 1 :])

@@ -133,7 +133,6 @@ def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> To
 
 
 def _main(topics: Sequence[Topic]) -> Topic | None:
-    """The one topic of positions; JointState goes before the same as DynamicJointState."""
     told = [topic for topic in topics if "position" in topic.joints]
     plain = [topic for topic in told if topic.type == _JOINT_STATE]
     tellers = plain or told

@@ -153,7 +153,6 @@ class BagTable(LogTable):
             yield Rows(numbers, numbers)
 
     def _place(self, pick: Pick) -> tuple[str, Number] | str:
-        """Topic, quantity and joint of a column, or the name of a time."""
         name = pick.field.name
         if name in self.names:
             return self.names[name]
@@ -204,7 +203,6 @@ class BagTable(LogTable):
                 )
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
-        """All topics at the instants of the fastest."""
         parts = {name: [part for topic, part in pieces if topic == name] for name in wanted}
         for name, own in parts.items():
             if sum(len(part.time) for part in own) < 2:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.masks.runs import NONE, Runs, joined, rolling, runs_of
+from deltaid.recording.masks.masks import NONE, Runs, joined, rolling, runs_of
 
 # Rest lasts so long at least [s], and so many rows.
 _LASTS, _ROWS = 0.04, 5
@@ -42,7 +42,6 @@ class _Rest:
 
 
 def _rest(q: Float[np.ndarray, "rows dof"], row: int) -> _Rest:
-    """Rest of consecutive positions, the first of which are those of `row`."""
     return _Rest(row, row + len(q) - 1, q.min(axis=0), q.max(axis=0))
 
 
@@ -124,7 +123,6 @@ class RestSearch:
 
     @property
     def _widest(self) -> Float[np.ndarray, " dof"]:
-        """The band of positions at rest."""
         return _STEPS * self.steps + _BANDS * self._band
 
     def _take(self, rest: _Rest) -> None:

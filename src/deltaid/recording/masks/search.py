@@ -10,11 +10,9 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
-from deltaid.recording.masks.masks import LOAD_CHANGES, Mask, Reason
+from deltaid.recording.masks.masks import LOAD_CHANGES, NONE, Mask, Reason, Runs, joined, without
 from deltaid.recording.masks.rest import RestSearch
-from deltaid.recording.masks.runs import NONE, Runs, joined, without
-from deltaid.recording.masks.saturation import Extreme
-from deltaid.recording.masks.stale import StaleSearch
+from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
@@ -178,7 +176,6 @@ def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:
 
 
 def _stops(off: Runs, on_brakes: Runs, longest: int) -> Runs:
-    """From torque off in motion to standing on brakes."""
     stops = []
     for first, last in off:
         after = on_brakes[(on_brakes[:, 0] > first) & (on_brakes[:, 0] <= last + 1)]

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.filter import LOWEST_RATE
-from deltaid.recording.masks.runs import Runs
+from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import Batch
 from deltaid.recording.time.grid import FASTEST, usual_step

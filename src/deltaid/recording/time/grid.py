@@ -128,7 +128,6 @@ def far_steps(time: Times, period: float, sharing: float) -> Int[np.ndarray, " b
 
 
 def _placed(time: Times, period: float, sharing: float) -> Grid:
-    """Places of rows among which there is no gap."""
     rows = np.arange(len(time))
     if len(time) < _FEWEST:
         return _counted(time, rows, period)
@@ -153,7 +152,6 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
 
 
 def _counted(time: Times, kept: Int[np.ndarray, " kept"], period: float) -> Grid:
-    """Places of rows that are too few for a phase."""
     level = time[kept] / period - np.arange(len(kept))
     lost = np.maximum(np.round(np.diff(level, prepend=level[:1])), 0).astype(int)
     return Grid(period, kept, lost, level - level[:1] - np.cumsum(lost))
@@ -219,7 +217,6 @@ def _lowest(x: Times, count: int) -> Times:
 
 
 def _width(noise: float, sharing: float, rows: int) -> int:
-    """Rows over which angles are averaged."""
     if noise < _BLURRED:
         return 1
     wide = 8 * sharing if sharing > ROUNDED else (noise / _AVERAGED) ** 2
@@ -240,7 +237,6 @@ def _slope(level: Times, width: int) -> float:
 
 
 def _phase(level: Times, width: int) -> Times:
-    """The slow drift of the grid."""
     turns = np.exp(2j * np.pi * _mean(level, width))
     parts = np.array_split(turns, max(1, len(level) // max(_STRETCH, 4 * width)))
     angles = np.unwrap(np.angle([part.mean() for part in parts])) / (2 * np.pi)

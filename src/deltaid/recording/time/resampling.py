@@ -132,7 +132,6 @@ def _increasing(signal: Signal) -> Signal:
 
 
 def _period(time: Times) -> float:
-    """The usual time between two samples [s]."""
     steps = np.diff(time)
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else np.inf
