@@ -191,7 +191,7 @@ def _read(path: Path) -> dict[str, float]:
     before, start = largest_memory(), time.process_time()
     table = open_table(path)
     columns = resolve_columns(table, (False,) * DRIVES)
-    samples = sum(len(batch.values) for batch in read_batches(table, columns))
+    samples = sum(len(batch) for batch in read_batches(table, columns))
     cpu = time.process_time() - start
     return {"samples": samples, "cpu": cpu, "megabytes": largest_memory() - before}
 

@@ -30,7 +30,7 @@ def parts(frame: pl.DataFrame) -> dict[str, np.ndarray]:
 def samples(log: object, mapping: deltaid.ColumnMapping | None = None) -> np.ndarray:
     """Time and all columns, without the weights."""
     opened = open_log(log, KINEMATICS, mapping)  # pyright: ignore[reportArgumentType]
-    values = np.concatenate([batch.values for batch in opened.batches()])
+    values = np.concatenate(list(opened.batches()))
     return values[:, : len(opened.columns.all)]
 
 

@@ -116,7 +116,7 @@ def test_files_that_change_between_two_passes(tmp_path, opened, monkeypatch) -> 
     monkeypatch.setattr(surveyed, "_MOST_NUMBERS", 0)
     long = opened(path)
     path.unlink()
-    assert sum(len(batch.values) for batch in short.batches()) == ROWS
+    assert sum(len(batch) for batch in short.batches()) == ROWS
     with pytest.raises(DeltaidError, match="no such file"):
         list(long.batches())
 

@@ -159,7 +159,7 @@ def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
 def test_later_passes_count_comments_once(tmp_path, opened) -> None:
     log = opened(write(tmp_path / "log.csv", GOOD.replace("\n0.1,", "\n# c\n# d\n0.1,")))
     for _ in range(2):
-        assert sum(len(batch.values) for batch in log.batches()) == ROWS
+        assert sum(len(batch) for batch in log.batches()) == ROWS
         assert [log.table.row_place(row)[-3:] for row in (101, 102, 103)] == ["101", "104", "105"]
 
 

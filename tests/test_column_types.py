@@ -26,7 +26,7 @@ def samples(source: pl.DataFrame, tmp_path: Path, columns: ColumnMapping | None 
     found = []
     for table in (held, open_table(path, columns)):
         batches = read_batches(table, resolve_columns(table, (False,) * 3, columns))
-        found.append(np.concatenate([batch.values for batch in batches]))
+        found.append(np.concatenate(list(batches)))
     np.testing.assert_array_equal(found[0], found[1])
     return found[0]
 
@@ -122,8 +122,8 @@ def test_dates_and_lists_of_pandas(tmp_path: Path) -> None:
         held = Recording.from_table(table).table
         columns = resolve_columns(held, (False,) * 3)
         (batch,) = read_batches(held, columns)
-        np.testing.assert_allclose(batch.values[:, 0], (TICKS - TICKS[0]) / 1e6, rtol=1e-15)
-        np.testing.assert_array_equal(batch.values[:, 1:], ROWS[:, 1:])
+        np.testing.assert_allclose(batch[:, 0], (TICKS - TICKS[0]) / 1e6, rtol=1e-15)
+        np.testing.assert_array_equal(batch[:, 1:], ROWS[:, 1:])
     lapse = pandas.DataFrame({"t": pandas.to_timedelta(TICKS, unit="us"), "q1": ROWS[:, 1]})
     (rows,) = Recording.from_table(lapse).table.rows(["t"])
     np.testing.assert_allclose(np.asarray(rows.numbers[0]), TICKS / 1e6, rtol=1e-15)
@@ -135,7 +135,7 @@ def test_dates_of_numpy(tmp_path: Path) -> None:
         np.savez(tmp_path / "log.npz", t=time, q=ROWS[:, 1:4], tau=ROWS[:, 4:])
         table = open_table(tmp_path / "log.npz")
         (batch,) = read_batches(table, resolve_columns(table, (False,) * 3))
-        np.testing.assert_allclose(batch.values[:, 0], (TICKS - TICKS[0]) / 1e6, rtol=1e-15)
+        np.testing.assert_allclose(batch[:, 0], (TICKS - TICKS[0]) / 1e6, rtol=1e-15)
 
 
 def test_units_under_the_header_hold(tmp_path) -> None:

@@ -87,7 +87,7 @@ def gears(p: np.ndarray, dynamics: Dynamics) -> Gears:
 def test_rows_become_those_of_the_link() -> None:
     dynamics, p, table = wound(1.0, 0.0)
     log = open_log(table, dynamics.kinematics, keep_all=True)
-    rows = np.concatenate([x.values for x in log.batches()])
+    rows = np.concatenate(list(log.batches()))
     found = gears(p, dynamics)
     back = np.concatenate(list(found.turned_back(iter([rows]), log.columns, RATE)))
     at = np.searchsorted(rows[:, 0], back[:, 0])
@@ -107,7 +107,7 @@ def test_rows_near_brakes_do_not_count() -> None:
     """While brakes hold, drives say nothing of what gears carry, nor does a filter about it."""
     dynamics, p, table = wound(1.0, 0.0)
     log = open_log(table, dynamics.kinematics, keep_all=True)
-    rows = np.concatenate([x.values for x in log.batches()])
+    rows = np.concatenate(list(log.batches()))
     rows[4000:4200, log.columns.torque_places] = 0.0
     rows[4000:4200, -3:] = 0.0
     rows[6000:6200, -1:] = 0.0  # of one drive alone, such as at its reversal

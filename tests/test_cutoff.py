@@ -13,12 +13,11 @@ from deltaid.estimation.information import merge
 from deltaid.identification.gathering import gather
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
-from deltaid.recording.convolution import apply
 from deltaid.recording.filter import design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
-from deltaid.recording.spectrum import spectrum_of
+from deltaid.recording.spectrum import apply, spectrum_of
 from deltaid.robot.load import load_robot
 from logs import names
 

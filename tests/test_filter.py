@@ -5,9 +5,8 @@ import pytest
 from scipy import signal
 
 from deltaid.errors import RecordingError
-from deltaid.recording.convolution import apply
 from deltaid.recording.filter import design_low_pass
-from deltaid.recording.spectrum import spectrum_of
+from deltaid.recording.spectrum import apply, spectrum_of
 
 RATE = 1000.0
 

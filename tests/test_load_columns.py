@@ -47,7 +47,7 @@ def opened(source: object, **load: object) -> Log:
 
 def held(log: Log) -> np.ndarray:
     """Whether the load is held, row by row."""
-    rows = np.concatenate([batch.values for batch in log.batches()])
+    rows = np.concatenate(list(log.batches()))
     return log.columns.held(rows[:, 0], rows[:, log.columns.extra_places])[0]
 
 
@@ -99,7 +99,7 @@ def test_rows_about_a_change_are_left_out(frame: pl.DataFrame) -> None:
     masks = [mask for mask in log.masks if mask.reason == "load changes"]
     assert [(mask.first, mask.last) for mask in masks] == [(994, 1005), (1494, 1505)]
     assert all(mask.drives == (0, 1, 2) for mask in masks)
-    weights = np.concatenate([batch.values for batch in log.batches()])[:, -3:]
+    weights = np.concatenate(list(log.batches()))[:, -3:]
     assert not weights[994:1006].any()
     assert np.flatnonzero(held(log))[[0, -1]].tolist() == [1000, 1499]
 

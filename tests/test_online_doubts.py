@@ -66,6 +66,13 @@ def test_torques_of_another_scale(made: Picked) -> None:
     assert max(one.mass.value for one in found.loads) < 0.8 * MASS  # so it has to be said
 
 
+def test_a_channel_ends_at_the_number_that_it_stays_on(made: Picked) -> None:
+    tau = made.table["tau1"].to_numpy()
+    end = 0.6 * np.abs(tau).max()
+    replay = opened(made, changed(made, {"tau1": np.clip(tau, -end, end)}))
+    assert replay.ends == (pytest.approx(end), np.inf, np.inf)
+
+
 @pytest.mark.slow
 def test_a_torque_of_one_drive_at_the_end_of_its_channel(made: Picked) -> None:
     tau = made.table["tau1"].to_numpy()

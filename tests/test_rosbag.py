@@ -159,7 +159,7 @@ def test_a_bag_is_identified_as_any_recording(clavel: Dynamics, tmp_path: Path) 
     log = open_log(path, clavel.kinematics)
     assert (log.samples, log.rate) == (2000, pytest.approx(1000))
     batch = next(log.batches())
-    assert np.array_equal(batch.values[:, :10], np.column_stack([t, q, qd, tau]))
+    assert np.array_equal(batch[:, :10], np.column_stack([t, q, qd, tau]))
     assert any("are taken for drives 1 to 3" in warning for warning in log.warnings)
     copy = shutil.copytree(path, tmp_path / "copy")
     assert open_log(copy, clavel.kinematics).sha256 == log.sha256

@@ -59,8 +59,8 @@ def test_dates_as_text_in_tables(tmp_path, clavel: Dynamics, name: str, kind: st
         "pandas": lambda: Recording.from_table(pd.DataFrame(frame.to_dict(as_series=False))),
     }[kind]()
     (batch,) = open_log(recording, clavel.kinematics, mapping).batches()
-    np.testing.assert_allclose(batch.values[:, 0], TIME, rtol=0, atol=max(step, 1e-15))
-    np.testing.assert_array_equal(batch.values[:, 1:7], FRAME.to_numpy()[:, 1:])
+    np.testing.assert_allclose(batch[:, 0], TIME, rtol=0, atol=max(step, 1e-15))
+    np.testing.assert_array_equal(batch[:, 1:7], FRAME.to_numpy()[:, 1:])
 
 
 def test_a_date_that_is_none_is_named(tmp_path) -> None:
@@ -123,7 +123,7 @@ def test_cycle_counters_overflow(tmp_path, clavel: Dynamics, bits: int, signed: 
         f"column t starts again after {2**bits} counts ({bits} bits) in 1 row, the first row 152: "
         "taken to go on; likeliest cause: a counter that is full"
     )
-    steps = np.diff(np.concatenate([batch.values for batch in log.batches()])[:, 0])
+    steps = np.diff(np.concatenate(list(log.batches()))[:, 0])
     np.testing.assert_allclose(steps, 1e-3, rtol=0, atol=1e-9 * 2 ** max(0, bits - 30))
 
 

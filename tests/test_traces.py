@@ -88,5 +88,5 @@ def test_a_trace_is_read(text: str, mapping: str, clavel: Dynamics, tmp_path: Pa
     path = tmp_path / "trace.csv"
     path.write_text(text, encoding="utf-8")
     log = open_log(path, clavel.kinematics, load_mapping(tmp_path / "columns.yaml"))
-    values = next(log.batches()).values[:, :7]
+    values = next(log.batches())[:, :7]
     assert values == pytest.approx(np.column_stack([T, Q, TAU]), abs=1e-9)

@@ -134,7 +134,7 @@ def test_units_are_those_of_the_file(clavel: Dynamics, tmp_path: Path) -> None:
     path.write_text(scope(curves), encoding="utf-8")
     batch = next(open_log(path, clavel.kinematics).batches())
     expected = np.column_stack([t / 1000, *np.deg2rad(q), *q])
-    assert batch.values[:, :7] == pytest.approx(expected, rel=1e-14)
+    assert batch[:, :7] == pytest.approx(expected, rel=1e-14)
     path.write_text(scope(curves).replace("° (Angle)", "furlong (Length)"), encoding="utf-8")
     with pytest.raises(RecordingError, match="unit 'furlong' is not known"):
         open_log(path, clavel.kinematics)

@@ -76,7 +76,7 @@ class Evidence:
         """
         columns, parts, left = self.columns, [np.zeros((0, len(self.columns.all)))], _MOST
         for batch in read_batches(self.table, columns):
-            parts.append(batch.values[:left])
+            parts.append(batch[:left])
             left -= len(parts[-1])
             if not left:
                 break

@@ -13,11 +13,11 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import active_columns, entries_at
-from deltaid.recording.convolution import apply
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.spectrum import apply
 from deltaid.recording.windows import WINDOW, SampleBlock
 
 # Windows that are kept at most: 256 s at 1 kHz.

@@ -235,7 +235,7 @@ class FeedForward(Shown):
 
     @property
     def _times(self) -> Float[np.ndarray, " rows"]:
-        return np.concatenate([batch.values[:, 0] for batch in self.recording.log.batches()])
+        return np.concatenate([batch[:, 0] for batch in self.recording.log.batches()])
 
     def _computed(self) -> Iterator[pl.DataFrame]:
         dynamics, p, gains = self.model.dynamics, self.model.p, self.model.gains

@@ -233,9 +233,10 @@ def _ends(log: Log) -> tuple[float, ...]:
     """The least number on which each torque channel stays."""
     found = np.full(len(log.columns.torque), np.inf)
     masks = [mask for mask in log.masks if mask.reason == "saturated torque"]
-    for batch in log.batches() if masks else ():
-        rows = np.arange(batch.row, batch.row + len(batch.values))
-        sizes = np.abs(batch.values[:, log.columns.torque_places])
+    row = 0
+    for values in log.batches() if masks else ():
+        rows = np.arange(row, row := row + len(values))
+        sizes = np.abs(values[:, log.columns.torque_places])
         for mask in masks:
             inside = (rows >= mask.first) & (rows <= mask.last)
             for i in mask.drives:

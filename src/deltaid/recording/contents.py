@@ -125,8 +125,8 @@ def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
 def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
     plain = addresses(table.fields, table.units)
     numbers, count = _with_ranges(table, [column for column in plain if not column.is_date], rows)
-    read = {column.address: column for column in numbers}
-    return tuple(read.get(column.address, column) for column in plain), count
+    read = iter(numbers)
+    return tuple(column if column.is_date else next(read) for column in plain), count
 
 
 def _begins_with_numbers(table: LogTable, name: str) -> bool:
@@ -158,17 +158,17 @@ def _with_ranges_together(
     table: LogTable, columns: Sequence[Column], most: int | None
 ) -> tuple[list[Column], int]:
     low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
-    start: list[list[np.ndarray]] = [[] for _ in columns]
+    starts = list[np.ndarray]()
     for rows in table.rows([column.address for column in columns]) if columns else ():
-        numbers = [np.asarray(values, dtype=float) for values in rows.numbers]
-        finite = [values[np.isfinite(values)] for values in numbers]
-        low = np.minimum(low, [values.min(initial=np.inf) for values in finite])
-        high = np.maximum(high, [values.max(initial=-np.inf) for values in finite])
-        for parts, values in zip(start, numbers, strict=True):
-            parts.append(values[: max(_DECIDING - count, 0)])
-        count += len(numbers[0])
+        numbers = np.array([np.asarray(values, dtype=float) for values in rows.numbers])
+        finite = np.isfinite(numbers)
+        low = np.minimum(low, numbers.min(axis=1, initial=np.inf, where=finite))
+        high = np.maximum(high, numbers.max(axis=1, initial=-np.inf, where=finite))
+        starts.append(numbers[:, : max(_DECIDING - count, 0)])
+        count += rows.size
         if most is not None and count >= most:
             break
-    starts = [np.concatenate(parts) if parts else None for parts in start]
-    ranges = zip(columns, low.tolist(), high.tolist(), starts, strict=True)
+    ranges = zip(
+        columns, low.tolist(), high.tolist(), np.hstack(starts or [low[:, None]]), strict=True
+    )
     return [replace(c, low=a, high=b, start=s) if a <= b else c for c, a, b, s in ranges], count

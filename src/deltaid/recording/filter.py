@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.recording.convolution import apply
+from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, apply
 
 # Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass-band is flat
 # to 1e-4. What it bends is a bias of all parameters: at 60 dB it showed beside a minute's noise.
@@ -33,10 +33,8 @@ _ATTENUATION, _TRANSITION = 80.0, 0.8
 # Central differences of eighth order for the first and second derivative.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-# Above a tenth of the sampling rate the differences are no longer exact to 1e-4.
-_LOWEST, HIGHEST = 1e-6, 0.1
-# Lowest of the cut-offs that are chosen by rule [Hz].
-LOWEST_CUTOFF = 2.0
+# Cut-offs as a share of the sampling rate at least.
+_LOWEST = 1e-6
 # The sampling rate below which positions cannot be differentiated [Hz].
 LOWEST_RATE = LOWEST_CUTOFF / HIGHEST
 # The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band

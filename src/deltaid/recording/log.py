@@ -21,7 +21,7 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import Mask, Weights
 from deltaid.recording.masks.stuck import bridged
 from deltaid.recording.source import LogTable
-from deltaid.recording.table import Batch, read_batches
+from deltaid.recording.table import read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.clock_doubts import doubts_about_holes
 from deltaid.recording.time.segments import longest_hole, segments
@@ -52,13 +52,12 @@ class Excerpt:
     stretches: tuple[Rows, ...]
     whole: bool
 
-    def segments(self, columns: Columns) -> Iterator[Iterator[Rows]]:
+    def read(self, columns: Columns) -> Iterator[Rows]:
         """The stretches with some of their columns."""
-        places, own = places_among(self.columns, columns), len(self.columns.all)
+        places, own = [self.columns.all.index(channel) for channel in columns.all], self.columns.all
         for rows in self.stretches:
-            if places is not None:
-                rows = rows[:, [*places, *range(own, rows.shape[1])]]
-            yield iter((rows,))
+            is_whole = len(places) == len(own)
+            yield rows if is_whole else rows[:, [*places, *range(len(own), rows.shape[1])]]
 
 
 def excerpt(
@@ -107,45 +106,21 @@ def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int)
             yield np.concatenate(parts)
 
 
-class Kept:
-    """Takes down batches as they are read for the first time.
+def taken_down(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[tuple[int, Rows]]:
+    """Batches as they are read for the first time with the numbers of their first rows.
 
-    Args:
-        columns: of the batches.
+    Each is copied to `kept` before it is handed on; nothing is left there where they are too many.
     """
-
-    def __init__(self, columns: Columns) -> None:
-        self._columns, self._left = columns, _MOST_NUMBERS
-        self._batches: list[Batch] = []
-
-    def taking(self, batches: Iterable[Batch]) -> Iterator[Batch]:
-        """The batches, each taken down before it is handed on."""
-        for batch in batches:
-            self._left -= batch.values.size
-            if self._left < 0:
-                self._batches.clear()
-            else:
-                values = batch.values.copy()
-                values.flags.writeable = False
-                self._batches.append(Batch(batch.row, values))
-            yield batch
-
-    @property
-    def whole(self) -> bool:
-        """Whether they were few enough."""
-        return self._left >= 0
-
-    def read(self, columns: Columns) -> Iterator[Batch]:
-        """All batches with some of their columns."""
-        places = places_among(self._columns, columns)
-        for batch in self._batches:
-            yield batch if places is None else Batch(batch.row, batch.values[:, places])
-
-
-def places_among(columns: Columns, some: Columns) -> np.ndarray | None:
-    """Where channels of some columns stand among others; None if they are all of them."""
-    places = [columns.all.index(channel) for channel in some.all]
-    return None if len(places) == len(columns.all) else np.array(places)
+    left = _MOST_NUMBERS
+    for values in batches:
+        left -= values.size
+        if left < 0:
+            kept.clear()
+        else:
+            kept.append(values.copy())
+            kept[-1].flags.writeable = False
+        yield row, values
+        row += len(values)
 
 
 # The longest stretch of stale rows in whose place a motion is put [s].
@@ -190,7 +165,7 @@ class Log(Shown):
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
-    kept: Kept | None = field(default=None, compare=False)
+    kept: Excerpt | None = field(default=None, compare=False)
     held: Excerpt | None = field(default=None, compare=False)
 
     @property
@@ -244,7 +219,7 @@ class Log(Shown):
     def _is_long(self, mask: Mask) -> bool:
         return mask.last - mask.first >= _HELD * self.rate
 
-    def batches(self) -> Iterator[Batch]:
+    def batches(self) -> Iterator[Rows]:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
         A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
@@ -254,17 +229,14 @@ class Log(Shown):
         weights = Weights(self.masks, len(self.columns.torque))
         sensors, untold = self.columns.sensor_places, Weights(self._untold, 1)
         stale = [mask for mask in self._stale if not self._is_long(mask)]
-        row, motion = 0, self.columns.motion_places
-        blocks = (batch.values for batch in self._read())
-        for block in bridged(blocks, stale, motion):
+        row, read = 0, self.kept.read(self.columns) if self.kept else None
+        batches = read or read_batches(self.table, self.columns)
+        for block in bridged(batches, stale, self.columns.motion_places):
             values = np.hstack([block, weights.of_rows(row, len(block))])
             if sensors.start < sensors.stop:
                 values[untold.of_rows(row, len(values))[:, 0] == 0.0, sensors] = np.nan
-            yield Batch(self.table.first_row + row, values)
+            yield values
             row += len(block)
-
-    def _read(self) -> Iterator[Batch]:
-        return self.kept.read(self.columns) if self.kept else read_batches(self.table, self.columns)
 
     def segments(self, cutoff: float | None) -> Iterator[Iterator[Float[np.ndarray, "_ _"]]]:
         """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
@@ -273,12 +245,10 @@ class Log(Shown):
             cutoff: what is filtered away later [Hz]; shorter holes are bridged.
         """
         if self.held is not None:
-            return self.held.segments(self.columns)
-        rows = (batch.values for batch in self.batches())
-        c = self.columns
+            return (iter((rows,)) for rows in self.held.read(self.columns))
+        c, longest = self.columns, self.bridged(cutoff)
         sensors = c.sensor_places.stop - c.sensor_places.start
-        longest = self.bridged(cutoff)
-        return segments(rows, self.laid, longest, len(c.torque), c.states, sensors)
+        return segments(self.batches(), self.laid, longest, len(c.torque), c.states, sensors)
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""

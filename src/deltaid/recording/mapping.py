@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
@@ -53,11 +53,8 @@ class DriveColumn(Part):
     )
 
 
-class AllDrives(Part):
-    """One entry for all drives, in place of a list with one a drive.
-
-    Columns are those of one array, or are listed; of all else there is one for all, or a list.
-    """
+class _Several(Part):
+    """One entry for several columns: those of one array, or a list; of all else one, or a list."""
 
     column: Name | None = Field(
         default=None, description="array with one column a drive: column[0], column[1], …"
@@ -65,6 +62,47 @@ class AllDrives(Part):
     columns: tuple[Name, ...] | None = Field(
         default=None, description="in place of it: one column a drive"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.column is None) == (self.columns is None):
+            raise ValueError("needs either column or columns")
+        return self
+
+    def names(self, count: int) -> tuple[str, ...]:
+        """Of so many columns."""
+        return self.columns or tuple(f"{self.column}[{i}]" for i in range(count))
+
+    def each(self, count: int, where: str, wanted: str, cure: str) -> list[dict[str, Any]]:
+        """What is said of each of so many columns.
+
+        Args:
+            where: for messages, as `wanted` and `cure`.
+            wanted: what needs so many.
+
+        Raises:
+            RecordingError: a list has another length.
+        """
+        own = type(self).model_fields.keys() - {"column", "columns"}
+        given: dict[str, Any] = {"column": self.names(count)} | {k: getattr(self, k) for k in own}
+        for key, value in given.items():
+            if isinstance(value, tuple) and len(value) != count:
+                what = f"{key if key == 'column' else 'value'}{'s' * (len(value) != 1)}"
+                raise RecordingError(
+                    f"lists {len(value)} {what}, but {wanted}",
+                    where=where if key == "column" else f"{where}.{key}",
+                    cure=cure if key == "column" else f"{cure}, or give one value for all",
+                )
+        split = {k: x if isinstance(x, tuple) else (x,) * count for k, x in given.items()}
+        return [{key: values[i] for key, values in split.items()} for i in range(count)]
+
+
+class AllDrives(_Several):
+    """One entry for all drives, in place of a list with one a drive.
+
+    Columns are those of one array, or are listed; of all else there is one for all, or a list.
+    """
+
     unit: str | tuple[str, ...] = Field(description="such as deg, rpm, mN*m")
     gear: Positive | tuple[Positive, ...] = Field(
         default=1.0, description="motor revolutions per joint revolution"
@@ -82,37 +120,14 @@ class AllDrives(Part):
         default=None, description="N m per A at the motor"
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> "AllDrives":
-        if (self.column is None) == (self.columns is None):
-            raise ValueError("needs either column, of an array, or columns")
-        return self
-
-    def names(self, dof: int) -> tuple[str, ...]:
-        """The column of each drive."""
-        return self.columns or tuple(f"{self.column}[{i}]" for i in range(dof))
-
     def entries(self, dof: int, where: str) -> tuple[DriveColumn, ...]:
         """The same as a list.
 
         Raises:
             RecordingError: a list has another length than there are drives.
         """
-        stated = self.model_fields_set - {"column"}
-        given: dict[str, Any] = {"columns": self.names(dof)} | {k: getattr(self, k) for k in stated}
-        for key, value in given.items():
-            if isinstance(value, tuple) and len(value) != dof:
-                raise RecordingError(
-                    f"lists {len(value)} {key if key == 'columns' else 'values'}, "
-                    f"but the robot has {dof} drives",
-                    where=where if key == "columns" else f"{where}.{key}",
-                    cure="list one a drive, in order of q, or give one value for all",
-                )
-        given["column"] = given.pop("columns")
-        return tuple(
-            DriveColumn(**{k: x[i] if isinstance(x, tuple) else x for k, x in given.items()})
-            for i in range(dof)
-        )
+        wanted, cure = f"the robot has {dof} drives", "list one a drive, in order of q"
+        return tuple(DriveColumn(**entry) for entry in self.each(dof, where, wanted, cure))
 
 
 def _spelling(value: object) -> str:
@@ -164,7 +179,7 @@ class TemperatureColumn(Part):
     unit: Literal["degC", "K", "degF"] = Field(default="degC", description="of the column")
 
 
-class SensorColumns(Part):
+class SensorColumns(_Several):
     """The columns of one sensor, in the order of its channels: Fx, Fy, Fz, Mx, My, Mz of a wrench.
 
     SI value = sign · unit · (number − zero). Of unit, sign and zero there is one for all columns,
@@ -193,19 +208,9 @@ class SensorColumns(Part):
         default=0.0, description="how much later than the motion it is recorded, s"
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> "SensorColumns":
-        if (self.column is None) == (self.columns is None):
-            raise ValueError("needs either column or columns")
-        return self
-
-    def names(self, channels: int) -> tuple[str, ...]:
+    def names(self, count: int) -> tuple[str, ...]:
         """The columns of a sensor with so many channels."""
-        if self.columns is not None:
-            return self.columns
-        if channels == 1:
-            return (str(self.column),)
-        return tuple(f"{self.column}[{i}]" for i in range(channels))
+        return (self.column,) if count == 1 and self.column else super().names(count)
 
 
 Quantity = Literal["position", "velocity", "acceleration", "torque"]

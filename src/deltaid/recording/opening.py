@@ -1,19 +1,17 @@
 """Opening a recording: every row is read once and checked, before anything is computed from it."""
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.parallel import ordered
 from deltaid.recording.address import find, listing
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.contents import proposal_for
-from deltaid.recording.log import Kept, Log
+from deltaid.recording.log import Excerpt, Log, taken_down
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.mapping_proposal import FOUND, as_words
 from deltaid.recording.masks.masks import require_rest, runs_of
@@ -82,9 +80,9 @@ def open_log(
         )
     with ThreadPoolExecutor(1) as beside:
         digest = beside.submit(table.checksum, [channel.column for channel in columns.recorded])
-        unwrapping, kept = Unwrapping(columns), Kept(columns)
-        batches = kept.taking(read_batches(table, columns, unwrapping))
-        for seen in ordered(survey.look, batches):
+        unwrapping, kept = Unwrapping(columns), list[Rows]()
+        batches = read_batches(table, columns, unwrapping)
+        for seen in ordered(survey.look, taken_down(batches, kept, table.first_row)):
             survey.add(seen)
         survey.warnings += unwrapping.doubts(table)
         clock = _clock(survey)
@@ -106,7 +104,7 @@ def open_log(
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
-        kept=kept if kept.whole else None,
+        kept=Excerpt(columns, tuple(kept), whole=True) if kept else None,
     )
     return _with_cutoff_between_stops(log)
 
@@ -202,15 +200,13 @@ def _clock(survey: Survey) -> Clock:
         return survey.clock.clock
     table, columns, dof = survey.table, survey.columns, survey.kinematics.dof
 
-    def rows() -> Iterator[Float[np.ndarray, "_ _"]]:
-        return (batch.values for batch in read_batches(table, columns))
-
     # Before any row is placed by such a step.
     usual = 1 / survey.clock.step if survey.clock.step > 0 else 0.0
     require_rate(table, columns.time.column, usual, differentiated=False)
-    clock = study(rows(), dof)
+    clock = study(read_batches(table, columns), dof)
     require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
-    for segment in segments(rows(), clock, int(_BRIDGED * clock.rate), 0):
+    longest = int(_BRIDGED * clock.rate)
+    for segment in segments(read_batches(table, columns), clock, longest, 0):
         survey.add_even(segment)
     return clock

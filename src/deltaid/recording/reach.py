@@ -13,10 +13,9 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import SpectrumEstimate
-from deltaid.recording.table import Batch
 
 # Rows between two places where time leaves off that show a passage from branch to branch.
 _SHOWN = 4
@@ -64,13 +63,15 @@ class Seen:
     """A batch with what can be computed from it apart from the rows before it.
 
     Attributes:
-        batch: consecutive rows.
+        row: number of the first row.
+        values: of consecutive rows.
         stretch: their poses.
         good: which of these there are.
         spectrum: of the positions.
     """
 
-    batch: Batch
+    row: int
+    values: Rows
     stretch: Stretch
     good: Bool[np.ndarray, " rows"]
     spectrum: SpectrumEstimate
@@ -96,7 +97,7 @@ class ReachCheck:
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        stretch, row = seen.stretch, seen.batch.row
+        stretch, row = seen.stretch, seen.row
         time, q, worst = stretch.time, stretch.q, stretch.regular.worst
         bad = np.flatnonzero(~seen.good)
         if bad.size:

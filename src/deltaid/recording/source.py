@@ -63,6 +63,8 @@ class LogTable(ABC):
         first_row: of the first data, as a user counts it: a line of a CSV file, otherwise 1.
         units: of columns, as the file states them.
         warnings: what was seen of the layout.
+        cure_of_missing: what to do about a column that is not there.
+        cure_without_torque: what to do if no torques are among the default columns.
         doubts: what was seen while all rows were read last.
     """
 
@@ -71,6 +73,14 @@ class LogTable(ABC):
     first_row: int = field(default=1, kw_only=True)
     units: dict[str, str] = field(default_factory=dict[str, str], kw_only=True)
     warnings: tuple[Doubt, ...] = field(default=(), kw_only=True)
+    cure_of_missing: str = field(
+        default="rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays "
+        "t, q, tau, or say which is which with --columns MAPPING.yaml",
+        kw_only=True,
+    )
+    cure_without_torque: str = field(
+        default="name them tau1, tau2, … or declare them with --columns MAPPING.yaml", kw_only=True
+    )
     doubts: list[Doubt] = field(default_factory=list[Doubt], compare=False, kw_only=True)
 
     @property
@@ -113,19 +123,6 @@ class LogTable(ABC):
     def row_name(self, row: int) -> str:
         """One row without the file, for a message that names the file already."""
         return self.row_place(row).removeprefix(f"{self.path}, ")
-
-    @property
-    def cure_of_missing(self) -> str:
-        """What to do about a column that is not there."""
-        return (
-            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
-            "q, tau, or say which is which with --columns MAPPING.yaml"
-        )
-
-    @property
-    def cure_without_torque(self) -> str:
-        """What to do if no torques are among the default columns."""
-        return "name them tau1, tau2, … or declare them with --columns MAPPING.yaml"
 
     def bad_value(self, column: str, written: object, place: str) -> RecordingError:
         """A field of a column that is no finite number, as it stands in the file."""

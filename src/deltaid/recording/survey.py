@@ -7,13 +7,13 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.masks.search import Found, LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen, Stretch
 from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
-from deltaid.recording.table import Batch, recut
+from deltaid.recording.table import recut
 from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
 from deltaid.recording.time.clock_doubts import doubts_about_stamps
 
@@ -59,17 +59,18 @@ class Survey:
         """All that is left out of a recording of some sampling rate [Hz]."""
         return [*(self.search.runs() if self.search else ()), *self.loads.runs(rate)]
 
-    def look(self, batch: Batch) -> Seen:
-        """A batch with its poses, whatever they are worth, and spectra; changes nothing here.
+    def look(self, batch: tuple[int, Rows]) -> Seen:
+        """Rows and the number of the first one, with poses, whatever they are worth, and spectra.
 
         Raises:
             RecordingError: a number is beyond its bound, so that nothing can be computed from it.
         """
-        self.bounds.check(batch.values, batch.row)
-        q = batch.values[:, 1 : 1 + self.kinematics.dof]
+        row, values = batch
+        self.bounds.check(values, row)
+        q = values[:, 1 : 1 + self.kinematics.dof]
         z, good = self.kinematics.forward_unchecked(q)
-        stretch = Stretch(batch.values[:, 0], q, z, self.kinematics.regularity(z))
-        return Seen(batch, stretch, good, spectrum_of(q))
+        stretch = Stretch(values[:, 0], q, z, self.kinematics.regularity(z))
+        return Seen(row, values, stretch, good, spectrum_of(q))
 
     def add(self, seen: Seen) -> None:
         """Check consecutive rows.
@@ -77,16 +78,16 @@ class Survey:
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        batch, values = seen.batch, seen.batch.values
-        apart = self.clock.add(batch)
+        row, values = seen.row, seen.values
+        apart = self.clock.add(values[:, 0])
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
-        self.loads.add(values, batch.row)
-        self.sensors.add(values, batch.row)
+        self.loads.add(values, row)
+        self.sensors.add(values, row)
         self.low = np.fmin(self.low, np.fmin.reduce(values))  # of sensors without their NaN
         self.high = np.fmax(self.high, np.fmax.reduce(values))
-        self._check_angles(seen.stretch.q, batch.row)
-        self._check_jumps(seen.stretch.q, batch.row, apart)
+        self._check_angles(seen.stretch.q, row)
+        self._check_jumps(seen.stretch.q, row, apart)
         self.reach.add(seen, apart)
         if self.clock.steady:
             self.spectrum += seen.spectrum

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
@@ -30,14 +29,6 @@ _FOREIGN = {
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
 # Numbers of sensors beyond this stand for nothing, such as the 1e38 of some loggers.
 _LARGEST = 1e12
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Consecutive rows in SI units, columns as in `Columns.all`; `row` numbers the first one."""
-
-    row: int
-    values: Float[np.ndarray, "rows channels"]
 
 
 def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
@@ -76,8 +67,8 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
 
 def read_batches(
     table: LogTable, columns: Columns, unwrapping: Unwrapping | None = None
-) -> Iterator[Batch]:
-    """The rows of a log in SI units, batch by batch.
+) -> Iterator[Float[np.ndarray, "rows channels"]]:
+    """The rows of a log in SI units, batch by batch, columns as in `Columns.all`.
 
     Batches have as many rows however the file is read, so that nothing depends on how it is.
 
@@ -87,11 +78,8 @@ def read_batches(
     Raises:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
-    row = table.first_row
     unwrapping = unwrapping or Unwrapping(columns)
-    for values in recut(_in_si(table, columns, unwrapping), BATCH_ROWS):
-        yield Batch(row, values)
-        row += len(values)
+    yield from recut(_in_si(table, columns, unwrapping), BATCH_ROWS)
 
 
 def _in_si(

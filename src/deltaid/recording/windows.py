@@ -22,9 +22,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
-from deltaid.recording.convolution import apply, convolve
 from deltaid.recording.filter import LowPass
 from deltaid.recording.repairs import Burden
+from deltaid.recording.spectrum import apply, convolve
 from deltaid.recording.table import recut
 
 # A speed within so many standard deviations of zero may have either sign.

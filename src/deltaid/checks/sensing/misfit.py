@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from deltaid.checks.sensing.rows import SensedRows, SensorSignal, Values
-from deltaid.recording.time.resampling import interpolate
+from deltaid.recording.time.segments import interpolate
 
 # Samples that count as independent.
 _COUNTED = 200.0

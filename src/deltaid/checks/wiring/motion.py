@@ -13,16 +13,15 @@ from jaxtyping import Bool, Float
 from scipy.signal import detrend
 
 from deltaid.checks.evidence import RawRows
-from deltaid.recording.convolution import apply
-from deltaid.recording.filter import (
+from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
+from deltaid.recording.masks.masks import runs_of
+from deltaid.recording.spectrum import (
     HIGHEST,
     LOWEST_CUTOFF,
-    LowPass,
-    design_low_pass,
-    samples_needed,
+    SpectrumEstimate,
+    apply,
+    spectrum_of,
 )
-from deltaid.recording.masks.masks import runs_of
-from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.time.clock import HIGHEST_RATE
 
 # The highest cut-off [Hz]: enough to distinguish columns.

@@ -1,11 +1,11 @@
-"""Messages of a bag as bytes, whichever of the kinds of bags it is.
+"""Messages of a bag as bytes, whichever of the kinds of bags it is, and its topics of joint states.
 
 What lies compressed on the disk, or under a name by which rosbags does not know it, is unpacked
 into a temporary folder each time it is read.
 """
 
 import shutil
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -13,7 +13,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from deltaid.errors import RecordingError, visible
+from deltaid.recording.address import RecordedField
+from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError
 from deltaid.recording.source import ZSTD, content, first_line, library, opened, unzstd
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -23,8 +27,15 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-# Messages that are in memory at a time.
-_CHUNK = 4096
+# Messages that are in memory at a time, and those of a topic that show what it holds.
+_CHUNK, _FIRST = 4096, 100
+JOINT_STATE = "sensor_msgs/msg/JointState"
+# What a mapping calls the quantities, their units for turning joints, and their default names.
+QUANTITIES = {
+    "position": ("position", "rad", "q"),
+    "velocity": ("velocity", "rad/s", "qd"),
+    "effort": ("torque", "N*m", "tau"),
+}
 
 
 @dataclass(frozen=True)
@@ -151,3 +162,98 @@ def _reporting(path: Path) -> Generator[None, None, None]:
             where=str(path),
             cure=_CURES.get(path.suffix, _FOLDER_CURE),
         ) from None
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of joint states, as its first messages show it.
+
+    Attributes:
+        joints: those that have a number, for each quantity.
+        hollow: quantities that have none, and what they hold.
+        stamped: whether headers have stamps; else all of them are zero.
+        first: the first stamp, and
+        received: when the first message was received [ns].
+    """
+
+    name: str
+    type: str
+    joints: dict[str, tuple[str, ...]]
+    hollow: dict[str, str]
+    stamped: bool
+    first: int
+    received: int
+
+    @property
+    def fields(self) -> list[RecordedField]:
+        """One array a quantity, one column a joint."""
+        full = [
+            RecordedField(f"{self.name}.{quantity}", (None, len(joints)), joints)
+            for quantity, joints in self.joints.items()
+        ]
+        return full + [
+            RecordedField(f"{self.name}.{key}", holds=why) for key, why in self.hollow.items()
+        ]
+
+    def __str__(self) -> str:
+        joints = self.joints.get("position") or next(iter(self.joints.values()), ())
+        return f"{self.name} ({_some(joints)})"
+
+
+def topics_of(bag: Bag) -> list[Topic]:
+    """The topics of joint states that have messages.
+
+    Raises:
+        RecordingError: there are none, or the bag is damaged.
+    """
+    known = [name for name, kind in bag.topics.items() if kind in TYPES]
+    topics = [topic for name in known if (topic := _topic(bag, name))]
+    if not topics:
+        raise RecordingError(
+            "has no messages of sensor_msgs/JointState or control_msgs/DynamicJointState; its "
+            f"topics are {_some(list(bag.topics))}"
+            if bag.topics
+            else "holds no topics",
+            where=str(bag.path),
+            cure="record the topic of the joint states as well, often /joint_states",
+        )
+    return topics
+
+
+def _topic(bag: Bag, name: str) -> Topic | None:
+    chunk = next(bag.messages([name]), [])[:_FIRST]
+    if not chunk:
+        return None
+    decoder, raws = Decoder(bag.topics[name], bag.cdr), [raw for _, _, raw in chunk]
+    try:
+        numbers = list(dict.fromkeys(key for raw in raws for key in decoder.layout(raw).numbers))
+        stamps, values = decoder.decode(raws, numbers)
+    except MessageError as error:
+        raise damaged(bag, name, error, 0) from None
+    joints: dict[str, tuple[str, ...]] = {}
+    hollow = dict.fromkeys(QUANTITIES, "empty lists") if decoder.type == JOINT_STATE else {}
+    for (quantity, joint), column in zip(numbers, values.T, strict=True):
+        if np.isfinite(column).any():
+            joints[quantity] = (*joints.get(quantity, ()), joint)
+        else:
+            hollow[quantity] = "NaN only"
+    hollow = {quantity: why for quantity, why in hollow.items() if quantity not in joints}
+    first = int(np.flatnonzero(stamps)[0]) if stamps.any() else 0
+    return Topic(
+        name, decoder.type, joints, hollow, bool(stamps.any()), int(stamps[first]), chunk[0][1]
+    )
+
+
+def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
+    """A message is not what its type says; so many of the topic were read before."""
+    return RecordingError(
+        f"message {before + error.index + 1} of {visible(topic)} {visible(error.what)}",
+        where=str(bag.path),
+        cure="the bag is damaged there, or was not written as ROS does; copy or record it again",
+    )
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
+    shown = [name if len(name) <= 60 else f"{name[:57]}…" for name in names[:20]]
+    return visible(", ".join(shown)) + more

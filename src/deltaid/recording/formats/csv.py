@@ -3,7 +3,6 @@
 Where its names stand, what separates them, where the data begins.
 """
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -101,6 +100,10 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
         first_row=first_row,
         units=units,
         warnings=tuple(warnings),
+        cure_of_missing="separate the columns by comma, semicolon, tab or blanks"
+        if len(header.names) == 1
+        else "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
+        "which with --columns MAPPING.yaml, and in which row (header_row) the names are",
     )
 
 
@@ -159,11 +162,8 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
     for row in range(1, _SEARCHED_LINES + 1):
         if not lines[row]:
             return None
-        try:
-            separator = separator_of(as_text(lines[row]))
-            names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
-        except csv.Error:
-            continue
+        separator = separator_of(as_text(lines[row]))
+        names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
         if len(names) < _FEWEST or any(is_number(name) for name in names):
             continue
         for cells in below:
@@ -176,10 +176,7 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
 
 
 def _holds(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
-    try:
-        return _are_among(needed, cells_of(text, separator_of(text)))
-    except csv.Error:
-        return False
+    return _are_among(needed, cells_of(text, separator_of(text)))
 
 
 def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> bool:
@@ -197,10 +194,7 @@ def _after_comments(lines: HeadLines, row: int) -> int:
 
 def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, str]:
     """The unit of each column that may be used, if the line under the names is a row of units."""
-    try:
-        cells = cells_of(as_text(line), header.separator)
-    except csv.Error:
-        return {}
+    cells = cells_of(as_text(line), header.separator)
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
         return {}
     needed = [name for one_of in mapping.needed for name in one_of]

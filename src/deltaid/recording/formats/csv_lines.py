@@ -113,9 +113,11 @@ def separator_of(header: str) -> str:
 
 
 def cells_of(text: str, separator: str) -> list[str]:
-    text = text.strip() if separator == " " else text
-    fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
-    return [field.strip() for field in fields]
+    """Fields of a line; none of one that is no CSV."""
+    try:
+        return list(names_in(text, separator, ""))
+    except RecordingError:
+        return []
 
 
 def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
@@ -124,8 +126,10 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
     Raises:
         RecordingError: it is none.
     """
+    text = text.strip() if separator == " " else text
     try:
-        return tuple(cells_of(text, separator))
+        fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+        return tuple(field.strip() for field in fields)
     except csv.Error as error:
         raise RecordingError(
             f"is not a row of column names: {error}",
@@ -244,23 +248,14 @@ class Decimals:
         """Text as numbers, null where it is none."""
         # Fractions of a second have a mark of their own.
         self._mark = self._mark or _first_mark([x for x in texts if len(x) and not is_clock(x[0])])
-        if self._mark == ",":
-            texts = [_with_points(text) for text in texts]
+        if self._mark == ",":  # null where a number has a point
+            pointed = [text.str.contains(".", literal=True) for text in texts]
+            texts = [text.str.replace(",", ".", literal=True) for text in texts]
+            texts = [text.set(is_, None) for text, is_ in zip(texts, pointed, strict=True)]
         return [text.cast(pl.Float64, strict=False) for text in texts]
-
-
-def _with_points(text: pl.Series) -> pl.Series:
-    pointed = text.str.contains(".", literal=True)
-    return text.str.replace(",", ".", literal=True).set(pointed, None)
 
 
 def _first_mark(texts: list[pl.Series]) -> str:
     """The decimal mark in the first row that has one; none if all numbers are whole."""
-
-    first: dict[int, str] = {}
-    for mark in (".", ","):
-        found = [text.str.contains(mark, literal=True).arg_true() for text in texts]
-        rows = [int(row[0]) for row in found if len(row)]
-        if rows:
-            first[min(rows)] = mark
-    return first[min(first)] if first else ""
+    marked = [(m, text.str.contains(m, literal=True).arg_true()) for m in ".," for text in texts]
+    return min(((int(rows[0]), mark) for mark, rows in marked if len(rows)), default=(0, ""))[1]

@@ -86,23 +86,9 @@ class CsvTable(LogTable):
         """The line of the names."""
         return self.row_place(self.header_row)
 
-    def line(self, row: int) -> int:
-        """A row as a user counts it: with the comment lines among the data."""
-        return row + bisect_right(self.comments, row)
-
     def row_place(self, row: int) -> str:
-        """One row, counted as an editor counts lines."""
-        return f"{self.path}, row {self.line(row)}"
-
-    @property
-    def cure_of_missing(self) -> str:
-        """What to do about a column that is not there."""
-        if len(self.fields) == 1:
-            return "separate the columns by comma, semicolon, tab or blanks"
-        return (
-            "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
-            "which with --columns MAPPING.yaml, and in which row (header_row) the names are"
-        )
+        """One row, counted as an editor counts lines: with the comment lines among the data."""
+        return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
         """What to do about a field that is no number, by its marks."""
@@ -146,7 +132,7 @@ def _without_comments(
     if not any(mark in block for mark in marks):
         return block, []
     found, start = list[tuple[int, bytes]](), 0
-    parts: list[bytes] = []
+    parts = list[bytes]()
     for match in re.finditer(rb"(?m)^ *(?:" + b"|".join(marks) + rb")[^\n]*\n?", block):
         kept = block[start : match.start()]
         parts.append(kept)
@@ -165,14 +151,9 @@ def _single_blanks(block: bytes) -> bytes:
 
 
 def _without_empty_end(block: bytes, separator: str) -> bytes:
-    blank = b" \t\r\n\x0b\x0c" + separator.encode()
-    stop = len(block)
-    while stop:
-        start = block.rfind(b"\n", 0, stop - 1) + 1
-        if block[start:stop].strip(blank):
-            break
-        stop = start
-    return block[:stop]
+    filled = len(block.rstrip(b" \t\r\n\x0b\x0c" + separator.encode()))
+    end = block.find(b"\n", filled) + 1
+    return block[: (end or len(block)) if filled else 0]
 
 
 def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
@@ -188,10 +169,10 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
         frame = None
     if frame is None or frame.shape != (lines, len(table.header)):
-        last = row + lines - 1
+        first, last = (table.row_name(end).removeprefix("row ") for end in (row, row + lines - 1))
         raise RecordingError(
             "are not valid CSV",
-            where=f"{table.path}, rows {table.line(row)} to {table.line(last)}",
+            where=f"{table.path}, rows {first} to {last}",
             cure="look there for stray quotation marks",
         )
     return frame

@@ -246,20 +246,17 @@ class FrameTable(LogTable):
     """A table in memory."""
 
     frame: pl.DataFrame = field(repr=False)
+    cure_of_missing: str = field(
+        default="rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays "
+        "t, q, tau, or say which is which: columns=deltaid.ColumnMapping(…)",
+        kw_only=True,
+    )
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Rows of some columns, as in `LogTable.rows`."""
         picks, origins = self.picks(columns), dict[str, int]()
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
             yield rows_of(part, picks, origins)
-
-    @property
-    def cure_of_missing(self) -> str:
-        """As in `LogTable`, for who is in Python."""
-        return (
-            "rename what there is to t, q1…, tau1… (and qd1…, qdd1… if recorded) or to arrays t, "
-            "q, tau, or say which is which: columns=deltaid.ColumnMapping(…)"
-        )
 
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.

@@ -1,6 +1,8 @@
 """ROS 1 bags, ROS 2 bags in SQLite or MCAP, and MCAP files: states of joints, by name."""
 
 import hashlib
+import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,21 +11,23 @@ import numpy as np
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import Pick, RecordedField, find, listing
-from deltaid.recording.formats.bag_reader import opened_bag, storage
-from deltaid.recording.formats.joint_topics import (
+from deltaid.recording.formats.bag_reader import (
+    JOINT_STATE,
+    QUANTITIES,
     Topic,
     damaged,
-    default_columns,
-    mapping_lines,
+    opened_bag,
+    storage,
     topics_of,
 )
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, opened
-from deltaid.recording.time.resampling import Signal, merged
+from deltaid.recording.time.segments import Signal, merged
 
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"
+_NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,4})(?P<after>\D*)")
 
 
 def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
@@ -42,12 +46,24 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         cure="if the order is another, name the joints in a mapping",
     )
     arrays = [array for topic in topics for array in topic.fields]
+    hollow = [f"{t.name}.effort holds {t.hollow['effort']}" for t in topics if "effort" in t.hollow]
+    told = [topic for topic in topics if "position" in topic.joints]
+    several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
+    cure = (
+        f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
+        f"(units of drives that slide are m, m/s and N):\n    {mapping_lines(topics)}"
+    )
     return BagTable(
         path,
         (RecordedField(_STAMPED), *map(RecordedField, names), *arrays, RecordedField(_RECEIVED)),
         {topic.name: topic for topic in topics},
         names,
         warnings=(said,) if taken else (),
+        cure_of_missing=cure,
+        cure_without_torque=f"{'; '.join(hollow)}: no torques are recorded; let the driver publish "
+        "them, or map what holds them with --columns MAPPING.yaml"
+        if hollow
+        else cure,
     )
 
 
@@ -69,32 +85,6 @@ class BagTable(LogTable):
 
     topics: dict[str, Topic]
     names: dict[str, tuple[str, Number]]
-
-    @property
-    def cure_of_missing(self) -> str:
-        """What to do about a column that is not there: a mapping to begin with."""
-        told = [topic for topic in self.topics.values() if "position" in topic.joints]
-        several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
-        return (
-            f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
-            "(units of drives that slide are m, m/s and N):\n    "
-            f"{mapping_lines(list(self.topics.values()))}"
-        )
-
-    @property
-    def cure_without_torque(self) -> str:
-        """What to do if no torques are among the default columns."""
-        hollow = [
-            f"{topic.name}.effort holds {topic.hollow['effort']}"
-            for topic in self.topics.values()
-            if "effort" in topic.hollow
-        ]
-        if hollow:
-            return (
-                f"{'; '.join(hollow)}: no torques are recorded; let the driver publish them, or "
-                "map what holds them with --columns MAPPING.yaml"
-            )
-        return self.cure_of_missing
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
         """Columns by their addresses, as in `LogTable.picks`."""
@@ -144,11 +134,10 @@ class BagTable(LogTable):
                 )
             )
         pieces = self._pieces(wanted, received)
-        if len(wanted) > 1:
-            pieces = [self._merged(list(pieces), wanted)]
+        parts = [self._merged(list(pieces), wanted)] if len(wanted) > 1 else (p for _, p in pieces)
         order = [(name, number) for name, numbers in wanted.items() for number in numbers]
         at = [order.index(place) if isinstance(place, tuple) else None for place in places]
-        for _, part in pieces:
+        for part in parts:
             numbers = [part.time if k is None else part.values[:, k] for k in at]
             yield Rows(numbers, numbers)
 
@@ -182,9 +171,6 @@ class BagTable(LogTable):
                     lost[name] += int((~whole).sum())
                     if whole.any():
                         yield name, Signal((stamps[whole] - start) / 1e9, values[whole])
-        self._tell_lost(kept, lost)
-
-    def _tell_lost(self, kept: dict[str, int], lost: dict[str, int]) -> None:
         for name in kept:
             if not kept[name]:
                 raise RecordingError(
@@ -202,18 +188,11 @@ class BagTable(LogTable):
                     )
                 )
 
-    def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> _Piece:
-        parts = {name: [part for topic, part in pieces if topic == name] for name in wanted}
-        for name, own in parts.items():
-            if sum(len(part.time) for part in own) < 2:
-                raise RecordingError(
-                    f"topic {name} has fewer than two messages",
-                    where=str(self.path),
-                    cure="give a whole recording",
-                )
-        signal, same = merged(parts.values())
+    def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> Signal:
+        names = list(wanted)
+        parts = [[part for topic, part in pieces if topic == name] for name in names]
+        signal, same = merged([f"topic {name}" for name in names], parts, str(self.path))
         if not all(same):
-            names = list(wanted)
             onto = names[same.index(True)]
             others = [name for name, is_same in zip(names, same, strict=True) if not is_same]
             self.doubts.append(
@@ -224,4 +203,71 @@ class BagTable(LogTable):
                     cure="publish positions and torques in one message to keep them in step",
                 )
             )
-        return "", signal
+        return signal
+
+
+def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
+    """Default names of columns, where names of joints leave no doubt which drive is which.
+
+    That is where one topic tells positions of joints whose names differ by a number only, counted
+    from 1 or 0 without a gap.
+    """
+    topic = _main(topics)
+    joints = in_order(topic.joints["position"]) if topic else None
+    if not joints:
+        return {}
+    return {
+        f"{short}{i + 1}": (teller.name, (quantity, joint))
+        for quantity, (_, _, short) in QUANTITIES.items()
+        if (teller := _teller(topics, quantity, joints))
+        for i, joint in enumerate(joints)
+    }
+
+
+def in_order(joints: Sequence[str]) -> list[str] | None:
+    """Joints by their number; None if they are not numbered through."""
+    matches = [_NUMBERED.fullmatch(joint) for joint in joints]
+    found = {int(m["number"]): m for m in matches if m}
+    around = {(m["before"], m["after"]) for m in found.values()}
+    if len(found) < len(joints) or len(around) != 1:
+        return None
+    numbers = sorted(found)
+    through = numbers[0] in (0, 1) and numbers[-1] - numbers[0] == len(numbers) - 1
+    return [found[number].string for number in numbers] if through else None
+
+
+def mapping_lines(topics: Sequence[Topic]) -> str:
+    """A mapping with all joints of the topic of positions, to be put into the order of q."""
+    topic = _main(topics) or next(
+        (topic for topic in topics if "position" in topic.joints), topics[0]
+    )
+    joints = _by_number(topic.joints.get("position") or next(iter(topic.joints.values()), ()))
+    lines: list[str] = []
+    for quantity, (key, unit, _) in QUANTITIES.items():
+        if teller := _teller(topics, quantity, joints):
+            columns = [json.dumps(f"{teller.name}.{quantity}[{joint}]") for joint in joints]
+            lines.append(f"{key}: {{columns: [{', '.join(columns)}], unit: {unit}}}")
+    return "\n    ".join(lines)
+
+
+def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> Topic | None:
+    """The topic that tells a quantity of these joints: that of their positions, or the only one."""
+    able = [topic for topic in topics if set(joints) <= set(topic.joints.get(quantity, ()))]
+    plain = [topic for topic in able if topic.type == JOINT_STATE]
+    main = [topic for topic in able if topic is _main(topics)]
+    return next((tellers[0] for tellers in (main, plain, able) if len(tellers) == 1), None)
+
+
+def _main(topics: Sequence[Topic]) -> Topic | None:
+    told = [topic for topic in topics if "position" in topic.joints]
+    plain = [topic for topic in told if topic.type == JOINT_STATE]
+    tellers = plain or told
+    return tellers[0] if len(tellers) == 1 else None
+
+
+def _by_number(joints: Sequence[str]) -> list[str]:
+    def key(joint: str) -> list[tuple[bool, int, str]]:
+        parts = re.findall(r"\d+|\D+", joint)
+        return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
+
+    return sorted(joints, key=key)

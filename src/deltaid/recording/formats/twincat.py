@@ -36,7 +36,7 @@ from deltaid.recording.formats.csv_lines import (
 )
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, content
-from deltaid.recording.time.resampling import Signal, merged
+from deltaid.recording.time.segments import Signal, merged
 
 # The name of the time, which the export has under none of its own.
 TIME = "t"
@@ -94,14 +94,11 @@ class ScopeTable(LogTable):
     shared: dict[tuple[int, ...], bool] = field(
         default_factory=dict[tuple[int, ...], bool], compare=False
     )
-
-    @property
-    def cure_of_missing(self) -> str:
-        """What to do about a column that is not there."""
-        return (
-            "say with --columns MAPPING.yaml which channel is what, by its name or its symbol; the "
-            f"time is {TIME}, in s, whatever the export counts in"
-        )
+    cure_of_missing: str = field(
+        default="say with --columns MAPPING.yaml which channel is what, by its name or its symbol; "
+        f"the time is {TIME}, in s, whatever the export counts in",
+        kw_only=True,
+    )
 
     def row_place(self, row: int) -> str:
         """One row, for messages: a line, or where lines are no instants a sample."""
@@ -170,14 +167,8 @@ class ScopeTable(LogTable):
                     place = f"{self.path}, row {row + int(there[i])}"
                     raise self.bad_value(self._named((time, *values)[k]), texts[k][i], place)
                 parts[time].append(Signal(block[:, 0], block[:, 1:]))
-        for time, own in parts.items():
-            if sum(len(part.time) for part in own) < 2:
-                raise RecordingError(
-                    f"channel {self._named(groups[time][0])} has fewer than two samples",
-                    where=str(self.path),
-                    cure="give a whole recording, or leave the channel out of the mapping",
-                )
-        signal, same = merged(parts.values())
+        named = [f"channel {self._named(values[0])}" for values in groups.values()]
+        signal, same = merged(named, parts.values(), str(self.path))
         instants = [
             self._named(k)
             for is_same, group in zip(same, groups.values(), strict=True)
@@ -288,8 +279,7 @@ def _number(text: str | None, otherwise: float) -> float:
 # Lines in which the first data is looked for, and of data that show how many columns there are.
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50
 _NAMES = ("Name", "SymbolName")
-_SCALES = ("ScaleFactor", "Offset", "Unit ScaleFactor", "Unit Offset")
-_WORDS = {*_NAMES, *_SCALES, "Unit"}
+_WORDS = {*_NAMES, *_NEUTRAL, "Unit"}
 _FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
 # Words that stand at the head of a line of such a file and hardly of another.
 _MARKS = re.compile(
@@ -403,7 +393,7 @@ def _channels(
                 start,
                 k,
                 "" if unit == "(None)" else unit,
-                {word: value for word in _SCALES if (value := cell(word, k))},
+                {word: value for word in _NEUTRAL if (value := cell(word, k))},
             )
 
 

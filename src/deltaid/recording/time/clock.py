@@ -9,7 +9,6 @@ from deltaid.errors import RecordingError
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
-from deltaid.recording.table import Batch
 from deltaid.recording.time.grid import FASTEST, usual_step
 
 # A step that is off the usual one by more than this share is uneven.
@@ -207,9 +206,8 @@ class ClockCheck:
         period = (self.last_time - self.first_time) / (self.samples - 1)
         return Clock(period, self.samples, self.first_time, self.last_time)
 
-    def add(self, batch: Batch) -> Int[np.ndarray, " runs"]:
-        """Take in consecutive rows; gives those before which time leaves off, from 0."""
-        time = batch.values[:, 0]
+    def add(self, time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " runs"]:
+        """Take in stamps of consecutive rows; gives those before which time leaves off, from 0."""
         steps = np.diff(time, prepend=self.last_time)
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
