@@ -87,8 +87,7 @@ class Load(Part):
             return np.isin(column, self.holding or (1.0,))
         if self.spans is None:
             return np.ones(len(time), dtype=bool)
-        ends = np.array(self.spans).ravel()
-        return np.searchsorted(ends, time, side="right") % 2 == 1
+        return np.searchsorted(np.array(self.spans).ravel(), time, side="right") % 2 == 1
 
     @model_validator(mode="after")
     def _check(self) -> "Load":

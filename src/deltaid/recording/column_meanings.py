@@ -225,8 +225,7 @@ def _quantity(words: Sequence[str]) -> tuple[str, bool]:
         present.remove("current")
         return present[0], True
     if present[:1] == ["position"]:
-        derivative = next((DERIVATIVES[word] for word in words if word in DERIVATIVES), "position")
-        return derivative, False
+        return next((DERIVATIVES[word] for word in words if word in DERIVATIVES), "position"), False
     return (present[0] if present else ""), False
 
 
@@ -298,8 +297,7 @@ def fitting_units(
             is the unit of time or nothing.
         slides: whether the drives do.
     """
-    names = ("position", "velocity", "time")
-    place = names.index(unknown) if unknown else 2
+    place = ("position", "velocity", "time").index(unknown) if unknown else 2
     tried = _UNITS[unknown, slides and unknown != "time"] if unknown else (units[2],)
     fitting = list[str]()
     for unit in tried:

@@ -60,33 +60,6 @@ class Excerpt:
             yield rows if is_whole else rows[:, [*places, *range(len(own), rows.shape[1])]]
 
 
-def excerpt(
-    segments: Iterable[Iterable[Rows]],
-    columns: Columns,
-    samples: int,
-    rate: float,
-    low_pass: LowPass,
-) -> Excerpt:
-    """Stretches of a log; of a short one all of it.
-
-    Args:
-        segments: of the log, one after the other.
-        columns: what stands where.
-        samples: how many rows there are.
-        rate: rows per second.
-        low_pass: the recording's filter, which takes its length off both ends of a stretch.
-    """
-    lost = low_pass.reach
-    wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * rate)), _MOST * WINDOW)
-    count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
-    length = -(-wanted // count) + lost
-    if samples <= _WHOLE * count * length:
-        parts = (list(segment) for segment in segments)
-        return Excerpt(columns, tuple(np.concatenate(x) for x in parts if x), whole=True)
-    starts = np.linspace(0, samples - length, count).astype(int)
-    return Excerpt(columns, tuple(_cut(segments, starts.tolist(), length)), whole=False)
-
-
 def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:
     row, waiting = 0, list(starts)
     for segment in segments:
@@ -249,6 +222,23 @@ class Log(Shown):
         c, longest = self.columns, self.bridged(cutoff)
         sensors = c.sensor_places.stop - c.sensor_places.start
         return segments(self.batches(), self.laid, longest, len(c.torque), c.states, sensors)
+
+    def excerpt(self, cutoff: float | None, low_pass: LowPass) -> Excerpt:
+        """Stretches that stand for the log; of a short one all of it.
+
+        Args:
+            cutoff: as of `segments`.
+            low_pass: the recording's filter, which takes its length off both ends of a stretch.
+        """
+        lost, segments = low_pass.reach, self.segments(cutoff)
+        wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * self.rate)), _MOST * WINDOW)
+        count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
+        length = -(-wanted // count) + lost
+        if self.samples <= _WHOLE * count * length:
+            parts = (list(segment) for segment in segments)
+            return Excerpt(self.columns, tuple(np.concatenate(x) for x in parts if x), whole=True)
+        starts = np.linspace(0, self.samples - length, count).astype(int).tolist()
+        return Excerpt(self.columns, tuple(_cut(segments, starts, length)), whole=False)
 
     def bridged(self, cutoff: float | None) -> int:
         """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""

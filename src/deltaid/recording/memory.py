@@ -144,8 +144,7 @@ class Recording(Shown, Plotted, Tabled):
         columns |= beside(extra or {}, samples, columns, name)
         frame = pl.DataFrame(columns)
         units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
-        mapping = mapping_of(units, unit_t, arrays, name)
-        return cls(_table(frame, name), mapping, drives)
+        return cls(_table(frame, name), mapping_of(units, unit_t, arrays, name), drives)
 
 
 # A table of polars or pandas, a dictionary of arrays, a structured array of NumPy.

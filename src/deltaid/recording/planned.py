@@ -16,7 +16,7 @@ from deltaid.errors import RecordingError
 from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
-from deltaid.recording.recording import Beyond, PreparedRecording, with_filter
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 
 Drives = Float[np.ndarray, " drives"]
@@ -100,8 +100,7 @@ class PlanEnds:
     def moving(self, end: End, cutoff: float) -> tuple[int, float] | None:
         """A drive that moves at an end, from 0, and its speed; None where the plan rests."""
         _, speed, spread = self.state(end, cutoff)
-        unsure = _SIGMAS * spread
-        limit = _RESTS * self.speed + np.minimum(unsure, _UNSURE * self.speed)
+        limit = _RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
         over = np.abs(speed) - np.where(self.speed > 0, limit, np.inf)
         k = int(np.argmax(over))
         return (k, float(speed[k])) if over[k] > 0 else None
@@ -182,9 +181,9 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     if not periodic and log.samples <= max(0, needed):
         raise _too_short(log, needed + 1, "last" if rests[0] else "first")
     ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
-    before = ends.before(first, period) if periodic or rests[0] else None
-    after = ends.after(last, period) if periodic or rests[1] else None
-    return replace(PreparedRecording(log, low_pass), beyond=Beyond(before, after))
+    before = (ends.before(first, period),) if periodic or rests[0] else ()
+    after = (ends.after(last, period),) if periodic or rests[1] else ()
+    return PreparedRecording(log, low_pass, before=before, after=after)
 
 
 def still_speed(recording: PreparedRecording) -> Drives:

@@ -89,8 +89,7 @@ def count_drives(columns: Sequence[Column]) -> int:
     names = [column.address for column in columns]
     for quantity in ("position", "torque"):
         for drives in range(_MOST_DRIVES, 0, -1):
-            groups = groups_of(names, drives)
-            readings = (read_name(names[group.places[0]]) for group in groups)
+            readings = (read_name(names[group.places[0]]) for group in groups_of(names, drives))
             if any(reading.is_usable and reading.quantity == quantity for reading in readings):
                 return drives
     return 3
@@ -225,8 +224,7 @@ def _stated(
     if quantity in known.units:
         return known.units[quantity], f"{known.units[quantity]} is given"
     if column.unit:
-        unit = unit_of(column.unit)
-        return unit or "", f"{column.unit} is stated in the file"
+        return unit_of(column.unit) or "", f"{column.unit} is stated in the file"
     if reading.unit and reading.documented:
         return reading.unit, f"{reading.unit} by its documentation"
     return reading.unit, f"{reading.unit} stands in the name" if reading.unit else ""

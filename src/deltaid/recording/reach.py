@@ -44,8 +44,7 @@ class Stretch:
 
     def part(self, which: slice) -> "Stretch":
         """Some of the samples."""
-        regular = self.regular.part(which)
-        return Stretch(self.time[which], self.q[which], self.z[which], regular)
+        return Stretch(self.time[which], self.q[which], self.z[which], self.regular.part(which))
 
     def after(self, before: "Stretch") -> "Stretch":
         """These samples behind others."""

@@ -14,7 +14,7 @@ from deltaid.parallel import ordered
 from deltaid.recording.columns import Rows
 from deltaid.recording.delay import in_time
 from deltaid.recording.filter import LowPass, design_low_pass, no_filter, samples_needed
-from deltaid.recording.log import Excerpt, Log, excerpt
+from deltaid.recording.log import Excerpt, Log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
@@ -30,19 +30,6 @@ _Result = TypeVar("_Result")
 _FEW = 32
 
 
-@dataclass(frozen=True, eq=False)
-class Beyond:
-    """Rows of a motion that go on where a log ends, columns as in `Log.batches`.
-
-    Attributes:
-        before: ahead of the first row, as many as the filter takes; None where they are not known.
-        after: behind the last row, at least as many.
-    """
-
-    before: Rows | None
-    after: Rows | None
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedRecording(Shown):
     """A log that may be computed with.
@@ -54,7 +41,9 @@ class PreparedRecording(Shown):
         excerpt: stretches that stand for all of it; None before they have been read.
         watch: sees every window that is worked on.
         every: of its windows each so-manieth is worked on.
-        beyond: rows beyond its ends, which make that no row of it is lost there.
+        before: rows of a motion that goes on ahead of the first one, as many as the filter takes,
+            in blocks, columns as in `Log.batches`; none where they are not known.
+        after: the same behind the last row, at least as many.
     """
 
     log: Log
@@ -63,7 +52,8 @@ class PreparedRecording(Shown):
     excerpt: Excerpt | None = None
     watch: Callable[[Window], None] | None = None
     every: int = 1
-    beyond: Beyond | None = None
+    before: tuple[Rows, ...] = ()
+    after: tuple[Rows, ...] = ()
 
     @property
     def path(self) -> Path:
@@ -98,15 +88,11 @@ class PreparedRecording(Shown):
     @property
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
-        longest = self.log.bridged(self.motion_cutoff)
-        return self.log.laid.report(longest, self.filter.reach + 1)
+        return self.log.laid.report(self.log.bridged(self.motion_cutoff), self.filter.reach + 1)
 
     def excerpted(self) -> "PreparedRecording":
         """The same with an excerpt, for which it is read once."""
-        log = self.log
-        segments = log.segments(self.motion_cutoff)
-        found = excerpt(segments, log.columns, log.samples, log.rate, self.filter)
-        return replace(self, excerpt=found)
+        return replace(self, excerpt=self.log.excerpt(self.motion_cutoff, self.filter))
 
     def repaired(self, **repairs: Any) -> "PreparedRecording":
         """The same with other fields of its repairs."""
@@ -142,14 +128,18 @@ class PreparedRecording(Shown):
     def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
         log, low_pass, start = self.log, self.filter, 0
-        directions = None if log.keep_all else self._directions
-        burden = None
+        directions = burden = None
+        if not log.keep_all:
+            noise = np.zeros_like(log.position_noise)  # that of recorded velocities is not known
+            if not log.columns.velocity:
+                noise = log.position_noise * low_pass.speed_gain
+            directions = Directions(1 / log.rate, noise, self.repairs.smear(log.rate))
         if (repairs := self.repairs).loads or repairs.pulls:
             burden = Burden.of_loads(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)
             repaired = self.repairs.apply(timed, log.columns, log.rate)
-            for rows in blocks(self._extended(repaired), low_pass):
+            for rows in blocks(chain(self.before, repaired, self.after), low_pass):
                 uncut = Uncut(start, rows, log.columns, kinematics, low_pass, directions, burden)
                 if uncut.samples:
                     yield uncut
@@ -159,32 +149,13 @@ class PreparedRecording(Shown):
     def without(self) -> tuple[int, int]:
         """Rows at the beginning and at the end that a filter over positions alone gives nothing
         for, where rows are steady."""
-        low_pass = self.filter
         if not self.log.laid.steady:
             return 0, 0
-        known = self.beyond or Beyond(None, None)
-        first = low_pass.first_row
-        start = first if known.before is None else 0
-        if known.after is not None:
+        start = 0 if self.before else self.filter.first_row
+        if self.after:
             return start, 0
-        rows = self.log.samples + (first if known.before is not None else 0)
-        return start, self.log.samples - start - low_pass.samples_of(rows)
-
-    def _extended(self, segment: Iterator[Rows]) -> Iterator[Rows]:
-        """The rows of the only segment, and those beyond its ends."""
-        if self.beyond is None:
-            return segment
-        before, after = ([rows] if rows is not None else [] for rows in
-                         (self.beyond.before, self.beyond.after))  # fmt: skip
-        return chain(before, segment, after)
-
-    @property
-    def _directions(self) -> Directions:
-        """When joints turn round; the noise of recorded velocities is not known."""
-        noise = np.zeros_like(self.log.position_noise)
-        if not self.log.columns.velocity:
-            noise = self.log.position_noise * self.filter.speed_gain
-        return Directions(1 / self.log.rate, noise, self.repairs.smear(self.log.rate))
+        rows = self.log.samples + self.filter.first_row - start
+        return start, self.log.samples - start - self.filter.samples_of(rows)
 
     def changed(self, cutoff: float | None, **log: Any) -> "PreparedRecording":
         """The same with another filter, repairs kept; fields of its log may change as well.

@@ -79,8 +79,7 @@ def resolve_columns(
     if not columns.position:
         names += _default_names("position", len(linear))
     _require_once(names, table, mapping.source)
-    picks = table.picks(names)[not time.is_absent :]
-    _require_numbers(picks, columns.states, str(table.path))
+    _require_numbers(table.picks(names)[not time.is_absent :], columns.states, str(table.path))
     return columns
 
 

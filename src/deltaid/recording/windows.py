@@ -230,47 +230,25 @@ class Uncut:
         Velocities and accelerations that are not recorded come from differentiating the highest
         derivative that is, through the filter. `no_filter` has none: there both must be recorded.
         """
-        c, low_pass = self.columns, self.low_pass
+        c, low_pass, first = self.columns, self.low_pass, self.low_pass.first_row
         counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
-        q, qd, qdd = np.split(self.rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
-        weights = self.rows[:, c.extra_places.stop :]
-        first = low_pass.first_row
-        smooth, speed, acceleration = _motion(low_pass, q, qd, qdd)
-        wide = self._samples(first, smooth, speed, acceleration, weights)
-        lost = low_pass.lead_half + low_pass.stride * low_pass.half
-        own = wide.part(slice(lost, lost + self.samples))
-        off = q[first : first + len(smooth)] - smooth
-        return Window(self.start, own, wide, low_pass, off, _lost(own, weights[first + lost :]))
-
-    def _samples(
-        self,
-        first: int,
-        q: np.ndarray,
-        qd: np.ndarray,
-        qdd: np.ndarray,
-        weights: np.ndarray,
-    ) -> SampleBlock:
-        """Samples of some motion, which begins with a row of its own."""
-        z, _ = self.kinematics.forward_unchecked(q)
-        rows = slice(first, first + len(q))
-        weights = weights[rows]
+        q, *rates = np.split(self.rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
+        smooth, qd, qdd = _motion(low_pass, q, *rates)
+        z, _ = self.kinematics.forward_unchecked(smooth)
+        rows = self.rows[first : first + len(smooth)]
+        time, tau, extra = rows[:, 0], rows[:, c.torque_places], rows[:, c.extra_places]
+        recorded = weights = rows[:, c.extra_places.stop :]
         if self.directions is not None and weights.size:
             weights = weights * self.directions.known(self.kinematics, z, qd, qdd)
-        c, own = self.columns, self.rows[rows]
-        time, tau, extra = own[:, 0], own[:, c.torque_places], own[:, c.extra_places]
         carried = np.zeros_like(qd)
         if self.burden is not None:
             carried = self.burden.torques(time, z, qd, qdd, extra)
             tau = tau - carried if tau.size else tau
-        return SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
-
-
-def _lost(
-    samples: SampleBlock, weights: Float[np.ndarray, "rows torques"]
-) -> Int[np.ndarray, " torques"]:
-    """How many samples have lost the weight that their rows have in the log."""
-    before = weights[: len(samples.time)]
-    return np.count_nonzero((samples.weights == 0.0) & (before > 0.0), axis=0)
+        wide = SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
+        lost = low_pass.lead_half + low_pass.stride * low_pass.half
+        own, off = slice(lost, lost + self.samples), q[first : first + len(smooth)] - smooth
+        turning = np.count_nonzero((weights[own] == 0.0) & (recorded[own] > 0.0), axis=0)
+        return Window(self.start, wide.part(own), wide, low_pass, off, turning)
 
 
 def _motion(

@@ -107,9 +107,7 @@ def separator_of(header: str) -> str:
             return mark
     words = unquoted.split()
     apart = len(words) > 1 and all(is_number(w) and not w.endswith(",") for w in words)
-    if apart or (len(words) > 1 and "," not in unquoted):
-        return " "
-    return SEPARATORS[-1]
+    return " " if apart or (len(words) > 1 and "," not in unquoted) else SEPARATORS[-1]
 
 
 def cells_of(text: str, separator: str) -> list[str]:
@@ -162,8 +160,7 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[
 
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
     """Whether a comment line might be a row of data: all fields but the first are numbers."""
-    text = line.decode("latin-1").strip()
-    fields = text.split(None if separator == " " else separator)
+    fields = line.decode("latin-1").strip().split(None if separator == " " else separator)
     return 1 < columns == len(fields) and all(is_number(field) for field in fields[1:])
 
 

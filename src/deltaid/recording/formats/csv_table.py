@@ -153,7 +153,7 @@ def _single_blanks(block: bytes) -> bytes:
 def _without_empty_end(block: bytes, separator: str) -> bytes:
     filled = len(block.rstrip(b" \t\r\n\x0b\x0c" + separator.encode()))
     end = block.find(b"\n", filled) + 1
-    return block[: (end or len(block)) if filled else 0]
+    return block[: end or len(block)] if filled else b""
 
 
 def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:

@@ -177,8 +177,7 @@ def _held(
     elif item.shape is not None:
         dtype = np.dtype(bool) if kind == "logical" else item.dtype  # kept as bytes
         for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, dtype):
-            entry = _entry(item.dtype, field.name[len(name) + 1 :])
-            yield field, (item.name or item.ref, entry)
+            yield field, (item.name or item.ref, _entry(item.dtype, field.name[len(name) + 1 :]))
 
 
 def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, _Place | None]]:

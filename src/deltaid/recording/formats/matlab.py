@@ -106,8 +106,7 @@ class Numbers:
             raise DamagedMatError(
                 f"an array of {count} numbers ends behind the end of its variable"
             )
-        flat = np.frombuffer(data, self.dtype, count, self.offset)
-        return flat.reshape(self.shape, order="F")
+        return np.frombuffer(data, self.dtype, count, self.offset).reshape(self.shape, order="F")
 
 
 def variables(data: memoryview) -> Iterator[MatVariable]:
@@ -191,8 +190,7 @@ class _Reader:
         if min(shape, default=0) < 0 or len(shape) < 2:
             raise DamagedMatError(f"{self._where} has the size {shape}")
         if kind in _HOLDS or flags & _COMPLEX:
-            holds = _HOLDS.get(kind, "complex numbers")
-            yield name, RecordedField(name, tuple(shape), holds=holds)
+            yield name, RecordedField(name, tuple(shape), holds=_HOLDS.get(kind, "complex numbers"))
         elif kind in (_CELL, _STRUCT, _OBJECT):
             if kind == _OBJECT:
                 self._element()

@@ -155,13 +155,11 @@ class _Cursor:
         self._align(4)
         start = self.skip(4)
         self.fixed.append(range(start, self.at))
-        raw = self._raw[start : self.at]
-        return int.from_bytes(raw, "little" if self.order == "<" else "big")
+        return int.from_bytes(self._raw[start : self.at], "little" if self.order == "<" else "big")
 
     def text(self, *, same: bool = True) -> str:
         """A text, which all messages of a kind have in common or not."""
-        size = self.count()
-        start = self.skip(size)
+        start = self.skip(self.count())
         if same:
             self.fixed.append(range(start, self.at))
         return self._raw[start : self.at].rstrip(b"\0").decode(errors="replace")

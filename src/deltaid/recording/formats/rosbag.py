@@ -260,8 +260,7 @@ def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> To
 
 def _main(topics: Sequence[Topic]) -> Topic | None:
     told = [topic for topic in topics if "position" in topic.joints]
-    plain = [topic for topic in told if topic.type == JOINT_STATE]
-    tellers = plain or told
+    tellers = [topic for topic in told if topic.type == JOINT_STATE] or told
     return tellers[0] if len(tellers) == 1 else None
 
 

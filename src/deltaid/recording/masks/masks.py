@@ -166,8 +166,7 @@ def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mas
 
 def kept(masks: Iterable[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
     """Share of the rows that is left of each drive."""
-    spans = Weights(masks, drives).spans
-    lost = [np.sum(ends[:, 1] - ends[:, 0] + 1) for ends in spans]
+    lost = [np.sum(ends[:, 1] - ends[:, 0] + 1) for ends in Weights(masks, drives).spans]
     return 1.0 - np.array(lost) / samples
 
 

@@ -91,8 +91,7 @@ class RestSearch:
         low, high = rolling(q, self.length)
         width = high - low
         change = np.abs(np.diff(q, axis=0))
-        smallest = np.where(change > 0, change, np.inf).min(axis=0)
-        self._step = np.minimum(self._step, smallest)
+        self._step = np.minimum(self._step, np.where(change > 0, change, np.inf).min(axis=0))
         self._band = np.minimum(self._band, width.min(axis=0))
         ways = np.abs(q[self.overlap :] - q[: len(q) - self.overlap])
         self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))

@@ -83,8 +83,7 @@ def _nanoseconds(texts: pl.Series) -> pl.Series:
         return parts[name].cast(pl.Int64, strict=False)
 
     days = parts["date"].str.to_date("%Y-%m-%d", strict=False).to_physical().cast(pl.Int64)
-    undated = parts["date"].is_null()
-    days = days.set(undated & days.is_null(), 0)
+    days = days.set(parts["date"].is_null() & days.is_null(), 0)
     fraction = parts["fraction"].fill_null("0").str.pad_end(9, "0").cast(pl.Int64, strict=False)
     seconds = ((days * 24 + whole("hour")) * 60 + whole("minute")) * 60 + whole("second")
     return (seconds - _offset(parts["zone"])) * _NANO + fraction

@@ -64,8 +64,7 @@ class Grid:
 def place(time: Times) -> Grid:
     """Places of consecutive rows by their stamps, none of which is wild; at least two differ."""
     period, sharing = usual_step(time)
-    breaks = far_steps(time, period, sharing)
-    pieces = np.split(np.arange(len(time)), breaks)
+    pieces = np.split(np.arange(len(time)), far_steps(time, period, sharing))
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
     enough = [piece for piece in placed if len(piece.kept) >= _FEWEST]
     rates = np.array([[len(piece.kept), piece.period] for piece in enough])
@@ -241,8 +240,7 @@ def _phase(level: Times, width: int) -> Times:
     parts = np.array_split(turns, max(1, len(level) // max(_STRETCH, 4 * width)))
     angles = np.unwrap(np.angle([part.mean() for part in parts])) / (2 * np.pi)
     sizes = np.array([len(part) for part in parts])
-    middles = np.cumsum(sizes) - 0.5 * sizes
-    return np.interp(np.arange(len(level)), middles, medians(angles, 5))
+    return np.interp(np.arange(len(level)), np.cumsum(sizes) - 0.5 * sizes, medians(angles, 5))
 
 
 def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.ndarray, " rows"]:

@@ -272,8 +272,7 @@ class _Run:
         if self.clock.even is False:
             places = (rows[:, 0] - self.begin) / self.clock.period
         else:
-            index = np.cumsum(1 + lost)
-            places = self.next_place + index - 1.0
+            places = self.next_place + np.cumsum(1 + lost) - 1.0
             self.next_place = float(places[-1]) + 1
         self.waiting = np.concatenate([self.waiting, rows]) if self.waiting.size else rows
         self.places = np.concatenate([self.places, places])

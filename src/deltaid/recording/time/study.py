@@ -57,8 +57,7 @@ def revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
         around = q[at[:, None] + np.arange(-side, side)]
         likely = _likelihood(around, missing, near)  # of no hole, then of each place
         best = likely.argmax(axis=1)
-        holes = np.arange(len(at))
-        gain = likely[holes, best] - likely[:, 1 + near]
+        gain = likely[np.arange(len(at)), best] - likely[:, 1 + near]
         sure = gain > _BETTER
         lost[at[sure]] = 0
         moved = sure & (best > 0)
@@ -321,7 +320,6 @@ def _rough(
     nodes = np.column_stack([x[k : k + count] for k in beside])
     missed = q[2:-2].copy()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        weights = weights_at(nodes, x[2:-2])
-        for k, weight in zip(beside, weights.T, strict=True):
+        for k, weight in zip(beside, weights_at(nodes, x[2:-2]).T, strict=True):
             missed -= weight[:, None] * q[k : k + count]
     return missed
